@@ -54,6 +54,7 @@ __all__ = [
     "ReportError",
     "SettingError",
     "StatedSigma",
+    "Stretch",
     "SurfaceRequest",
     "SurfaceSettings",
     "SurveyPlan",
@@ -74,6 +75,7 @@ __all__ = [
     "export_solution",
     "find_features",
     "find_sky",
+    "find_stretch",
     "import_solution",
     "init",
     "intersect",
@@ -168,6 +170,8 @@ _PLACES = {
     # files
     "read_mask": "photogram.files.photographs.masks:read_mask",
     "read_photograph": "photogram.files.photographs.images:read_pixels",
+    "Stretch": "photogram.files.photographs.depth:Stretch",
+    "find_stretch": "photogram.files.photographs.stretches:find_stretch",
     "write_mask": "photogram.files.photographs.masks:write_mask",
     "read_cloud": "photogram.files.clouds.points:read_cloud",
     "read_raster": "photogram.files.maps.rasters:read_raster",
@@ -214,8 +218,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.files.clouds.points import read_cloud
     from photogram.files.maps.rasters import read_raster
     from photogram.files.maps.rasters import write_geotiff as write_raster
+    from photogram.files.photographs.depth import Stretch
     from photogram.files.photographs.images import read_pixels as read_photograph
     from photogram.files.photographs.masks import read_mask, write_mask
+    from photogram.files.photographs.stretches import find_stretch
     from photogram.frames import LocalFrame
     from photogram.pipeline.input_validation import validate_project_file as check
     from photogram.pipeline.mark_export import export_marks

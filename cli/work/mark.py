@@ -85,7 +85,7 @@ def _session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReade
     """Open the session of a survey while the block runs, and say what was found in the way."""
     block = survey.block
     sizes = [(block.cameras[p.camera].width_px, block.cameras[p.camera].height_px) for p in block.photographs]
-    patches = PatchReader([p.path for p in survey.project.photographs], sizes)
+    patches = PatchReader([p.path for p in survey.project.photographs], sizes, stretches=survey.stretches)
     session = MarkingSession(
         block, survey.journal, survey.marks, Snapper(patches).centre, better=lambda: adjusted_block(survey),
         propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),

@@ -18,6 +18,7 @@ import cv2
 
 from photogram.arrays import ByteArray
 from photogram.errors import ControlPointError, ImageError
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_window
 
 SCALES = (1, 2, 4, 8)
@@ -63,11 +64,17 @@ class _Region:
 
 
 class PatchReader:
-    """Cuts patches from photographs given by path and size (width, height) in px; threads may ask at the same time."""
+    """Cuts patches from photographs given by path and size (width, height) in px, and by the ``stretches`` to 8 bits of
+    those that have more, None for others; threads may ask at the same time."""
 
     def __init__(
-        self, paths: Sequence[Path], sizes_px: Sequence[tuple[int, int]], kept_bytes: int = KEPT_BYTES
+        self,
+        paths: Sequence[Path],
+        sizes_px: Sequence[tuple[int, int]],
+        kept_bytes: int = KEPT_BYTES,
+        stretches: Sequence[Stretch | None] = (),
     ) -> None:
+        self._stretches = tuple(stretches) or (None,) * len(paths)
         self._paths, self._sizes_px, self._kept_bytes = tuple(paths), tuple(sizes_px), kept_bytes
         self._regions: OrderedDict[tuple[int, int], list[_Region]] = OrderedDict()
         self._reading: dict[tuple[int, int], Lock] = {}
@@ -155,7 +162,8 @@ class PatchReader:
         left, upper, right, lower = box
         wide = max(left - AROUND, 0), max(upper - AROUND, 0), min(right + AROUND, width), min(lower + AROUND, height)
         with self._decoders:
-            region = _Region(wide[0], wide[1], read_window(self._paths[photograph], wide, scale, size))
+            pixels = read_window(self._paths[photograph], wide, scale, size, self._stretches[photograph])
+        region = _Region(wide[0], wide[1], pixels)
         with self._lock:
             self._regions.setdefault(key, []).append(region)
             self._regions.move_to_end(key)

@@ -10,13 +10,14 @@ from pathlib import Path
 from photogram.errors import DamagedStageError, ImageError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within
 from photogram.files.marks.mark_table import MARKS
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_leading_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.marking.ground_level import levelled
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
-from photogram.pipeline.stages.photographs import leave_out
+from photogram.pipeline.stages.photographs import found_stretches, leave_out
 from photogram.pipeline.store.run import Run
 from photogram.project.mark_entries import lines_to_add
 from photogram.project.measured.measured_block import PhotographNote, block_of, measured_photographs, photograph_note
@@ -37,6 +38,8 @@ class MarkingSurvey:
     """The project."""
     block: Block
     """Photographs with the poses of their tags, ground points with the marks that the project has; no tie points."""
+    stretches: tuple[Stretch | None, ...]
+    """Of each photograph, to 8 bits; None for one that has no more."""
 
     @property
     def journal(self) -> Path:
@@ -70,10 +73,12 @@ def open_marking(
             "give their coordinates under control_points, as photogram init --control TABLE does"
         )
     with open_run(survey) as run:
-        block = _stored_block(run) or _block_of_tags(run, progress)
+        stored = _stored_block(run)
+        block, stretches = _block_of_tags(run, progress) if stored is None else (stored, run.stretches)
     make_folder(survey.work)
     make_folder_within(survey.work / FOLDER)
-    return MarkingSurvey(survey, levelled(tagged_block(block)))
+    own = tuple(stretches.get(survey.cameras[photograph.camera].name) for photograph in survey.photographs)
+    return MarkingSurvey(survey, levelled(tagged_block(block)), own)
 
 
 def _stored_block(run: Run) -> Block | None:
@@ -88,8 +93,9 @@ def _stored_block(run: Run) -> Block | None:
         return None  # the tags are read again
 
 
-def _block_of_tags(run: Run, progress: Progress) -> Block:
-    """Return the block of what project and tags say of the photographs, as the stage `photographs` assembles it."""
+def _block_of_tags(run: Run, progress: Progress) -> tuple[Block, dict[str, Stretch]]:
+    """Return the block of what project and tags say of the photographs, and the stretches of cameras of more than 8
+    bits, as the stage `photographs` makes both."""
     project, notes, tags, faults = run.project, list[PhotographNote](), list[PhotographTags](), list[str]()
 
     def described(photograph: ProjectPhotograph) -> tuple[PhotographNote, PhotographTags] | str:
@@ -110,7 +116,8 @@ def _block_of_tags(run: Run, progress: Progress) -> Block:
     if faults:
         raise ImageError("\n".join(faults))
     leave_out(project, notes, tags, run.executor)
-    return block_of(project, measured_photographs(project, notes))
+    stretches = found_stretches(project, tags, run.executor)
+    return block_of(project, measured_photographs(project, notes)), stretches
 
 
 def adjusted_block(survey: MarkingSurvey) -> Block | None:

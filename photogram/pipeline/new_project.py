@@ -16,7 +16,8 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.formats import read_points
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.images import inspect_photograph
-from photogram.files.photographs.masks import find_masks
+from photogram.files.photographs.masks import find_masks, is_called_mask
+from photogram.files.photographs.names import PNG, SUFFIXES, deep_twins, without_raw_twins
 from photogram.files.tables.position_files import read_mrk
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
@@ -37,8 +38,6 @@ from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
 from photogram.survey import Role
 from photogram.wording import html_table, things
-
-_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
 
 MASKS_FOLDER = "masks"
 """Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
@@ -129,13 +128,18 @@ def _names(folder: Path, recursive: bool) -> list[str]:
         raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
-        paths = [p.relative_to(folder) for p in found if p.suffix.lower() in _SUFFIXES and p.is_file()]
+        paths = [p.relative_to(folder) for p in found if p.suffix.lower() in SUFFIXES and p.is_file()]
     except OSError as fault:
         raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
-    names = sorted(p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p))
+    usable = [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
+    # PNG beside photographs of another kind are masks, overviews and screenshots
+    others = [name for name in usable if not name.lower().endswith(PNG)]
+    names = sorted(without_raw_twins(others or [name for name in usable if not is_called_mask(name)]))
     if not names:
         within = "" if recursive else "; --recursive searches subfolders"
-        raise ImageError(f"{folder}: no photographs (JPEG or TIFF) found: give the folder of the photographs{within}")
+        raise ImageError(
+            f"{folder}: no photographs (JPEG, TIFF, DNG or PNG) found: give the folder of the photographs{within}"
+        )
     return names
 
 
@@ -173,6 +177,15 @@ def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[
             LeftOut(photographs[i].name, f"the same photograph as {photographs[first].name}")
             for i, first in original.items()
         ],
+    )
+
+
+def _without_deep_twins(photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    """Return the photographs without those of more than 8 bits that lie beside the same exposure of 8, and these."""
+    twins = deep_twins([p.name for p in photographs], [p.tags.bits for p in photographs])
+    return (
+        [p for p in photographs if p.name not in twins],
+        [LeftOut(name, f"the same exposure as {twin}, which has 8 bits") for name, twin in twins.items()],
     )
 
 
@@ -259,11 +272,12 @@ def write_project(wanted: Request, progress: Progress = lambda *_: None) -> Proj
         for path, role in wanted.ground_points
     )
     tagged, unreadable = _inspect(photographs, names, progress)
+    tagged, twins = _without_deep_twins(tagged)
     tagged, copies = _without_copies(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
     masks = _masks(photographs, [p.name for p in tagged], project)
     wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions, masks)
-    draft = draft_project(tagged, [*unreadable, *copies], wishes)
+    draft = draft_project(tagged, [*unreadable, *twins, *copies], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     return draft

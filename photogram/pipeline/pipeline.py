@@ -51,6 +51,7 @@ from photogram.pipeline.store.dependence import (
     orientation_settings,
     photographs_as_made,
     photographs_settings,
+    stretches,
 )
 from photogram.pipeline.store.memory import peak_memory
 from photogram.pipeline.store.pools import Pool
@@ -96,6 +97,7 @@ STAGES = (
             run.project.quality,
             *known_tie_points(run.project),
             *given_masks(run),
+            *stretches(run),
         ],
         detect_features,
     ),
@@ -165,6 +167,7 @@ STAGES = (
             run.project.surface.cell_m,
             run.project.surface.in_plan,
             run.project.surface.plane,
+            *stretches(run),
         ],
         match_surface,
     ),
@@ -180,7 +183,12 @@ STAGES = (
         "orthophoto",
         STAGE_TITLES["orthophoto"],
         ("adjustment", "surface"),
-        lambda run: [run.photograph_fingerprints, run.project.orthophoto, _seams_fingerprint(run.project)],
+        lambda run: [
+            run.photograph_fingerprints,
+            run.project.orthophoto,
+            _seams_fingerprint(run.project),
+            *stretches(run),
+        ],
         make_orthophoto,
     ),
     Stage(

@@ -73,12 +73,12 @@ def export_solution(
     with open_run(survey) as run:
         if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
             raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
-        result = run.adjustment()
+        result, stretches = run.adjustment(), run.stretches
     frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else _FRAMES.get(form, "local")
     solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
     if form == "undistorted":
         make_folder(target)
-        said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent)
+        said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
         make_folder(target / "sparse")
         pinholes = pinhole_solution(solution)
         said = (*shutters, *said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from photogram.errors import PhotogramError, ReportError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.described_points import read_described
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.report_files import NUMBERS, VIEW
@@ -88,7 +89,10 @@ def read_pictures(results: Path, report: Report, folder: Path | None, progress: 
     paths, notes = _paths(results, names, folder)
     if not paths:
         return Pictures(MappingProxyType({}), (*notes, "No pictures of photographs: --photographs names their folder"))
-    made, absent = previews(paths, lambda done, total: progress(done, total, ""))
+    stretches = {n: Stretch(own["low_dn"], own["high_dn"]) for n, own in report.get("stretches", {}).items()}
+    camera_of = {name: record["camera"] for name, record in report["photographs"].items()}
+    own = {name: stretches[camera_of[name]] for name in names if camera_of[name] in stretches}
+    made, absent = previews(paths, lambda done, total: progress(done, total, ""), stretches=own)
     if len(made) < len(names):
         why = next(iter(absent.values()), "their files are not there")
         notes = (*notes, f"Pictures of {len(made)} of {len(names)} photographs; of the others none: {why}")

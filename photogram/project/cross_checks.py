@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.crs import NO_CRS, crs_label, projected_crs
 from photogram.errors import FrameError
+from photogram.files.photographs.names import SUFFIXES, without_raw_twins
 from photogram.frames import map_from_geodetic
 from photogram.project.constraints import check_constraints, used_points
 from photogram.project.document import Document, Key, suggestion
@@ -44,7 +45,6 @@ calibrations grow large and undo each other."""
 LOWEST_M, HIGHEST_M, FARTHEST_HEIGHT_M = -500.0, 9000.0, 1000.0
 _PLACEHOLDERS_M = (999.0, 9999.0, 99999.0, 32767.0, 32768.0)
 _PLACEHOLDER_DISTANCE_M = 100.0
-_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png")
 _LIST: Key = ("photographs", "list")
 
 
@@ -113,7 +113,8 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
         document.fault(key, f"folder {folder} not found: give it with --photographs DIR")
         return None
     try:
-        names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+        there = (p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+        names = sorted(without_raw_twins(list(there)))
     except OSError as fault:
         document.fault(key, f"the folder {folder} cannot be read ({fault.strerror})")
         return None

@@ -9,7 +9,6 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -21,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
-from photogram.files.photographs import images
+from photogram.files.photographs import identification, images
 from photogram.files.photographs.images import (
     Dewarp,
     PhotographTags,
@@ -114,7 +113,7 @@ def test_tags_are_read_without_the_pixels(photograph: Path, monkeypatch: pytest.
     content = photograph.read_bytes()
     scan = content.index(b"\xff\xda")
     assert read_leading_tags(photograph, (160, 96)) == TAGS
-    monkeypatch.setattr(images, "_LEADING_BYTES", 100)
+    monkeypatch.setattr(identification, "_LEADING_BYTES", 100)
     assert read_leading_tags(photograph, (160, 96)) == TAGS
     assert read_leading_tags(damaged(photograph, content[: scan + 20]), (160, 96)) == TAGS
     with pytest.raises(ImageError, match="160 × 96 px, but its camera has 96 × 160 px"):
@@ -248,14 +247,6 @@ def test_wrong_size_is_refused(photograph: Path, read: object) -> None:
 def test_missing_photograph_is_refused(tmp_path: Path, read: object) -> None:
     with pytest.raises(ImageError, match=r"gone\.jpg: file not found"):
         read(tmp_path / "gone.jpg")  # type: ignore[operator]
-
-
-@pytest.mark.parametrize("read", [read_pixels, inspect_photograph])
-def test_deep_pixels_are_refused(tmp_path: Path, read: object) -> None:
-    path = tmp_path / "deep.tif"
-    Image.fromarray(np.zeros((4, 4), np.uint16)).save(path)
-    with pytest.raises(ImageError, match="8-bit"):
-        read(path)  # type: ignore[operator]
 
 
 @pytest.mark.parametrize(
@@ -684,16 +675,3 @@ def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, m
         read_patches(path, boxes, None, "0" * 64)
     with pytest.raises(ImageError, match="but its camera has 81 × 60 px"):
         read_patches(path, boxes, (81, 60))
-
-
-@pytest.mark.parametrize("suffix", ["tif", "png"])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_sixteen_bits_are_refused_and_not_cut_off(tmp_path: Path, suffix: str, channels: int) -> None:
-    deep = np.full((48, 64, channels), 4000, np.uint16)
-    path = tmp_path / f"deep.{suffix}"
-    assert cv2.imwrite(str(path), deep)
-    for read in READERS:
-        with pytest.raises(ImageError, match=r"16 bits a channel.*stretch all photographs alike to 8 bits"):
-            read(path)
-    assert cv2.imwrite(str(path), (deep // 256).astype(np.uint8))
-    assert (read_pixels(path) == 15).all()

@@ -536,15 +536,15 @@ def test_headers_and_equal_files(tmp_path: Path) -> None:
     write_photograph(tmp_path / "b.jpg", pixels[::-1], PhotographTags(model="X"))
     shutil.copy(tmp_path / "a.jpg", tmp_path / "c.jpg")
     (tmp_path / "d.jpg").write_bytes((tmp_path / "a.jpg").read_bytes()[:1500])
-    Image.fromarray(rng.integers(0, 60000, (60, 80), dtype=np.uint16)).save(tmp_path / "e.png")
-    paths = [tmp_path / f"{n}" for n in ("a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.png", "none.jpg")]
+    Image.fromarray(rng.random((60, 80), dtype=np.float32)).save(tmp_path / "e.tif")
+    paths = [tmp_path / f"{n}" for n in ("a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.tif", "none.jpg")]
     with ThreadPoolExecutor(2) as executor:
         read, twins = read_headers(paths, executor), equal_files(paths, executor)
     assert twins == [(0, 2)]
     assert [h.tags is not None for h in read] == [True, True, True, False, False, False]
     assert read[0].tags == read_tags(paths[0])
     assert [h.name for h in read] == [p.name for p in paths]
-    for header, word in zip(read[3:], ("truncated", "8-bit", "file not found"), strict=True):
+    for header, word in zip(read[3:], ("truncated", "32-bit floating-point", "file not found"), strict=True):
         assert word in header.fault
 
 

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from deep_files import tags_of_jpeg, write_dng, write_tiff
 from hypothesis import given
 from hypothesis import strategies as st
 from makers import SharedData
 from PIL import Image
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
+from photogram.files.photographs.images import Dewarp, PhotographTags, read_pixels, read_tags, write_photograph
 from photogram.frames import geodetic_from_map, map_from_geodetic
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project
@@ -75,6 +76,12 @@ def photographed(folder: Path, tags: Sequence[PhotographTags], first: int = 1) -
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path / "photographs"
+
+
+def project_of(outcome: Any, project: str) -> list[str]:
+    """The names of the photographs of a project that was just written."""
+    assert outcome.code == 0, outcome.err
+    return [p.name for p in load_project(Path(project)).photographs]
 
 
 def values_of(project: Path) -> dict[str, Any]:
@@ -233,11 +240,71 @@ def test_photographs_that_cannot_be_used_are_named_with_the_reason(folder: Path,
         ("DJI_0020.JPG", "thermal"),
         ("DJI_0021.JPG", "panorama"),
         ("DJI_0030.JPG", "80 × 48 px"),
-        ("deep.tif", "8-bit"),
+        ("deep.tif", "1 of 64 × 48 px and 16 bits by a camera, too few"),
     ):
         assert re.search(rf"Left out: [^{{]*{re.escape(reason)}[^{{]*- {{name: {name}}}", text)
         assert name in outcome.out
     assert str(folder) not in text
+
+
+def deep_copy(jpeg: Path, suffix: str = ".tif") -> Path:
+    """Write the same photograph with 16 bits a channel beside it, with its tags."""
+    values = read_pixels(jpeg).astype(np.uint16) * 16 + np.arange(WIDTH, dtype=np.uint16)[:, None]
+    return write_tiff(jpeg.with_suffix(suffix), values, tags_of_jpeg(jpeg))
+
+
+def test_raw_and_deep_files_beside_their_pictures_are_not_taken(folder: Path, photogram: Run) -> None:
+    """Cameras and converters write an exposure twice; the picture is taken, as before."""
+    photographed(folder, flown(6))
+    alone = project_of(photogram("init", folder, "--project", "alone.yaml"), "alone.yaml")
+    for i in (1, 2):
+        path = folder / f"DJI_{i:04d}.JPG"
+        write_dng(path.with_suffix(".DNG"), np.zeros((HEIGHT, WIDTH), np.uint16), [], tags_of_jpeg(path))
+        deep_copy(folder / f"DJI_{i + 2:04d}.JPG")
+    found = project_of(photogram("init", folder), "project.yaml")
+    assert found == alone == [f"DJI_{i:04d}.JPG" for i in range(1, 7)]
+    text = squeezed(Path("project.yaml").read_text())
+    assert "the same exposure as DJI_0003.JPG, which has 8 bits - {name: DJI_0003.tif}" in text
+    assert "DNG" not in text
+
+
+def test_raw_files_alone_are_photographs(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(6))
+    for path in sorted(folder.glob("*.JPG")):
+        write_dng(path.with_suffix(".DNG"), np.zeros((HEIGHT, WIDTH), np.uint16), [path], tags_of_jpeg(path))
+        path.unlink()
+    assert project_of(photogram("init", folder), "project.yaml") == [f"DJI_{i:04d}.DNG" for i in range(1, 7)]
+    project = load_project(Path("project.yaml"))
+    assert (project.cameras[0].width_px, project.cameras[0].height_px) == (WIDTH, HEIGHT)
+    latitudes = [read_tags(path).latitude_deg for path in sorted(folder.iterdir())]
+    assert latitudes == pytest.approx([tags.latitude_deg for tags in flown(6)], abs=1e-8)
+
+
+def test_png_are_photographs_where_nothing_else_is(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(6))
+    Image.fromarray(np.zeros((HEIGHT, WIDTH), np.uint8)).save(folder / "overview.png")
+    assert len(project_of(photogram("init", folder), "project.yaml")) == 6
+    for path in sorted(folder.glob("*.JPG")):
+        with Image.open(path) as picture:
+            picture.save(path.with_suffix(".png"), exif=picture.info["exif"])
+        path.unlink()
+    (folder / "overview.png").unlink()
+    Image.fromarray(np.full((HEIGHT, WIDTH), 255, np.uint8)).save(folder / "DJI_0001_mask.png")
+    names = project_of(photogram("init", folder, "--project", "png.yaml"), "png.yaml")
+    assert names == [f"DJI_{i:04d}.png" for i in range(1, 7)]
+
+
+def test_photographs_of_two_depths_are_two_cameras(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(12))
+    for i in range(7, 13):
+        deep_copy(folder / f"DJI_{i:04d}.JPG")
+        (folder / f"DJI_{i:04d}.JPG").unlink()
+    assert len(project_of(photogram("init", folder), "project.yaml")) == 12
+    project = load_project(Path("project.yaml"))
+    cameras = [{p.camera for p in project.photographs if p.name.endswith(suffix)} for suffix in (".JPG", ".tif")]
+    assert len(project.cameras) == 2
+    assert [len(own) for own in cameras] == [1, 1]
+    assert cameras[0] != cameras[1]
 
 
 def test_the_same_photograph_twice_is_taken_once(folder: Path, photogram: Run) -> None:

@@ -33,7 +33,7 @@ from photogram.errors import ControlPointError, ImageError, PhotogramError, Proj
 from photogram.files.arrays import read_npz
 from photogram.files.clouds.points import read_cloud, write_laz
 from photogram.files.maps.rasters import read_raster
-from photogram.files.photographs import images
+from photogram.files.photographs import identification
 from photogram.files.photographs.images import (
     PhotographTags,
     inspect_photograph,
@@ -104,11 +104,11 @@ def test_only_the_formats_of_photographs_are_opened(tmp_path: Path, kind: str) -
 
 
 def test_pillow_is_told_the_formats() -> None:
-    assert set(images.FORMATS) == {"JPEG", "TIFF", "PNG"}
+    assert set(identification.FORMATS) == {"JPEG", "TIFF", "PNG"}
     jpeg_with_more = io.BytesIO()
     first, second = Image.fromarray(pixels()), Image.fromarray(pixels()[::-1])
     first.save(jpeg_with_more, "MPO", save_all=True, append_images=[second])
-    assert Image.open(jpeg_with_more, formats=images.FORMATS).format == "MPO"
+    assert Image.open(jpeg_with_more, formats=identification.FORMATS).format == "MPO"
 
 
 def one_bit_of_exif(content: bytes) -> bytes:

@@ -6,9 +6,10 @@ black. Pixels come from Lanczos' kernel of eight by eight (OpenCV's remap, whose
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.exchange.assembly import check_names
 from photogram.files.exchange.solution import ForeignSolution
 from photogram.files.exchange.writing import check_writable, unoriented_photographs
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_pixels
 from photogram.wording import some, things
 
@@ -71,9 +73,15 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
     )
 
 
-def write_undistorted(folder: Path, solution: ForeignSolution, pictures: Path) -> tuple[str, ...]:
+def write_undistorted(
+    folder: Path,
+    solution: ForeignSolution,
+    pictures: Path,
+    stretches: Mapping[str, Stretch] = MappingProxyType({}),
+) -> tuple[str, ...]:
     """Write the oriented photographs of a solution, which lie in ``pictures`` by their names, without distortion into
-    a folder; ``pinhole_solution`` gives their cameras. Returns sentences about what is left out.
+    a folder; ``pinhole_solution`` gives their cameras, ``stretches`` are those to 8 bits of cameras that have more, by
+    their names. Returns sentences about what is left out.
 
     Raises ExchangeError before anything is written where a photograph is missing or too large, ImageError where one is
     damaged or of another size, WorkspaceError where one cannot be written.
@@ -96,7 +104,8 @@ def write_undistorted(folder: Path, solution: ForeignSolution, pictures: Path) -
     for i in oriented:
         photograph = solution.photographs[i]
         camera = solution.cameras[photograph.camera]
-        pixels = read_pixels(pictures / photograph.name, (camera.width_px, camera.height_px))
+        size_px = camera.width_px, camera.height_px
+        pixels = read_pixels(pictures / photograph.name, size_px, stretch=stretches.get(camera.name))
         picture = Image.fromarray(np.concatenate(list(_strips(camera, pixels))))
         with replacing(folder / targets[i].name) as partial:
             picture.save(partial, "JPEG", quality=_QUALITY, subsampling="4:4:4")

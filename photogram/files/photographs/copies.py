@@ -11,6 +11,7 @@ import numpy as np
 from photogram.errors import ImageError
 from photogram.files.photographs.headers import equal_files
 from photogram.files.photographs.images import thumbnail
+from photogram.files.photographs.stretches import find_stretch
 from photogram.files.photographs.tags import PhotographTags
 
 SAME_GREY = 4.0
@@ -34,9 +35,13 @@ def same_moment(tags: Sequence[PhotographTags | None], cameras: Sequence[object]
     return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
-def _looks_like(first: Path, second: Path) -> bool:
+def _looks_like(first: Path, second: Path, bits: tuple[int, int]) -> bool:
+    """Return whether two photographs look the same; those of more than 8 bits are stretched as the first is."""
+    if bits[0] != bits[1]:
+        return False
     try:
-        return float(np.mean(np.abs(thumbnail(first) - thumbnail(second)))) < SAME_GREY
+        stretch = find_stretch([first]) if bits[0] > 8 else None
+        return float(np.mean(np.abs(thumbnail(first, stretch) - thumbnail(second, stretch)))) < SAME_GREY
     except ImageError:
         return False  # the reading of the photographs says which of them is damaged
 
@@ -57,7 +62,13 @@ def find_copies(
     """
     first = {i: group[0] for group in equal_files(paths, executor) for i in group}
     pairs = [(group[0], i) for group in same_moment(tags, cameras) for i in group[1:] if i not in first]
-    same = executor.map(_looks_like, [paths[a] for a, _ in pairs], [paths[b] for _, b in pairs])
+    depths = [0 if tag is None else tag.bits for tag in tags]
+    same = executor.map(
+        _looks_like,
+        [paths[a] for a, _ in pairs],
+        [paths[b] for _, b in pairs],
+        [(depths[a], depths[b]) for a, b in pairs],
+    )
     for (a, b), alike in zip(pairs, same, strict=True):
         if alike:
             first[a] = first.get(a, a)

@@ -1,37 +1,44 @@
 """Photographs on disk: pixels, and what their EXIF and XMP tags say.
 
 Pixels are returned as the sensor delivered them: the EXIF orientation is never applied, so that pixel coordinates and
-the calibration stay those of the camera.
+the calibration stay those of the camera. Those of 9 to 16 bits a channel are stretched to 8 bits where they are read.
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from math import isqrt
 from pathlib import Path
-from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from PIL import ExifTags, Image, UnidentifiedImageError
-from PIL.TiffImagePlugin import IFDRational, TiffImageFile
+from PIL import ExifTags, Image
+from PIL.TiffImagePlugin import IFDRational
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
-from photogram.files.photographs.tags import DJI_NUMBERS, Dewarp, PhotographTags, tags_of
-from photogram.files.reading import check_size
+from photogram.files.photographs.depth import Stretch, Values, damaged, sampled_values, stretched_picture
+from photogram.files.photographs.identification import (
+    JPEGS,
+    MARKER,
+    START_OF_SCAN,
+    Identified,
+    check_pixels,
+    identify,
+    open_picture,
+    read_content,
+    read_leading,
+    usable,
+)
+from photogram.files.photographs.tag_packets import DAMAGE
+from photogram.files.photographs.tags import DJI_NUMBERS, Dewarp, PhotographTags
 
 __all__ = [
     "Dewarp",
     "PhotographTags",
     "check_photograph",
     "inspect_photograph",
-    "jpeg_is_whole",
     "read_grey",
     "read_leading_tags",
     "read_patches",
@@ -39,32 +46,13 @@ __all__ = [
     "read_small",
     "read_tags",
     "read_window",
+    "sample_values",
     "thumbnail",
     "write_photograph",
 ]
 
-
-LARGEST_PIXELS = 1_000_000_000
-"""Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""
-
-MOST_BYTES = 4_000_000_000
-"""Of a photograph's file: that of LARGEST_PIXELS without any compression."""
-
-FORMATS = ("JPEG", "TIFF", "PNG")
-"""The only ones that are opened, whatever a file is called: Pillow starts Ghostscript for an EPS, for example. MPO,
-JPEG with further pictures, is opened as JPEG."""
-
-_SIGNATURES = (b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PNG\r\n\x1a\n")
-
-# Pillow warns of pictures above 89 megapixels, as web sites need it; _identify has the limit that photographs need.
-Image.MAX_IMAGE_PIXELS = None
-
-_MODES = ("RGB", "L", "RGBA")
-_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
-_START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _SEQUENTIAL_FRAMES = (0xC0, 0xC1)
-_LEADING_BYTES = 1 << 17  # more than most cameras write before the pixels
-_PNG_DEPTH_AT = 24  # the ninth byte of the first chunk's data (ISO/IEC 15948, 11.2.2)
+_SAMPLED_PIXELS = 500_000  # at least, of a photograph that has so many
 _ROWS_TOGETHER = 64  # a multiple of the rows of any decoder's unit: 8 times a sampling factor of 1, 2 or 4
 _NAMESPACES = {
     "drone-dji": "http://www.dji.com/drone-dji/1.0/",
@@ -78,101 +66,6 @@ _KINDS = {
 }
 
 
-def jpeg_is_whole(data: bytes) -> bool:
-    """Tell whether the first picture of a JPEG file reaches its end marker (ITU-T T.81, annex B.1.1).
-
-    libjpeg fills what a card's lost clusters left as zeros with grey, and says nothing.
-    """
-    position = 2
-    while (found := _MARKER.search(data, position)) is not None:
-        marker = found[1][0]
-        if marker == _END_OF_IMAGE:
-            return True
-        length = int.from_bytes(data[found.end() : found.end() + 2], "big")
-        position = found.end() + length
-        if marker != _START_OF_SCAN and position > len(data):
-            return False
-    return False
-
-
-def _damaged(path: Path, reason: object) -> ImageError:
-    return ImageError(
-        f"photograph {path}: cannot be decoded ({reason}), the file is truncated or damaged: "
-        "copy it again from the camera's card, or leave the photograph out"
-    )
-
-
-@contextmanager
-def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
-    """Open a picture's file after its first 16 bytes, and give these too."""
-    try:
-        size = check_size(path, MOST_BYTES)
-        with path.open("rb") as stream:
-            head = stream.read(16)
-            if not head.startswith(_SIGNATURES):
-                raise _damaged(path, f"{size} bytes in no known image format")
-            yield head, stream
-    except FileNotFoundError as fault:
-        raise ImageError(f"photograph {path}: file not found: check the folder of photographs and the name") from fault
-    except OSError as fault:
-        raise ImageError(f"photograph {path}: cannot be read ({fault.strerror}): check its permissions") from fault
-
-
-def _read(path: Path) -> bytes:
-    with _opened_file(path) as (head, stream):
-        return head + stream.read(MOST_BYTES)
-
-
-def _read_leading(path: Path) -> bytes:
-    """Return what stands before the pixels of a JPEG file, the whole file of another format."""
-    with _opened_file(path) as (data, stream):
-        if not data.startswith(_SIGNATURES[0]):
-            return data + stream.read(MOST_BYTES)
-        wanted = _LEADING_BYTES
-        while True:
-            more = stream.read(wanted)
-            data += more
-            end = _end_of_headers(data)
-            if end is not None or len(more) < wanted:
-                return data[:end]
-            wanted *= 4
-
-
-def _end_of_headers(data: bytes) -> int | None:
-    """Return where the first scan of a JPEG file begins (ITU-T T.81, annex B.1), None where it has not begun."""
-    position = 2
-    while (found := _MARKER.search(data, position)) is not None:
-        position = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
-        if found[1][0] == _START_OF_SCAN:
-            return position if position <= len(data) else None
-    return None
-
-
-def _identify(path: Path, data: bytes) -> Image.Image:
-    try:
-        with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
-            picture = Image.open(io.BytesIO(data), formats=FORMATS)
-    except UnidentifiedImageError as fault:
-        raise _damaged(path, f"{len(data)} bytes in no known image format") from fault
-    except DAMAGE as fault:
-        raise _damaged(path, fault) from fault
-    if picture.width * picture.height > LARGEST_PIXELS:
-        raise ImageError(
-            f"photograph {path}: {picture.width} × {picture.height} px are {picture.width * picture.height / 1e6:.0f} "
-            f"megapixels, photogram reads up to {LARGEST_PIXELS / 1e6:.0f}: give single photographs as taken, "
-            "not a mosaic, or downsample them and scale their calibration"
-        )
-    return picture
-
-
-def _check_pixels(path: Path, size: tuple[int, int], size_px: tuple[int, int]) -> None:
-    if size != size_px:
-        raise ImageError(
-            f"photograph {path}: {size[0]} × {size[1]} px, but its camera has "
-            f"{size_px[0]} × {size_px[1]} px: use the original photograph, or the camera that took it"
-        )
-
-
 def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
     """Return a JPEG file of ``height`` rows that ends after ``rows`` of them by what its frame header says (ITU-T T.81,
     annex B.2), None where its rows do not follow each other in one scan.
@@ -181,11 +74,11 @@ def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
     are at half the resolution the next one: up to 32 rows at the end may differ.
     """
     position, place, components = 2, 0, 0
-    while (found := _MARKER.search(data, position)) is not None:
+    while (found := MARKER.search(data, position)) is not None:
         marker, begin = found[1][0], found.end()
         if marker in _SEQUENTIAL_FRAMES:
             place, components = begin + 3, data[begin + 7]  # after the segment's length and the precision
-        elif marker == _START_OF_SCAN:
+        elif marker == START_OF_SCAN:
             if not place or data[begin + 2] != components or data[place : place + 2] != height.to_bytes(2, "big"):
                 return None
             return data[:place] + rows.to_bytes(2, "big") + data[place + 2 :]
@@ -193,65 +86,61 @@ def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
     return None
 
 
-def _bits(picture: Image.Image, data: bytes) -> int:
-    """Return the bits of a channel: of 16, Pillow keeps the upper 8 of a colour picture without a word."""
-    if isinstance(picture, TiffImageFile):
-        return int(max(picture.tag_v2.get(ExifTags.Base.BitsPerSample, (8,))))
-    return data[_PNG_DEPTH_AT] if picture.format == "PNG" else 8
+def _open(
+    path: Path, size_px: tuple[int, int] | None, sha256: str | None = None, stretch: Stretch | None = None
+) -> Image.Image:
+    """Return the photograph, of the wanted size, content and kind: 8-bit, and not decoded yet where its file is."""
+    return _opened(path, usable(path, read_content(path), size_px, sha256), stretch)
 
 
-def _open(path: Path, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
-    """Return the photograph, of the wanted size, content and kind, not decoded yet."""
-    return _opened(path, _read(path), size_px, sha256)
-
-
-def _opened(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: str | None = None) -> Image.Image:
-    """Return the photograph of a file's content, as ``_open``."""
-    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
+def _opened(path: Path, file: Identified, stretch: Stretch | None) -> Image.Image:
+    """Return the 8-bit picture of a photograph: itself, not decoded yet, or what a stretch makes of it."""
+    if not file.layout.is_deep:
+        return file.picture
+    if stretch is None:
         raise ImageError(
-            f"photograph {path}: was modified since the run began: do not change photographs during a run, "
-            "and run again"
+            f"photograph {path}: {file.layout.bits} bits a channel, and nothing says how they are stretched to 8: the "
+            "stage photographs finds it (photogram adjust), in Python find_stretch"
         )
-    picture = _identify(path, data)
-    if size_px is not None:
-        _check_pixels(path, picture.size, size_px)
-    bits = _bits(picture, data)
-    if picture.mode not in _MODES or bits > 8:
-        kind = f"{bits} bits a channel" if bits > 8 else f"pixel type {picture.mode}"
-        raise ImageError(
-            f"photograph {path}: {kind}, photogram reads 8-bit colour or grey: "
-            "stretch all photographs alike to 8 bits, and export them as JPEG or TIFF"
-        )
-    if picture.format in ("JPEG", "MPO") and not jpeg_is_whole(data):
-        raise _damaged(path, "its image data is truncated")
-    return picture
+    return stretched_picture(path, file.data, file.layout, file.picture.size, stretch)
 
 
 def _decode(path: Path, picture: Image.Image) -> None:
     try:
         picture.load()
     except DAMAGE as fault:
-        raise _damaged(path, fault) from fault
+        raise damaged(path, fault) from fault
 
 
-def read_pixels(path: Path | str, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
+def read_pixels(
+    path: Path | str,
+    size_px: tuple[int, int] | None = None,
+    sha256: str | None = None,
+    stretch: Stretch | None = None,
+) -> ByteArray:
     """Return the photograph as red, green, blue (height, width, 3) uint8, pixels as the sensor delivered them.
 
-    Raises ImageError where the file is missing or damaged, its width and height are not ``size_px``, or the SHA-256 of
-    the content that is decoded is not ``sha256``, in hex.
+    ``stretch`` makes 8 bits of a photograph that has more (``find_stretch``), and leaves any other as it is. Raises
+    ImageError where the file is missing or damaged, its width and height are not ``size_px``, the SHA-256 of the
+    content that is decoded is not ``sha256``, in hex, or it has more than 8 bits and there is no ``stretch``.
     """
     path = Path(path)
-    picture = _open(path, size_px, sha256)
+    picture = _open(path, size_px, sha256, stretch)
     _decode(path, picture)
     return np.array(picture if picture.mode == "RGB" else picture.convert("RGB"))
 
 
-def read_grey(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> ByteArray:
+def read_grey(
+    path: Path,
+    size_px: tuple[int, int] | None = None,
+    sha256: str | None = None,
+    stretch: Stretch | None = None,
+) -> ByteArray:
     """Return the photograph's luminance (height, width); a JPEG's own, without the detour over colour.
 
     Raises ImageError as read_pixels does.
     """
-    picture = _open(path, size_px, sha256)
+    picture = _open(path, size_px, sha256, stretch)
     picture.draft("L", None)
     _decode(path, picture)
     return np.array(picture.convert("L"))
@@ -261,10 +150,14 @@ def check_photograph(path: Path, size_px: tuple[int, int] | None = None, sha256:
     """Decode the whole photograph, JPEG at an eighth of its size, and return its width and height.
 
     At an eighth every coefficient is still read, so the same damage is found in half the time or less. What libjpeg
-    passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_pixels does.
+    passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_pixels does;
+    more than 8 bits need no stretch here.
     """
-    picture = _open(path, size_px, sha256)
-    size = picture.size
+    file = usable(path, read_content(path), size_px, sha256)
+    picture, size = file.picture, file.picture.size
+    if file.layout.is_deep:
+        sampled_values(path, file.data, file.layout, max(size))
+        return size
     picture.draft("L", (1, 1))
     _decode(path, picture)
     return size
@@ -276,7 +169,7 @@ def read_tags(path: Path) -> PhotographTags:
     A sigma of zero counts as not given. XMP that is not valid XML is left out, which ``damage`` of the tags says.
     Damaged pixels go unnoticed. Raises ImageError where the file is missing or is no picture, or a tag holds nonsense.
     """
-    return tags_of(_identify(path, _read(path)), path)
+    return identify(path, read_content(path)).tags(path)
 
 
 def read_leading_tags(path: Path, size_px: tuple[int, int]) -> PhotographTags:
@@ -284,9 +177,9 @@ def read_leading_tags(path: Path, size_px: tuple[int, int]) -> PhotographTags:
 
     Raises ImageError as read_tags does, and where the photograph is not of ``size_px``.
     """
-    picture = _identify(path, _read_leading(path))
-    _check_pixels(path, picture.size, size_px)
-    return tags_of(picture, path)
+    file = identify(path, read_leading(path))
+    check_pixels(path, file.picture.size, size_px)
+    return file.tags(path)
 
 
 def inspect_photograph(path: Path) -> PhotographTags:
@@ -294,27 +187,39 @@ def inspect_photograph(path: Path) -> PhotographTags:
 
     Raises ImageError as read_tags does, and where the pixels are of another kind or the file has no end.
     """
-    return tags_of(_open(path, None), path)
+    return usable(path, read_content(path), None).tags(path)
 
 
-def thumbnail(path: Path) -> FloatArray:
+def sample_values(path: Path) -> Values:
+    """Return the values (n,) of every few pixels of a photograph of 9 to 16 bits a channel, all channels together.
+
+    Raises ImageError where it has 8 bits, is missing or damaged, or has pixels of another kind.
+    """
+    file = usable(path, read_content(path), None)
+    if not file.layout.is_deep:
+        raise ImageError(f"photograph {path}: 8 bits a channel, which need no stretch")
+    width, height = file.picture.size
+    return sampled_values(path, file.data, file.layout, max(1, isqrt(width * height // _SAMPLED_PIXELS)))
+
+
+def thumbnail(path: Path, stretch: Stretch | None = None) -> FloatArray:
     """Return the photograph's luminance (48, 64) as grey values from 0 to 255, JPEG decoded at an eighth of its size.
 
     Enough to tell one photograph from the next one of a flight. Raises ImageError as read_pixels does.
     """
-    picture = _open(path, None)
+    picture = _open(path, None, None, stretch)
     picture.draft("L", (64, 48))
     _decode(path, picture)
     return np.asarray(picture.convert("L").resize((64, 48), Image.Resampling.BOX), dtype=np.float64)
 
 
-def read_small(path: Path, longest_px: int) -> ByteArray:
+def read_small(path: Path, longest_px: int, stretch: Stretch | None = None) -> ByteArray:
     """Return the photograph as red, green, blue (height, width, 3), reduced to ``longest_px`` along its longer side
     unless it is smaller; JPEG is decoded at an eighth of its size or more.
 
     Raises ImageError as read_pixels does.
     """
-    picture = _open(path, None)
+    picture = _open(path, None, None, stretch)
     scale = min(longest_px / max(picture.size), 1.0)
     size = max(round(picture.width * scale), 1), max(round(picture.height * scale), 1)
     picture.draft("RGB", size)
@@ -323,7 +228,11 @@ def read_small(path: Path, longest_px: int) -> ByteArray:
 
 
 def read_window(
-    path: Path, box: tuple[int, int, int, int], reduction: int = 1, size_px: tuple[int, int] | None = None
+    path: Path,
+    box: tuple[int, int, int, int],
+    reduction: int = 1,
+    size_px: tuple[int, int] | None = None,
+    stretch: Stretch | None = None,
 ) -> ByteArray:
     """Return a part of the photograph as red, green, blue (height, width, 3), reduced 1, 2, 4 or 8 times; each pixel of
     a reduced one is the mean of a square of so many, as far as the photograph reaches.
@@ -331,13 +240,13 @@ def read_window(
     ``box`` is left, upper, right, lower in reduced pixels, within ceil(width / reduction) and ceil(height / reduction).
     JPEG is decoded at the reduced size, and no farther down than the box. Raises ImageError as read_pixels does.
     """
-    data = _read(path)
-    picture = _opened(path, data, size_px)
+    file = usable(path, read_content(path), size_px)
+    picture = _opened(path, file, stretch)
     width, height = picture.size
     left, upper, right, lower = box
     rows = (lower * reduction // _ROWS_TOGETHER + 2) * _ROWS_TOGETHER
-    if picture.format in ("JPEG", "MPO") and rows < height and (short := _cut_below(data, rows, height)) is not None:
-        picture = _identify(path, short)
+    if picture.format in JPEGS and rows < height and (short := _cut_below(file.data, rows, height)) is not None:
+        picture = open_picture(path, short, {})
     if reduction > 1 and min(width, height) >= reduction:
         picture.draft("RGB", (width // reduction, picture.height // reduction))
     _decode(path, picture)
@@ -354,10 +263,11 @@ def read_patches(
     boxes: Sequence[tuple[int, int, int, int]],
     size_px: tuple[int, int] | None = None,
     sha256: str | None = None,
+    stretch: Stretch | None = None,
 ) -> list[ByteArray]:
     """Return parts of the photograph as red, green, blue (height, width, 3) from decoding it once; a ``box`` is left,
     upper, right, lower in its pixels, within it. Raises ImageError as read_pixels does."""
-    picture = _open(path, size_px, sha256)
+    picture = _open(path, size_px, sha256, stretch)
     _decode(path, picture)
     return [np.array(picture.crop(box).convert("RGB")) for box in boxes]
 

@@ -22,7 +22,7 @@ from PIL import Image, UnidentifiedImageError
 from photogram.arrays import BoolArray
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.files.photographs.images import FORMATS, LARGEST_PIXELS, MOST_BYTES, jpeg_is_whole
+from photogram.files.photographs.identification import FORMATS, LARGEST_PIXELS, MOST_BYTES, jpeg_is_whole
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 from photogram.files.reading import read_whole
 from photogram.wording import some
@@ -95,6 +95,11 @@ def _photographs_by_key(names: Sequence[str]) -> dict[str, list[int]]:
         for key in dict.fromkeys((whole, stem, whole.replace("/", "_"), stem.replace("/", "_"))):
             keys[key].append(i)
     return keys
+
+
+def is_called_mask(name: str) -> bool:
+    """Return whether a file is called as programs call masks: ``IMG_1_mask.png``."""
+    return _MARKED.search(PurePosixPath(name).stem.casefold()) is not None
 
 
 def name_of_mask(photograph: str) -> str:

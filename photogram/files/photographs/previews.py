@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from photogram.errors import ImageError
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_small
 
 MAXIMUM_BYTES = 3_000_000
@@ -29,9 +31,14 @@ def _jpeg(pixels: NDArray[np.uint8], longest_px: int, quality: int) -> bytes:
 
 
 def previews(
-    paths: Mapping[str, Path], progress: Callable[[int, int], None], maximum_bytes: int = MAXIMUM_BYTES
+    paths: Mapping[str, Path],
+    progress: Callable[[int, int], None],
+    maximum_bytes: int = MAXIMUM_BYTES,
+    stretches: Mapping[str, Stretch] = MappingProxyType({}),
 ) -> tuple[dict[str, bytes], dict[str, str]]:
     """Return small JPEGs of photographs by their names, and why others have none.
+
+    ``stretches`` are those of photographs of more than 8 bits.
 
     All are of one size, at most 320 px along the longer side, the largest with which they fit into ``maximum_bytes``;
     where even 72 px are too much there are none, and the second mapping says so of all. Pixels lie as the sensor
@@ -47,7 +54,7 @@ def previews(
     for done, (name, path) in enumerate(paths.items()):
         progress(done, len(paths))
         try:
-            pixels[name] = read_small(path, _STEPS[start][0])
+            pixels[name] = read_small(path, _STEPS[start][0], stretches.get(name))
         except ImageError as fault:
             absent[name] = str(fault)
     for longest_px, quality in _STEPS[start:]:

@@ -116,6 +116,8 @@ class PhotographTags:
     """Width."""
     height_px: int | None = None
     """Height."""
+    bits: int = 8
+    """Bits of a channel."""
     focal_mm: float | None = None
     """Focal length."""
     focal_35mm_mm: float | None = None

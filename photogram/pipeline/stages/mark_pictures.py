@@ -76,7 +76,11 @@ def _cut(run: Run, index: int, wanted: Sequence[_Wanted]) -> list[PhotographPatc
     boxes = [window.box for window in windows]
     try:
         pixels = read_patches(
-            source.path, boxes, (camera.width_px, camera.height_px), run.photograph_fingerprints[index]
+            source.path,
+            boxes,
+            (camera.width_px, camera.height_px),
+            run.photograph_fingerprints[index],
+            run.stretch(index),
         )
     except ImageError as fault:
         return str(fault).removeprefix(f"photograph {source.path}: ")

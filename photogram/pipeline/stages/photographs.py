@@ -12,11 +12,13 @@ import numpy as np
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.files.npz_json import write_arrays, write_json
 from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import check_photograph, read_tags
+from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.store.dependence import placing_fingerprint
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
-from photogram.pipeline.store.run import FRAME, MEASURED, Run
+from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
@@ -97,11 +99,24 @@ def leave_out(
     return _leave_out_copies(project, notes, tags, executor), _leave_out_frozen(notes, times)
 
 
+def found_stretches(project: Project, tags: Sequence[PhotographTags], executor: Executor) -> dict[str, Stretch]:
+    """Return the stretch of each camera whose photographs have more than 8 bits a channel, by its name. Raises
+    ImageError where photographs of one camera differ in these, or all pixels have the same value."""
+    return camera_stretches(
+        [(p.name, p.path) for p in project.photographs],
+        [p.camera for p in project.photographs],
+        [camera.name for camera in project.cameras],
+        [own.bits for own in tags],
+        executor,
+    )
+
+
 def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
     damaged one is named at once.
 
-    A photograph that is there twice is used once, and positions of a receiver that had stopped are not used.
+    A photograph that is there twice is used once, and positions of a receiver that had stopped are not used. Where
+    photographs have more than 8 bits a channel the stretch of each camera is found and stored.
     """
     photographs = run.project.photographs
     notes, tags, faults = list[PhotographNote](), list[PhotographTags](), list[str]()
@@ -114,10 +129,13 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
         progress(done, len(photographs), photographs[done - 1].name)
     if faults:
         raise ImageError("\n".join(faults))
+    stretches = found_stretches(run.project, tags, run.executor)
     copies, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
     write_json(folder / "tags.json", notes)
     write_arrays(folder / MEASURED, measured_arrays(measured))
+    if stretches:
+        write_json(folder / STRETCHES, {name: [own.low, own.high] for name, own in stretches.items()})
     placing = placing_fingerprint(run.project)
     write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
     summary: StageSummary = {"photographs": len(notes)}

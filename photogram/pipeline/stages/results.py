@@ -272,6 +272,8 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     masks = mask_numbers(run)
     if masks is not None:
         numbers["masks"] = masks
+    if run.stretches:
+        numbers["stretches"] = {n: {"low_dn": own.low, "high_dn": own.high} for n, own in run.stretches.items()}
     marks = mark_pictures(run, adjusted["control_points"])
     if adjusted["control_points"]:
         numbers["marks"] = {"kinds": mark_kind_numbers(adjusted["control_points"]), "not_shown": marks.not_shown}

@@ -70,6 +70,11 @@ def known_tie_points(project: Project) -> list[object]:
     return [] if start is None or start.tie_points == "own" else [file_fingerprint(start.solution)]
 
 
+def stretches(run: Run) -> list[object]:
+    """Return what stages depend on that read pixels of more than 8 bits; nothing in a project without such."""
+    return [run.stretches] if run.stretches else []
+
+
 def given_masks(run: Run) -> list[object]:
     """Return what stages depend on that leave masked pixels out; nothing in a project without masks."""
     return [run.mask_fingerprints] if run.project.masks.given else []

@@ -20,6 +20,7 @@ from photogram.crs import NO_CRS
 from photogram.files.exchange.stored_solutions import read_stored
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
+from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.files.photographs.masks import read_mask, read_masks
 from photogram.height_systems import HeightSystem
@@ -55,6 +56,9 @@ from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePo
 
 FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
 
+STRETCHES = "stretches.json"
+"""File of the stage `photographs` with the stretch to 8 bits of each camera; not there where none has more."""
+
 PLANE = "plane.json"
 """File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
 
@@ -84,6 +88,7 @@ class Run:
     pool: Pool | None = None
     orders: dict[Path, WorkOrder] = field(default_factory=dict, init=False, repr=False, compare=False)
     _memory: list[int] = field(default_factory=list, init=False, repr=False, compare=False)
+    _stretches: dict[str, dict[str, Stretch]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _blocks: dict[str, Block] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
@@ -143,14 +148,31 @@ class Run:
         noted, self._memory[:] = max(self._memory, default=0), []
         return noted
 
+    @property
+    def stretches(self) -> dict[str, Stretch]:
+        """Return the stretch to 8 bits of each camera whose photographs have more, by its name. Needs the stage
+        `photographs`."""
+        mark = self.workspace.mark("photographs") or ""
+        if mark not in self._stretches:
+            there = self.workspace.has("photographs", STRETCHES)
+            stored = read_json(self.workspace.file("photographs", STRETCHES)) if there else {}
+            self._stretches[mark] = {str(name): Stretch(int(low), int(high)) for name, (low, high) in stored.items()}
+        return self._stretches[mark]
+
+    def stretch(self, index: int) -> Stretch | None:
+        """Return the stretch to 8 bits of a photograph, None where it has no more. Needs the stage `photographs`."""
+        return self.stretches.get(self.project.cameras[self.project.photographs[index].camera].name)
+
     def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:
         """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_pixels``, and where
         it is not what it was when the run began."""
-        return read_pixels(self.project.photographs[index].path, size_px, self.photograph_fingerprints[index])
+        path, sha256 = self.project.photographs[index].path, self.photograph_fingerprints[index]
+        return read_pixels(path, size_px, sha256, self.stretch(index))
 
     def grey(self, index: int) -> NDArray[np.uint8]:
         """Return a photograph's luminance (height, width). Raises ImageError as ``pixels``."""
-        return read_grey(self.project.photographs[index].path, None, self.photograph_fingerprints[index])
+        path, sha256 = self.project.photographs[index].path, self.photograph_fingerprints[index]
+        return read_grey(path, None, sha256, self.stretch(index))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -84,10 +84,10 @@ class _Interior:
 
 
 def camera_key(tags: PhotographTags) -> CameraKey:
-    """Return what photographs of one camera have in common: body, lens, band, focal length and size."""
+    """Return what photographs of one camera have in common: body, lens, band, focal length, size and depth."""
     focal_mm = None if tags.focal_mm is None else round(tags.focal_mm, 1)
     body = (tags.make, tags.model, tags.serial)
-    return (*body, tags.lens, tags.lens_serial, tags.band, focal_mm, tags.width_px, tags.height_px)
+    return (*body, tags.lens, tags.lens_serial, tags.band, focal_mm, tags.width_px, tags.height_px, tags.bits)
 
 
 def body_of(tags: PhotographTags) -> str:

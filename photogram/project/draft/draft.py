@@ -311,6 +311,10 @@ def _main_site(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhot
     return [p for p, site in zip(photographs, labels, strict=True) if site == 0], others, gap_m
 
 
+def _depth(tags: PhotographTags) -> str:
+    return f" and {tags.bits} bits" if tags.bits > 8 else ""
+
+
 def _cameras(
     photographs: Sequence[TaggedPhotograph], given_focal_px: float | None
 ) -> tuple[dict[CameraKey, TaggedCamera], list[LeftOut]]:
@@ -323,7 +327,8 @@ def _cameras(
     left_out = [
         LeftOut(
             p.name,
-            f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px by {p.tags.model or 'a camera'}, "
+            f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px{_depth(p.tags)} by "
+            f"{p.tags.model or 'a camera'}, "
             "too few for a self-calibration",
         )
         for key, group in members.items()

@@ -15,6 +15,7 @@ import numpy as np
 
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader
+from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
 from photogram.project.project import Project
@@ -103,6 +104,9 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
             )
             remedy = "give these photographs the camera that took them, or use the originals"
             findings.append(Finding("error", where, text, remedy))
+        mixed = mixed_depths([n for n, _ in own], [t.bits for _, t in own])
+        if mixed:
+            findings.append(Finding("error", where, mixed, MIXED_REMEDY))
         models = Counter(" ".join(filter(None, (t.make, t.model))) for _, t in own if t.model)
         focal = Counter(f"{t.focal_mm:g} mm" for _, t in own if t.focal_mm)
         bodies = Counter(f"serial number {t.serial}" for _, t in own if t.serial)

@@ -97,4 +97,12 @@ class MasksRecord(TypedDict):
     marks: list[str]
 
 
+class StretchRecord(TypedDict):
+    """How the pixel values of a camera's photographs, which have more than 8 bits, became 8: from 0 to 255 linearly
+    between these two."""
+
+    low_dn: Count
+    high_dn: Count
+
+
 PhotographRecord = Annotated[OrientedPhotograph | LeftOutPhotograph, Field(discriminator="registered")]

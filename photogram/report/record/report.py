@@ -25,7 +25,7 @@ from photogram.report.record.ground import (
     VarianceComponentRecord,
 )
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord, LocalFrameRecord, MarkedPointRecord
-from photogram.report.record.photographs import MasksRecord, OrientedPhotograph, PhotographRecord
+from photogram.report.record.photographs import MasksRecord, OrientedPhotograph, PhotographRecord, StretchRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
 from photogram.report.record.surfaces import (
     CloudRecord,
@@ -79,6 +79,7 @@ class AdjustedNumbers(TypedDict):
     marked_points: NotRequired[list[MarkedPointRecord]]
     marks: NotRequired[MarksRecord]
     masks: NotRequired[MasksRecord]
+    stretches: NotRequired[dict[str, StretchRecord]]
 
 
 class SurveyNumbers(AdjustedNumbers):
