@@ -156,7 +156,7 @@ def _is_predicted(a: Hypothesis, block: Block, found: Search, places: PredictedP
     """Return whether a rejected mark or point lies where the rest puts it."""
     points = block.control_points
     if a.kind == "control point":
-        return chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED)
+        return bool(chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED))
     if a.kind != "mark":
         return False
     g, i = points.name.index(a.name), [p.name for p in block.photographs].index(str(a.photograph))

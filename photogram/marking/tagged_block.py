@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Pose, unproject
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints
@@ -42,7 +42,7 @@ def with_all_points(block: Block) -> Block:
     surveyed = np.isfinite(points.position_world_m)
     position, sigma = points.position_world_m.copy(), np.where(surveyed, points.sigma_m, OPEN_M)
     # far from where its marks meet, a point whose coordinates were rejected is no place to start from
-    placed = surveyed.all(axis=1) & np.isfinite(sigma).any(axis=1)
+    placed: BoolArray = np.all(surveyed, axis=1) & np.any(np.isfinite(sigma), axis=1)
     sigma = np.where(np.isfinite(sigma), sigma, OPEN_M)
     level_m, relief_m = _ground(block, position[placed])
     met = intersected_marks(block)[0]
