@@ -42,8 +42,9 @@ brighter than that."""
 BRIGHTEST_SHARE = 0.999
 """Share of the places that shall not be made white."""
 
-ROUNDS = 10
-"""So often the equations are solved with new weights."""
+ROUNDS, STEADY = 10, 1e-4
+"""So often the equations are solved with new weights, at most; until no logarithm changes by more, a fortieth of a
+grey level."""
 
 PRIOR_GAIN, PRIOR_FALLOFF = 1.0, 0.5
 """Standard deviations of the logarithm of a gain, and of v, before anything is measured."""
@@ -190,7 +191,9 @@ def _solve(samples: Samples, channel: int, camera: IntArray) -> tuple[FloatArray
         SWA, SWy = S @ (W @ A), S @ (weight * y)
         N = A.T @ (W @ A) - SWA.T @ (share @ SWA)
         N = sparse.csc_array(N + sparse.diags_array(prior))
-        x = np.atleast_1d(spsolve(N, A.T @ (weight * y) - SWA.T @ (share @ SWy)))
+        before, x = x, np.atleast_1d(spsolve(N, A.T @ (weight * y) - SWA.T @ (share @ SWy)))
+        if np.abs(x - before).max(initial=0.0) < STEADY:
+            break
         residual = y - A @ x
         residual -= (share @ (S @ (weight * residual)))[samples.place]
         weight = 1.0 / (1.0 + (residual / CAUCHY) ** 2)

@@ -500,43 +500,61 @@ def _place(number: int, candidate: Int32Array) -> int:
     return -1
 
 
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _add_differences(candidate: Int32Array, grey: ByteArray, factor: FloatArray, sums: FloatArray) -> None:
+    """Fill the differences of each two candidates (K,) of a block and their number: ``sums`` (K, K, 2)."""
+    sums[:] = 0.0
+    for a in range(len(candidate)):
+        for b in range(a):
+            if candidate[a] < 0 or candidate[b] < 0:
+                continue
+            one, other, total, count = factor[candidate[a]], factor[candidate[b]], 0.0, 0.0
+            for n in range(grey.shape[1]):
+                if grey[a, n] > 0 and grey[b, n] > 0:
+                    total += abs(one * grey[a, n] - other * grey[b, n])
+                    count += 1.0
+            sums[a, b, 0], sums[a, b, 1] = total, count
+            sums[b, a, 0], sums[b, a, 1] = total, count
+
+
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
-def _add_difference(
-    p: int, q: int, candidate: Int32Array, grey: ByteArray, factor: FloatArray, sums: FloatArray
+def _compare_two(
+    mine: Int32Array, yours: Int32Array, in_mine: FloatArray, in_yours: FloatArray, out: ByteArray
 ) -> None:
-    """Add the differences of two photographs in a block to the first of ``sums``, and their number to the second."""
-    a, b = _place(p, candidate), _place(q, candidate)
-    if a < 0 or b < 0:
-        return
-    for n in range(grey.shape[1]):
-        if grey[a, n] > 0 and grey[b, n] > 0:
-            sums[0] += abs(factor[p] * grey[a, n] - factor[q] * grey[b, n])
-            sums[1] += 1.0
+    """Fill how much the candidates (K,) of two blocks differ over both (K, K), as _compare says, from the differences
+    (K, K, 2) in each."""
+    for a in range(len(mine)):
+        if mine[a] < 0:
+            continue
+        there = _place(mine[a], yours)
+        for b in range(len(yours)):
+            if yours[b] < 0 or mine[a] == yours[b]:
+                continue
+            here, total, count = _place(yours[b], mine), 0.0, 0.0
+            if here >= 0:
+                total, count = total + in_mine[a, here, 0], count + in_mine[a, here, 1]
+            if there >= 0:
+                total, count = total + in_yours[there, b, 0], count + in_yours[there, b, 1]
+            share = min(total / count / DIFFERENCE_DN, 1.0) if count > 0.0 else 0.0
+            out[a, b] = np.uint8(share * share / DIFFERENCE_UNIT + 0.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _compare(candidate: Int32Array, grey: ByteArray, log_gain: FloatArray, right: ByteArray, below: ByteArray) -> None:
     """Fill how much the candidates of each block and those of its neighbours differ over both: the square of their mean
     difference in DIFFERENCE_DN, at most 1, in DIFFERENCE_UNIT."""
-    rows, columns = candidate.shape[:2]
-    factor, sums = np.exp(-log_gain), np.empty(2)
+    rows, columns, k = candidate.shape
+    factor = np.exp(-log_gain)
+    sums = np.empty((2, columns, k, k, 2))  # of a row of blocks and of the next
     for i in range(rows):
+        own, next_ = sums[i % 2], sums[(i + 1) % 2]
         for j in range(columns):
-            for side in range(2):
-                r, c = (i, j + 1) if side == 0 else (i + 1, j)
-                if r >= rows or c >= columns:
-                    continue
-                for a in range(right.shape[2]):
-                    for b in range(right.shape[2]):
-                        p, q = candidate[i, j, a], candidate[r, c, b]
-                        if p < 0 or q < 0 or p == q:
-                            continue
-                        sums[:] = 0.0
-                        _add_difference(p, q, candidate[i, j], grey[i, j], factor, sums)
-                        _add_difference(p, q, candidate[r, c], grey[r, c], factor, sums)
-                        share = min(sums[0] / sums[1] / DIFFERENCE_DN, 1.0) if sums[1] > 0.0 else 0.0
-                        value = np.uint8(share * share / DIFFERENCE_UNIT + 0.5)
-                        if side == 0:
-                            right[i, j, a, b] = value
-                        else:
-                            below[i, j, a, b] = value
+            if i == 0:
+                _add_differences(candidate[0, j], grey[0, j], factor, own[j])
+            if i + 1 < rows:
+                _add_differences(candidate[i + 1, j], grey[i + 1, j], factor, next_[j])
+        for j in range(columns):
+            if j + 1 < columns:
+                _compare_two(candidate[i, j], candidate[i, j + 1], own[j], own[j + 1], right[i, j])
+            if i + 1 < rows:
+                _compare_two(candidate[i, j], candidate[i + 1, j], own[j], next_[j], below[i, j])
