@@ -29,7 +29,7 @@ import numpy as np
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
-from photogram.projection import CAMERA_PARAMETERS, FOCAL
+from photogram.projection import CAMERA_PARAMETERS, FOCAL, READOUT
 from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
@@ -73,7 +73,7 @@ def pattern_px(plan: SurveyPlan, kind: str, seed: int, pixel: FloatArray) -> Flo
 def survey(kind: str, ground: str, seed: int) -> SimulatedBlock:
     """Simulate a block with a model error."""
     whole = whole_survey_plan()
-    sigmas = [p.in_its_unit(p.unknown, whole.focal_px, whole.width_px) for p in CAMERA_PARAMETERS]
+    sigmas = [p.in_its_unit(p.unknown, whole.focal_px, whole.width_px) for p in CAMERA_PARAMETERS[:READOUT]]
     if kind == "tag":
         sigmas[FOCAL] = 0.002 * whole.focal_px
     plan = replace(whole, attitude_sigma_deg=2.0, calibration_sigmas=tuple(sigmas), **GROUND[ground])  # type: ignore[arg-type]
