@@ -1,11 +1,12 @@
-"""Smooth corrections over a picture that no parameter of interior orientation can describe.
+"""Smooth corrections over a picture that neither interior orientation nor attitude can describe.
 
 Products of Legendre polynomials P_i(x) P_j(y) of the picture's coordinates, for u and for v, up to a total degree
 (Tang, Fritsch, Cramer & Schneider 2012, A mathematical analysis and verification of self-calibration by orthogonal
 polynomials), less their projection on the derivatives of the pixel by focal length, principal point, k1 to k4, p1, p2,
-b1 and b2, and made orthonormal to each other: the mean of B_k B_l over picture and coordinates is δ_kl. Means are taken
-by Gauss–Legendre quadrature. The camera is the one the basis was made for: where its parameters move a little
-afterwards, the basis stays, and is orthogonal to the first order.
+b1, b2 and by three rotations of the camera, which all of its photographs may have in common, and made orthonormal to
+each other: the mean of B_k B_l over picture and coordinates is δ_kl. Means are taken by Gauss–Legendre quadrature. The
+camera is the one the basis was made for: where its parameters move a little afterwards, the basis stays, and is
+orthogonal to the first order.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Camera, image_plane
+from photogram.camera import Camera, distort, image_plane
 
 NODES = 32
 """Of the quadrature along a side: exact up to degree 63."""
+
+TURN_RAD = 1e-5
+"""Of the differences that stand for derivatives by rotations."""
 
 LEAST_OWN = 0.05
 """RMS of what a product (RMS 1) adds to camera parameters and earlier products, below which it is left out."""
@@ -30,8 +34,8 @@ class FieldBasis:
     """K functions over the pictures of one camera, of RMS 1 for a coordinate.
 
     ``degree`` (K,): total degree of the product that each adds; low degrees come first. ``exponents`` (M, 2) of the
-    products for u and for v. ``of_products`` (2 M, K) and ``of_camera`` (11, K): the factors of products and of camera
-    derivatives in each.
+    products for u and for v. ``of_products`` (2 M, K) and ``of_camera`` (14, K): the factors of products and of the
+    derivatives by camera and attitude in each.
     """
 
     camera: Camera
@@ -46,7 +50,7 @@ class FieldBasis:
     def at(self, pixel: FloatArray) -> FloatArray:
         """Return the functions (N, 2, K) at pixels (N, 2) within the picture."""
         products = _products(self.camera, self.exponents, pixel)
-        return np.asarray(products @ self.of_products - interior_slopes(self.camera, pixel) @ self.of_camera)
+        return np.asarray(products @ self.of_products - _known_slopes(self.camera, pixel) @ self.of_camera)
 
 
 def interior_slopes(camera: Camera, pixel: FloatArray) -> FloatArray:
@@ -69,6 +73,23 @@ def interior_slopes(camera: Camera, pixel: FloatArray) -> FloatArray:
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
+def attitude_slopes(camera: Camera, pixel: FloatArray) -> FloatArray:
+    """Return the derivatives (N, 2, 3) of the pixel by rotations of the camera about its axes, px/rad, at pixels
+    (N, 2); by central differences."""
+    ray = np.column_stack([image_plane(camera, pixel), np.ones(len(pixel))])
+
+    def shown(rotation_rad: FloatArray) -> FloatArray:
+        turned = ray + np.cross(rotation_rad, ray)
+        return distort(camera, turned[:, :2] / turned[:, 2:] * camera.focal_px + camera.principal_point_px)
+
+    sides = [[shown(sign * TURN_RAD * axis) for sign in (1.0, -1.0)] for axis in np.eye(3)]
+    return np.stack([(ahead - behind) / (2.0 * TURN_RAD) for ahead, behind in sides], axis=-1)
+
+
+def _known_slopes(camera: Camera, pixel: FloatArray) -> FloatArray:
+    return np.concatenate([interior_slopes(camera, pixel), attitude_slopes(camera, pixel)], axis=2)
+
+
 def field_basis(camera: Camera, degree: int) -> FieldBasis:
     """Return the functions of products up to a total ``degree``, low degrees first.
 
@@ -80,7 +101,7 @@ def field_basis(camera: Camera, degree: int) -> FieldBasis:
     pixel, weight = _quadrature(camera)
     root = np.sqrt(np.repeat(weight, 2) / 2.0)[:, None]
     products = root * _products(camera, exponents, pixel).reshape(len(root), -1)
-    slopes = root * interior_slopes(camera, pixel).reshape(len(root), -1)
+    slopes = root * _known_slopes(camera, pixel).reshape(len(root), -1)
     scale = np.linalg.norm(slopes, axis=0)
     q, r = np.linalg.qr(slopes / scale)
     count = 2 * len(exponents)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, distort, image_plane
-from photogram.lens.field_basis import FieldBasis, field_basis, interior_slopes
+from photogram.camera import Camera, Pose, distort, image_plane, project, unproject
+from photogram.lens.field_basis import FieldBasis, attitude_slopes, field_basis, interior_slopes
 from photogram.projection import READOUT
 
 CAMERA = Camera(
@@ -51,12 +52,25 @@ def test_interior_slopes_are_those_of_the_camera(camera: Camera) -> None:
         np.testing.assert_allclose(slopes[:, :, parameter], numerical, rtol=1e-5, atol=1e-4)
 
 
+@pytest.mark.parametrize("camera", [CAMERA, FISHEYE], ids=lambda camera: camera.model)
+def test_attitude_slopes_are_those_of_turned_poses(camera: Camera) -> None:
+    pixel = _lattice()[::997]
+    points = 50.0 * unproject(camera, pixel)
+    slopes = attitude_slopes(camera, pixel)
+    for axis in range(3):
+        turns = (Rotation.from_rotvec(sign * 1e-4 * np.eye(3)[axis]).as_matrix() for sign in (1.0, -1.0))
+        # the world turns against the camera
+        ahead, behind = (project(camera, Pose(turn.T, np.zeros(3)), points) for turn in turns)
+        np.testing.assert_allclose(slopes[:, :, axis], (ahead - behind) / 2e-4, rtol=1e-5, atol=1e-2)
+
+
 def test_the_functions_are_orthonormal_and_free_of_the_camera(basis: FieldBasis) -> None:
     pixel = _lattice()  # not the nodes of the quadrature: 120 000 midpoints
     functions = basis.at(pixel).reshape(-1, len(basis))
     mean = functions.T @ functions / len(functions)
     np.testing.assert_allclose(mean, np.eye(len(basis)), atol=2e-3)
-    slopes = interior_slopes(CAMERA, pixel).reshape(len(functions), -1)
+    known = np.concatenate([interior_slopes(CAMERA, pixel), attitude_slopes(CAMERA, pixel)], axis=2)
+    slopes = known.reshape(len(functions), -1)
     slopes /= np.sqrt(np.mean(slopes**2, axis=0))
     assert np.abs(functions.T @ slopes / len(functions)).max() < 2e-3
 
@@ -65,7 +79,8 @@ def test_functions_and_camera_describe_every_product_up_to_the_degree(basis: Fie
     u, v = (2.0 * _lattice()[::53] + 1.0).T / np.array([[4000], [3000]]) - 1.0
     field = np.stack([u**3 * v**2 - 0.5 * u * v**3, 0.7 * u**4 - v**5], axis=-1).reshape(-1)
     pixel = _lattice()[::53]
-    columns = np.hstack([a.reshape(len(field), -1) for a in (basis.at(pixel), interior_slopes(CAMERA, pixel))])
+    parts = basis.at(pixel), interior_slopes(CAMERA, pixel), attitude_slopes(CAMERA, pixel)
+    columns = np.hstack([part.reshape(len(field), -1) for part in parts])
     columns /= np.linalg.norm(columns, axis=0)
     rest = field - columns @ np.linalg.lstsq(columns, field, rcond=None)[0]
     assert np.std(rest) < 0.02 * np.std(field)
@@ -73,7 +88,7 @@ def test_functions_and_camera_describe_every_product_up_to_the_degree(basis: Fie
 
 def test_degrees_ascend_and_their_number_is_that_of_the_products_less_the_camera(basis: FieldBasis) -> None:
     assert np.all(np.diff(basis.degree) >= 0)
-    assert 56 - 11 <= len(basis) <= 56 - 7
+    assert 56 - 14 <= len(basis) <= 56 - 10
     assert len(field_basis(CAMERA, 0)) == 0
 
 
