@@ -45,7 +45,9 @@ def read_bal(path: Path) -> tuple[Observations, BundleState]:
     position = -np.einsum("nji,nj->ni", turn, cameras[:, 3:6])
     models = np.full(photographs, PROJECTIVE, dtype=np.int64)
     no_edge = np.full(photographs, np.inf), np.zeros((photographs, 2), dtype=np.int64)
-    oriented = OrientedCameras(np.arange(photographs), rotation, position, np.zeros_like(position), models, q, *no_edge)
+    no_field = np.zeros((photographs, 0, 0, 2)), np.zeros((photographs, 0, 0, 2, 0))
+    still = np.zeros_like(position)
+    oriented = OrientedCameras(np.arange(photographs), rotation, position, still, models, q, *no_edge, *no_field)
     return Observations(photograph, point, pixel, np.ones(count)), BundleState(oriented, X)
 
 

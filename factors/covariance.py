@@ -18,7 +18,7 @@ from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.loss import NO_LOSS
 from photogram.factors.elimination.points import Points, point_covariances
 from photogram.factors.elimination.reduced import Factor, Layout, NormalEquations, SingularError, scale_matrix
-from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise
+from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, predicted
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
@@ -78,10 +78,15 @@ class Covariances:
 
     def calibration(self, camera: int) -> FloatArray:
         """Return the covariance (12, 12) of a camera's parameters, zero where they are held."""
+        return self.lens(camera)[:PARAMETERS, :PARAMETERS]
+
+    def lens(self, camera: int) -> FloatArray:
+        """Return the covariance (12 + K, 12 + K) of a camera's parameters and the coefficients of its lens field, zero
+        where they are held."""
         owner, parameter = self.layout.free_parameters
         columns = np.flatnonzero(owner == camera)
         unit, free = self.layout.border_unit[columns], parameter[columns]
-        covariance = np.zeros((PARAMETERS, PARAMETERS))
+        covariance = np.zeros((self.layout.unit.shape[1],) * 2)
         covariance[np.ix_(free, free)] = self.border[np.ix_(columns, columns)] * np.outer(unit, unit)
         return covariance
 
@@ -199,11 +204,11 @@ def predicted_marks(
 ) -> tuple[FloatArray, FloatArray]:
     """Return where photographs (M,) show control points (M,), px (M, 2), NaN behind a camera, and the covariances (M,
     2, 2), px², of these places: what the block as it is adjusted says of a mark that nobody has made."""
-    asked = Observations(photograph, point, np.zeros((len(point), 2)), np.ones(len(point)))
+    asked = predicted(photograph, point, state.cameras, state.control)
     linear = linearise(asked, state.cameras, state.control)
     _, _, inverse, turned = _control_columns(problem, state, found)
     covariance = _projected(point, linear, _rows(asked, linear, found.layout), inverse, turned, found)
-    return linear.residual, covariance
+    return asked.pixel, covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +230,7 @@ def joint_marks(
 
     Two images have U₁ S⁻¹ U₂ᵀ, and those of one point B₁ V⁻¹ B₂ᵀ beside, with U = A − B V⁻¹ Wᵀ.
     """
-    asked = Observations(photograph, point, np.zeros((len(point), 2)), np.ones(len(point)))
+    asked = predicted(photograph, point, state.cameras, state.control)
     linear = linearise(asked, state.cameras, state.control)
     _, _, inverse, turned = _control_columns(problem, state, found)
     U = _rows(asked, linear, found.layout) - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
@@ -236,7 +241,7 @@ def joint_marks(
         B = linear.point[own].reshape(-1, 3)
         at = (2 * own[:, None] + np.arange(2)).ravel()
         joint[np.ix_(at, at)] += B @ inverse[g] @ B.T
-    return JointMarks(linear.residual, joint, linear.point)
+    return JointMarks(asked.pixel, joint, linear.point)
 
 
 def _projected(

@@ -23,6 +23,7 @@ from photogram.factors.elimination.reprojection import Linearisation, Observatio
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of, eliminated
+from photogram.projection import PARAMETERS
 
 POINTS_AT_ONCE = 64  # whose three columns each are solved for together
 RESPONDING_AT_ONCE = 10_000  # points whose measurements are linearised together
@@ -223,12 +224,13 @@ def functions_of_attitudes(layout: Layout, weight: FloatArray) -> Functions:
 def functions_of_border(layout: Layout) -> Functions:
     """Return every parameter (cameras, 12) of all calibrations in natural units, zero where held, then the GNSS offsets
     (flights, 3), each flattened."""
-    cameras, parameters = layout.unit.shape
-    offsets = layout.common_column - layout.offset_column
-    columns = np.zeros((layout.columns + layout.border, cameras * parameters + offsets))
+    cameras, offsets = len(layout.unit), layout.common_column - layout.offset_column
+    columns = np.zeros((layout.columns + layout.border, cameras * PARAMETERS + offsets))
     owner, parameter = layout.free_parameters
-    of = np.concatenate([owner * parameters + parameter, cameras * parameters + np.arange(offsets)])
-    columns[layout.columns + np.arange(layout.common_column), of] = layout.border_unit[: layout.common_column]
+    interior = np.flatnonzero(parameter < PARAMETERS)
+    rows = np.concatenate([interior, np.arange(layout.offset_column, layout.common_column)])
+    of = np.concatenate([(owner * PARAMETERS + parameter)[interior], cameras * PARAMETERS + np.arange(offsets)])
+    columns[layout.columns + rows, of] = layout.border_unit[rows]
     return Functions(columns, np.zeros((columns.shape[1],) * 2))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
+from photogram.camera import calibration_sigmas, calibrations
 from photogram.factors.common_errors import attitude_errors, parts, position_effects
 from photogram.factors.constraints import constraint_factor, taking_part
 from photogram.factors.elimination.kernels import BEHIND_PX
@@ -50,7 +51,7 @@ from photogram.factors.variables import (
     key,
     kind_and_index,
 )
-from photogram.projection import PARAMETERS
+from photogram.projection import PARAMETERS, recalibrated
 from photogram.survey import Block
 
 
@@ -88,13 +89,15 @@ class Problem:
 
     @property
     def free(self) -> tuple[IntArray, ...]:
-        """Return per camera the indices of its free parameters."""
-        return tuple(np.flatnonzero(camera.sigmas > 0) for camera in self.block.cameras)
+        """Return per camera the indices of its free parameters, the coefficients of its lens field last."""
+        return tuple(np.flatnonzero(sigmas > 0) for sigmas in calibration_sigmas(self.block.cameras))
 
     @property
     def scale(self) -> FloatArray:
-        """Return per camera the units (cameras, 12) of its calibration variable."""
-        return np.array([calibration_scale(camera.focal_px) for camera in self.block.cameras])
+        """Return per camera the units (cameras, 12 + K) of its calibration variable."""
+        cameras = self.block.cameras
+        further = calibration_sigmas(cameras).shape[1] - PARAMETERS
+        return np.array([calibration_scale(camera.focal_px, further) for camera in cameras])
 
     def with_tie_observations(self, tie: Observations) -> Problem:
         """Return the same problem with other observations of tie points."""
@@ -128,10 +131,10 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
             graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, OWN_OFFSET_SIGMA_M), axes))
     for k, common in enumerate(block.common_errors):
         graph.add(common_error_prior(k, common.sigma))
-    for c, camera in enumerate(block.cameras):
-        free, scale = problem.free[c], problem.scale[c]
+    expected, sigmas, units = calibrations(block.cameras), calibration_sigmas(block.cameras), problem.scale
+    for c, free in enumerate(problem.free):
         if len(free):
-            prior = calibration_prior(c, (camera.parameters / scale)[free], (camera.sigmas / scale)[free])
+            prior = calibration_prior(c, (expected[c] / units[c])[free], (sigmas[c] / units[c])[free])
             if prior is not None:
                 graph.add(prior)
     for placed in taking_part(block):
@@ -248,7 +251,7 @@ def _diagonal(
     pose, point = np.zeros((len(state.rotation), 6)), np.zeros((len(state.tie_point), 3))
     np.add.at(pose, o.photograph, np.sum(tie.pose**2, axis=1))
     np.add.at(point, o.point, np.sum(tie.point**2, axis=1))
-    calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
+    calibration = np.zeros_like(state.parameters)
     np.add.at(calibration, tie.camera, np.sum(tie.calibration**2, axis=1))
     for i, squares in enumerate(pose):
         add(key(POSE, i), squares)
@@ -270,7 +273,7 @@ def linearise_all(
     linear = linearise_ground(problem, graph, state)
     tie = linearise_tie_points(problem, state, least_curvature)
     diagonal = _diagonal(problem, linear, tie, state)
-    unit_scale = np.ones((len(problem.block.cameras), PARAMETERS))
+    unit_scale = np.ones_like(state.parameters)
     for factor in reprojection_factors(
         problem.tie, tie, np.ones(len(problem.tie)), TIE_POINT, problem.free, unit_scale
     ):
@@ -305,7 +308,7 @@ def damped_step(system: LinearSystem, damping: float) -> Step:
     """
     damped = gtsam.GaussianFactorGraph()
     damped.push_back(system.graph)
-    units = {n: gtsam.noiseModel.Unit.Create(n) for n in range(1, PARAMETERS + 1)}
+    units = {n: gtsam.noiseModel.Unit.Create(n) for n in {len(diagonal) for diagonal in system.diagonal.values()}}
     for variable in system.variables:
         diagonal = system.diagonal[variable]
         n = len(diagonal)
@@ -336,10 +339,9 @@ def retract(problem: Problem, state: State, step: Step) -> State:
         if len(free):
             parameters[c, free] += v.at(key(CALIBRATION, c)) * problem.scale[c][free]
     return State(
-        state.cameras._replace(
+        recalibrated(state.cameras, parameters)._replace(
             rotation=state.rotation @ Rotation.from_rotvec(pose[:, :3]).as_matrix(),
             position=state.position + np.einsum("nij,nj->ni", state.rotation, pose[:, 3:]),
-            parameters=parameters,
         ),
         tie_point,
         state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),

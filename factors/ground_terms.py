@@ -17,6 +17,7 @@ import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
+from photogram.camera import calibration_sigmas
 from photogram.factors.elimination.bundle import Bundle, SingularPointError
 from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import steering
@@ -35,7 +36,6 @@ from photogram.factors.variables import (
     WORDS,
     kind_and_index,
 )
-from photogram.projection import PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +219,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
     the control points that a factor joins to another variable."""
     graph = ground_graph(problem)
     coupled, pairs = _joined(graph)
-    free = np.array([camera.sigmas > 0 for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
+    free = calibration_sigmas(problem.block.cameras) > 0
     index = np.flatnonzero(np.bincount(problem.tie.point, minlength=len(state.tie_point)))
     control = np.setdiff1d(np.arange(len(problem.control_world_m)), coupled)
     marks = problem.marks.select(~np.isin(problem.marks.point, coupled))
@@ -232,7 +232,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         ],
         np.zeros(len(problem.block.photographs), dtype=bool),
         state.position,
-        problem.scale.reshape(-1, PARAMETERS) * free,
+        problem.scale.reshape(free.shape) * free,
         len(problem.flights),
         coupled,
         np.array([len(error.sigma) for error in problem.block.common_errors], dtype=np.int64),

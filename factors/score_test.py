@@ -21,7 +21,7 @@ from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
-from photogram.projection import PARAMETERS, OrientedCameras, project_point_jacobians
+from photogram.projection import OrientedCameras, project_point_jacobians
 
 
 class Step(NamedTuple):
@@ -68,7 +68,7 @@ def _score(
     longest = 1
     for p in range(len(first) - 1):
         longest = max(longest, first[p + 1] - first[p])
-    A, C, B = np.zeros((longest, 2, 6)), np.zeros((longest, 2, PARAMETERS)), np.zeros((longest, 2, 3))
+    A, C, B = np.zeros((longest, 2, 6)), np.zeros((longest, 2, unit.shape[1])), np.zeros((longest, 2, 3))
     J, r, V, M = np.zeros((longest, 2)), np.zeros((longest, 2)), np.zeros(12), np.zeros(6)
     information, score = 0.0, 0.0
     for p in range(len(first) - 1):
@@ -79,7 +79,9 @@ def _score(
         count = first[p + 1] - first[p]
         for n in range(count):
             i = first[p] + n
-            u, v, depth = project_point_jacobians(cameras, photograph[i], X[p], pixel[i, 1], A[n], C[n], B[n])
+            u, v, depth = project_point_jacobians(
+                cameras, photograph[i], X[p], pixel[i, 0], pixel[i, 1], A[n], C[n], B[n]
+            )
             J[n], r[n] = 0.0, 0.0
             if not depth > 0.0:
                 B[n] = 0.0
@@ -90,7 +92,7 @@ def _score(
                 r[n, k] = s * (du if k == 0 else dv)
                 for a in range(6):
                     A[n, k, a] *= s / sigma[i]
-                for a in range(PARAMETERS):
+                for a in range(unit.shape[1]):
                     C[n, k, a] *= s / sigma[i]
                 for a in range(3):
                     B[n, k, a] *= s / sigma[i]
@@ -117,6 +119,6 @@ def _score(
                     for a in range(6):
                         L[at + a] += A[n, k, a] * j
                 for t in range(free_of[c, 1]):
-                    q = free_of[c, 2 + t]
+                    q = free_of[c, 3 + t]
                     L[columns + free_of[c, 0] + t] += C[n, k, q] * unit[c, q] * j
     return information, score

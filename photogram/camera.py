@@ -34,6 +34,7 @@ from photogram.projection import (
     lens_of,
     pixel_of,
     project_point,
+    shift_at,
 )
 
 VERTICAL = 1e-7
@@ -48,6 +49,39 @@ def _zeros(n: int) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
+class LensField:
+    """A smooth correction over the picture of a camera beside its parameters, in px.
+
+    ``functions`` (R, Q, 2, K): K functions for u and v at the nodes of a lattice of R rows and Q columns, evenly spaced
+    from edge to edge of the picture, bilinear between them; the field is their sum with the ``coefficients`` (K,).
+    ``sigmas`` (K,): prior standard deviations of the coefficients, px; zeros hold them fixed.
+    """
+
+    functions: FloatArray
+    coefficients: FloatArray
+    sigmas: FloatArray
+
+    def __post_init__(self) -> None:
+        rows, columns, _, count = self.functions.shape
+        if self.functions.shape[2] != 2 or min(rows, columns) < 2:
+            raise ValueError(f"a lens field has functions (R, Q, 2, K), R and Q at least 2, not {self.functions.shape}")
+        if self.coefficients.shape != (count,) or self.sigmas.shape != (count,):
+            raise ValueError(f"a lens field of {count} functions has as many coefficients and sigmas")
+        if np.any(self.sigmas > 0.0) and not np.all(self.sigmas > 0.0):
+            raise ValueError("the coefficients of a lens field are all fixed or all free")
+
+    @property
+    def shift(self) -> FloatArray:
+        """Return the field at the nodes (R, Q, 2), px."""
+        return np.asarray(self.functions @ self.coefficients)
+
+    @property
+    def held(self) -> LensField:
+        """Return the field with its coefficients fixed."""
+        return replace(self, sigmas=np.zeros_like(self.sigmas))
+
+
+@dataclass(frozen=True, eq=False)
 class Camera:
     """Interior orientation of one camera.
 
@@ -58,6 +92,7 @@ class Camera:
     deviation, infinity leaves it free.
     ``considered_focal_sigma_px`` is that of a focal length which the adjustment does not change but which counts in
     every covariance all the same (a consider parameter: Tapley, Schutz & Born 2004, sec. 6.2); 0 for any other.
+    ``field`` is what the lens does beside the parameters, None where nothing is known of it.
     """
 
     name: str
@@ -72,6 +107,7 @@ class Camera:
     model: Model = "brown"
     considered_focal_sigma_px: float = 0.0
     readout_s: float = 0.0
+    field: LensField | None = None
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -97,10 +133,16 @@ class Camera:
         )
 
     def with_parameters(self, parameters: FloatArray) -> Camera:
-        """Return the same camera with the interior orientation ``parameters`` (12,)."""
-        q = np.asarray(parameters, dtype=np.float64)
-        if q.shape != (PARAMETERS,):
+        """Return the same camera with the interior orientation ``parameters`` (12,), or (12 + K,) with the coefficients
+        of its lens field, and zeros after them."""
+        q, lens = np.asarray(parameters, dtype=np.float64), self.field
+        if q.ndim != 1 or len(q) < PARAMETERS:
             raise ValueError(f"camera {self.name}: parameters of shape {q.shape}, expected ({PARAMETERS},)")
+        own = 0 if lens is None else len(lens.coefficients)
+        if len(q) > PARAMETERS and (len(q) < PARAMETERS + own or np.any(q[PARAMETERS + own :])):
+            raise ValueError(f"camera {self.name}: {len(q) - PARAMETERS} coefficients of a lens field, expected {own}")
+        if lens is not None and len(q) > PARAMETERS:
+            lens = replace(lens, coefficients=q[PARAMETERS : PARAMETERS + own].copy())
         return replace(
             self,
             focal_px=float(q[FOCAL]),
@@ -109,6 +151,7 @@ class Camera:
             tangential=q[TANGENTIAL].copy(),
             affinity=q[AFFINITY].copy(),
             readout_s=float(q[READOUT]),
+            field=lens,
         )
 
     @property
@@ -223,10 +266,52 @@ def oriented_cameras(
         np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3),
         np.ascontiguousarray(velocity, dtype=np.float64).reshape(-1, 3),
         np.array([camera.kind for camera in cameras], dtype=np.int64),
-        np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
+        calibrations(cameras),
         np.array([camera.largest_radius for camera in cameras]),
         np.array([(camera.width_px, camera.height_px) for camera in cameras], dtype=np.int64).reshape(-1, 2),
+        *_fields(cameras),
     )
+
+
+def _coefficients(cameras: Sequence[Camera]) -> int:
+    return max((len(c.field.coefficients) for c in cameras if c.field is not None), default=0)
+
+
+def _with_fields(cameras: Sequence[Camera], own: FloatArray, name: str) -> FloatArray:
+    """Return rows (C, 12) of cameras followed by what their lens fields call ``name``, zeros where there is none."""
+    rows = np.pad(own.reshape(-1, PARAMETERS), ((0, 0), (0, _coefficients(cameras))))
+    for row, camera in zip(rows, cameras, strict=True):
+        if camera.field is not None:
+            values = getattr(camera.field, name)
+            row[PARAMETERS : PARAMETERS + len(values)] = values
+    return rows
+
+
+def calibrations(cameras: Sequence[Camera]) -> FloatArray:
+    """Return the parameters (C, 12 + K) of cameras: interior orientation, then the coefficients of their lens fields,
+    zeros where one has fewer than another."""
+    return _with_fields(cameras, np.array([camera.parameters for camera in cameras]), "coefficients")
+
+
+def calibration_sigmas(cameras: Sequence[Camera]) -> FloatArray:
+    """Return the prior standard deviations (C, 12 + K) of ``calibrations``."""
+    return _with_fields(cameras, np.array([camera.sigmas for camera in cameras]), "sigmas")
+
+
+def _fields(cameras: Sequence[Camera]) -> tuple[FloatArray, FloatArray]:
+    """Return the lens fields (C, R, Q, 2) of cameras at their nodes, and their functions (C, R, Q, 2, K)."""
+    count, lattice = _coefficients(cameras), {c.field.functions.shape[:2] for c in cameras if c.field is not None}
+    if not lattice:
+        return np.zeros((len(cameras), 0, 0, 2)), np.zeros((len(cameras), 0, 0, 2, 0))
+    if len(lattice) > 1:
+        raise ValueError("the lens fields of the cameras of a block have lattices of one size")
+    functions = np.zeros((len(cameras), *lattice.pop(), 2, count))
+    shift = np.zeros(functions.shape[:-1])
+    for c, camera in enumerate(cameras):
+        if camera.field is not None:
+            functions[c, ..., : len(camera.field.coefficients)] = camera.field.functions
+            shift[c] = camera.field.shift
+    return shift, functions
 
 
 def oriented_by(cameras: Sequence[Camera], camera_of: IntArray, poses: Sequence[Pose | None]) -> OrientedCameras:
@@ -239,6 +324,22 @@ def oriented_by(cameras: Sequence[Camera], camera_of: IntArray, poses: Sequence[
         np.array([nowhere[0] if pose is None else pose.position_world_m for pose in poses]),
         np.array([np.zeros(3) if pose is None else pose.velocity_world_m_s for pose in poses]),
     )
+
+
+@njit(cache=True)  # type: ignore[misc, unused-ignore]
+def _shift_all(cameras: OrientedCameras, pixel: FloatArray) -> FloatArray:
+    shift = np.empty_like(pixel)
+    for i in range(len(pixel)):
+        shift[i, 0], shift[i, 1] = shift_at(cameras, 0, pixel[i, 0], pixel[i, 1])
+    return shift
+
+
+def field_at(camera: Camera, pixel: FloatArray) -> FloatArray:
+    """Return the lens field (N, 2) of a camera at measured pixels (N, 2), px; zero where it has none."""
+    if camera.field is None:
+        return np.zeros((len(pixel), 2))
+    shift: FloatArray = _shift_all(oriented_by([camera], np.zeros(0, dtype=np.int64), []), _contiguous(pixel))
+    return shift
 
 
 @njit(cache=True)  # type: ignore[misc, unused-ignore]
@@ -292,7 +393,10 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
 def image_plane_or_nan(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Return the ideal image-plane coordinates (X/Z, Y/Z) (N, 2) of pixels (N, 2), NaN where the model cannot be
     inverted, or a fisheye looks 90° or more off its axis."""
-    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters[None], _contiguous(pixel))
+    at = _contiguous(pixel)
+    if camera.field is not None:
+        at = at - field_at(camera, at)
+    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters[None], at)
     return ideal
 
 
@@ -315,8 +419,8 @@ def image_plane(camera: Camera, pixel: FloatArray) -> FloatArray:
 
 
 def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Remove distortion and affinity from pixels (N, 2), and the bend of a fisheye; the result is where a pinhole of
-    the same K would see them.
+    """Remove distortion, lens field and affinity from pixels (N, 2), and the bend of a fisheye; the result is where a
+    pinhole of the same K would see them.
 
     Raises ImageError where the distortion model cannot be inverted.
     """
@@ -324,10 +428,13 @@ def undistort(camera: Camera, pixel: FloatArray) -> FloatArray:
 
 
 def distort(camera: Camera, pixel: FloatArray) -> FloatArray:
-    """Apply distortion and affinity to ideal pixels (N, 2), and the bend of a fisheye; the inverse of undistort."""
+    """Apply distortion, lens field and affinity to ideal pixels (N, 2), and the bend of a fisheye; the inverse of
+    undistort."""
     ideal = (_contiguous(pixel) - camera.principal_point_px) / camera.focal_px
     distorted: FloatArray = _distort_all(camera.kind, camera.parameters[None], ideal)
-    return distorted
+    if camera.field is None:
+        return distorted
+    return distorted + field_at(camera, distorted + field_at(camera, distorted))
 
 
 def unproject(camera: Camera, pixel: FloatArray) -> FloatArray:

@@ -19,6 +19,10 @@ centre moves on at the velocity w. At row v it stands at
 
 C is that of the middle row. Where the row is not measured it follows from the projection itself, see ``at_its_row``.
 
+What is left of a lens is a smooth field s(u, v), bilinear between the nodes of a lattice over the picture. A measured
+pixel less the field there is the projection above; a point is hence seen at p + s(p + s(p)), p its projection: the
+field's slopes are thousandths, and what is neglected is their square times the field.
+
 A point must lie in front of the camera, Z > 0, in both models: the field of view of a fisheye is below 180°. Ideal
 coordinates are (X/Z, Y/Z), whatever the model. Pixel frame: the centre of the top-left pixel is (0, 0). The project
 owns its projection because GTSAM's has no k3.
@@ -141,10 +145,13 @@ class OrientedCameras(NamedTuple):
 
     Of photographs: ``camera`` (N,) the number of its camera; ``rotation`` (N, 3, 3) world from camera; ``position``
     (N, 3) of the projection centre in the world, m, and ``velocity`` (N, 3) of it, m/s, zero where it is not known. Of
-    cameras: ``model`` (C,) its number in MODELS; ``parameters`` (C, 12) in the order of PARAMETER_NAMES;
-    ``largest_radius`` (C,) the ideal radius beyond which the distortion folds back; ``size_px`` (C, 2) width and
-    height. ``largest_radius`` is that of the cameras as they were given; an adjustment, which changes the parameters,
-    does not read it. ``Block.oriented_cameras`` and ``photogram.camera.oriented_by`` make them.
+    cameras: ``model`` (C,) its number in MODELS; ``parameters`` (C, 12 + K) in the order of PARAMETER_NAMES, then the
+    K coefficients of lens fields; ``largest_radius`` (C,) the ideal radius beyond which the distortion folds back;
+    ``size_px`` (C, 2) width and height; ``shift`` (C, R, Q, 2) the lens fields at their nodes, px, and ``functions``
+    (C, R, Q, 2, K) their derivatives by the coefficients, without nodes where no camera has a field.
+    ``largest_radius`` is that of the cameras as they were given; an adjustment, which changes the parameters, does not
+    read it. ``Block.oriented_cameras`` and ``photogram.camera.oriented_by`` make them, ``recalibrated`` changes their
+    parameters.
     """
 
     camera: IntArray
@@ -155,6 +162,17 @@ class OrientedCameras(NamedTuple):
     parameters: FloatArray
     largest_radius: FloatArray
     size_px: IntArray
+    shift: FloatArray
+    functions: FloatArray
+
+
+def recalibrated(cameras: OrientedCameras, parameters: FloatArray) -> OrientedCameras:
+    """Return the photographs with other parameters of their cameras, (C, 12) or, with those of lens fields, (C, 12 +
+    K)."""
+    shift = cameras.shift
+    if parameters.shape[1] > PARAMETERS:
+        shift = np.einsum("crqik,ck->crqi", cameras.functions, parameters[:, PARAMETERS:])
+    return cameras._replace(parameters=np.ascontiguousarray(parameters), shift=np.ascontiguousarray(shift))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
@@ -350,6 +368,78 @@ def fill_parameter_slopes(
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
+def node_before(at_px: float, side_px: float, nodes: int) -> tuple[int, float]:
+    """Return the last node before a pixel's coordinate, and how far on it lies towards the next, from 0 to 1."""
+    at = min(max((at_px + 0.5) / side_px, 0.0), 1.0) * (nodes - 1)
+    before = min(int(at), nodes - 2)
+    return before, at - before
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def shift_within(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+    """Return the lens field S (C, R, Q, 2) of camera ``c`` at a pixel, px; beyond the picture that of its edge."""
+    du, dv = 0.0, 0.0
+    if np.isfinite(u + v):
+        column, x = node_before(u, width_px, S.shape[2])
+        row, y = node_before(v, height_px, S.shape[1])
+        j, i, one = np.uint64(column), np.uint64(row), np.uint64(1)
+        a, b, d, e = (1.0 - y) * (1.0 - x), (1.0 - y) * x, y * (1.0 - x), y * x
+        du = a * S[c, i, j, 0] + b * S[c, i, j + one, 0] + d * S[c, i + one, j, 0] + e * S[c, i + one, j + one, 0]
+        dv = a * S[c, i, j, 1] + b * S[c, i, j + one, 1] + d * S[c, i + one, j, 1] + e * S[c, i + one, j + one, 1]
+    return du, dv
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
+def shift_called(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+    """Return ``shift_within``; inlined, it would count the array in loops that count references."""
+    return shift_within(S, c, width_px, height_px, u, v)  # type: ignore[no-any-return]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
+def shown_called(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+    """Return where a picture of camera ``c`` shows what the parameters project to (u, v): there the field is added."""
+    du, dv = shift_within(S, c, width_px, height_px, u, v)
+    du, dv = shift_within(S, c, width_px, height_px, u + du, v + dv)
+    return u + du, v + dv
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def shift_at(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple[float, float]:
+    """Return the lens field of camera ``c`` at a pixel, px, zero where it has none."""
+    S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
+    du, dv = 0.0, 0.0
+    if S.shape[1] > 1:
+        du, dv = shift_called(S, c, width_px, height_px, u, v)
+    return du, dv
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
+def without_field(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple[float, float]:
+    """Return a measured pixel of camera ``c`` less the lens field there: what the parameters alone describe."""
+    du, dv = shift_at(cameras, c, u, v)
+    return u - du, v - dv
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
+def fill_field_slopes(
+    cameras: OrientedCameras, c: int, u: float, v: float, weight: float, count: int, J: FloatArray, row: int,
+    column: int,
+) -> None:  # fmt: skip
+    """Fill two rows of J, from ``row`` and ``column`` on, with the derivatives of (u, v) by the first ``count``
+    coefficients of the lens field of camera ``c`` at a measured pixel, times ``weight``."""
+    F = cameras.functions
+    before, x = node_before(u, cameras.size_px[c, 0], F.shape[2])
+    above, y = node_before(v, cameras.size_px[c, 1], F.shape[1])
+    a, b = weight * (1.0 - y) * (1.0 - x), weight * (1.0 - y) * x
+    d, e = weight * y * (1.0 - x), weight * y * x
+    for n in range(2):
+        for k in range(count):
+            upper = a * F[c, above, before, n, k] + b * F[c, above, before + 1, n, k]
+            lower = d * F[c, above + 1, before, n, k] + e * F[c, above + 1, before + 1, n, k]
+            J[row + n, column + k] = upper + lower
+
+
+@njit(inline="always")  # type: ignore[misc, unused-ignore]
 def pixel_in_front(model: int, q: Lens, px: float, py: float, pz: float) -> tuple[float, float]:
     """Return the pixel at which a camera shows a point in its frame and in front of it."""
     if model == FISHEYE:
@@ -415,16 +505,23 @@ def centre_at_row(cameras: OrientedCameras, p: int, v: float) -> tuple[float, fl
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
-def project_at_row(cameras: OrientedCameras, p: int, X: FloatArray, v: float) -> tuple[float, float, float]:
-    """Project X (3,) as ``project_point``, with the projection centre of row ``v``, where the point was measured."""
+def project_where_measured(
+    cameras: OrientedCameras, p: int, X: FloatArray, u: float, v: float
+) -> tuple[float, float, float]:
+    """Project X (3,) as ``project_point``, with the projection centre of row ``v`` and the lens field at (u, v), where
+    the point was measured."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
+    S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
+    model, q = cameras.model[c], lens_of(cameras.parameters, c)
     px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, v, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
-    u, v = pixel_in_front(model, q, px, py, pz)
-    return u, v, pz
+    x, y = pixel_in_front(model, q, px, py, pz)
+    if S.shape[1] > 1:
+        du, dv = shift_called(S, c, width_px, height_px, u, v)
+        x, y = x + du, y + dv
+    return x, y, pz
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
@@ -435,11 +532,14 @@ def project_point(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[floa
     """
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
+    S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
+    model, q = cameras.model[c], lens_of(cameras.parameters, c)
     px, py, pz = in_camera_at_its_row(cameras, i, model, q, height_px, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     u, v = pixel_in_front(model, q, px, py, pz)
+    if S.shape[1] > 1:
+        u, v = shown_called(S, c, width_px, height_px, u, v)
     return u, v, pz
 
 
@@ -449,13 +549,16 @@ def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, flo
     or beyond the radius at which the distortion folds back."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
+    S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
     model, q, largest_radius = cameras.model[c], lens_of(cameras.parameters, c), cameras.largest_radius[c]
-    px, py, pz = in_camera_at_its_row(cameras, i, model, q, cameras.size_px[c, 1], X[0], X[1], X[2])
+    px, py, pz = in_camera_at_its_row(cameras, i, model, q, height_px, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     if np.isfinite(largest_radius) and px * px + py * py > (largest_radius * pz) ** 2:
         return np.nan, np.nan, pz
     u, v = pixel_in_front(model, q, px, py, pz)
+    if S.shape[1] > 1:
+        u, v = shown_called(S, c, width_px, height_px, u, v)
     return u, v, pz
 
 
@@ -464,19 +567,20 @@ def project_point_jacobians(
     cameras: OrientedCameras,
     p: int,
     X: FloatArray,
-    row_px: float,
+    u_px: float,
+    v_px: float,
     J_pose: FloatArray,
     J_camera: FloatArray,
     J_point: FloatArray,
 ) -> tuple[float, float, float]:
-    """Project as project_at_row and fill the Jacobians of (u, v): pose (2, 6), see ``slopes_of_pose``, interior
-    orientation (2, 12) and point (2, 3)."""
+    """Project as project_where_measured, at (``u_px``, ``v_px``), and fill the Jacobians of (u, v): pose (2, 6), see
+    ``slopes_of_pose``, interior orientation and lens field (2, 12 + K) and point (2, 3)."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
     model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
-    px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, row_px, X[0], X[1], X[2])
-    mx, my, mz = drift_at_row(cameras, i, height_px, row_px)
-    if pz <= 0.0:
+    px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, v_px, X[0], X[1], X[2])
+    mx, my, mz = drift_at_row(cameras, i, height_px, v_px)
+    if not pz > 0.0:
         J_pose[:] = 0.0
         J_camera[:] = 0.0
         J_point[:] = 0.0
@@ -493,8 +597,11 @@ def project_point_jacobians(
         J_point[row, 0], J_point[row, 1], J_point[row, 2] = slopes_in_world(cameras, i, g0, g1, g2)
         J_camera[row, READOUT] = g0 * mx + g1 * my + g2 * mz
     fill_parameter_slopes(q, _ONES, 1.0, x, y, xd, yd, J_camera, 0, 0)
+    if cameras.functions.shape[1] > 1:
+        fill_field_slopes(cameras, c, u_px, v_px, 1.0, cameras.functions.shape[4], J_camera, 0, PARAMETERS)
     u, v = pixel_of(q, xd, yd)
-    return u, v, pz
+    du, dv = shift_at(cameras, c, u_px, v_px)
+    return u + du, v + dv, pz
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

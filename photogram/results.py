@@ -353,6 +353,9 @@ class Adjustment:
     was looked for."""
     readout_sigma_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Their standard deviations (cameras,)."""
+    field_covariance_px2: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    """Covariances (cameras, K, K) of the coefficients of the lens fields, zero for a camera without; (0, 0, 0) where no
+    camera has one."""
     common_errors: tuple[CommonErrorEstimate, ...] = ()
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.projection import OrientedCameras, centre_at_row, project_at_row
+from photogram.projection import OrientedCameras, centre_at_row, project_where_measured
 from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
@@ -182,7 +182,7 @@ def _consensus(
                 continue
             support, cost = 0, 0.0
             for k in range(begin, end):
-                u, v, depth = project_at_row(cameras, photograph[k], X, pixel[k, 1])
+                u, v, depth = project_where_measured(cameras, photograph[k], X, pixel[k, 0], pixel[k, 1])
                 error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
                 inlier[k - begin] = error < 1.0
                 if error < 1.0:

@@ -37,7 +37,7 @@ from photogram.factors.elimination.reprojection import Observations, calibration
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
 from photogram.factors.elimination.state import OfCameras, State
 from photogram.machine import cores
-from photogram.projection import FOCAL, OrientedCameras
+from photogram.projection import FOCAL, OrientedCameras, recalibrated
 
 
 class SingularPointError(Singular):
@@ -122,10 +122,9 @@ def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) 
     control[layout.coupled] += border[layout.ground_column :].reshape(-1, 3)
     return replace(
         state,
-        cameras=state.cameras._replace(
+        cameras=recalibrated(state.cameras, parameters)._replace(
             rotation=state.cameras.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
             position=state.cameras.position + np.einsum("nij,nj->ni", state.cameras.rotation, tangent[:, 3:]),
-            parameters=parameters,
         ),
         control=control,
         offset=state.offset + border[layout.offset_column : layout.common_column].reshape(-1, 3),

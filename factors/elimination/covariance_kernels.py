@@ -11,7 +11,6 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.kernels import (
     CALIBRATION,
-    WIDTH,
     eliminate_coordinates,
     inverse_factor,
     linearise_point,
@@ -82,7 +81,7 @@ def covariances_of_points(
     longest, n = 1, len(border)
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6)
+    J, V, M = np.zeros((2 * longest, CALIBRATION + unit.shape[1])), np.zeros(12), np.zeros(6)
     G, H = np.zeros((3, n)), np.zeros((3, 3))
     for p in range(begin, end):
         for k in range(12):

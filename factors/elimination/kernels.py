@@ -1,14 +1,15 @@
 """Compiled loops over the rays of points: linearisation, elimination, substitution.
 
 Work rows: a ray has two rows of J, each with its Jacobian on the pose (0–5) and the point (6–8), its residual (9), Z
-(10–12) and its Jacobian on the free parameters of its camera (13 on), all multiplied by the root of the ray's weight.
+(10–12) and its Jacobian on the free parameters of its camera, the coefficients of its lens field last (13 on), all
+multiplied by the root of the ray's weight.
 V holds a point's normal matrix (0–8) and right-hand side (9–11), M the elements 00 10 11 20 21 22 of L⁻¹, where L Lᵀ is
 the damped V.
 
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
 elimination (36–41), the right-hand side (42–47), then six for every border column. Parameters have their units
-(cameras, 12) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of, measurements as
-u, v and 1 / sigma.
+(cameras, 12 + K) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of,
+measurements as u, v and 1 / sigma.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
 
@@ -24,19 +25,20 @@ import numpy as np
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.projection import (
-    PARAMETERS,
     PROJECTIVE,
     READOUT,
     Lens,
     OrientedCameras,
     distorted,
     drift_at_row,
+    fill_field_slopes,
     fill_parameter_slopes,
     in_camera,
     in_camera_at_row,
     lens_of,
     misfit,
     pixel_slopes,
+    shift_at,
     slopes_in_camera,
     slopes_in_world,
     slopes_of_pose,
@@ -46,7 +48,6 @@ from photogram.projection import (
 BEHIND_PX = 1e4  # no residual within a photograph is as large
 SETTLING = 5  # iterations at most
 CALIBRATION = 13  # first column of a work row that belongs to free parameters
-WIDTH = CALIBRATION + PARAMETERS
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -104,6 +105,8 @@ def linearise_point(
         x, y = px * near, py * near
         xd, yd, xx, xy, yy = distorted(q, x, y)
         du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
+        fu, fv = shift_at(cameras, c, measured[i, 0], measured[i, 1])
+        du, dv = du + fu, dv + fv
         s = measured[i, 2]
         r0, r1 = s * du, s * dv
         _, weight, curvature = robust(r0 * r0 + r1 * r1, loss, threshold)
@@ -136,13 +139,18 @@ def linearise_point(
         b2 -= u2 * r0 + w2 * r1
         if free_of[c, 1]:
             fill_free_slopes(q, c, unit, s, x, y, xd, yd, J, o)
+            lens = free_of[c, 1] - free_of[c, 2]
+            if free_of[c, 2]:
+                fill_field_slopes(
+                    cameras, c, measured[i, 0], measured[i, 1], s, free_of[c, 2], J, o, CALIBRATION + lens
+                )
             if along != 0.0:
                 for k in range(CALIBRATION, CALIBRATION + free_of[c, 1]):
                     t0 = along * (n0 * J[o, k] + n1 * J[o + 1, k])
                     J[o, k] -= n0 * t0
                     J[o + 1, k] -= n1 * t0
             if moving > 0.0:
-                last = np.uint64(CALIBRATION + free_of[c, 1] - 1)
+                last = np.uint64(CALIBRATION + lens - 1)
                 J[o, last], J[d, last] = (
                     moving * (g0 * m0 + g1 * m1 + g2 * m2),
                     moving * (h0 * m0 + h1 * m1 + h2 * m2),
@@ -173,6 +181,8 @@ def point_cost(
         near, _, _ = stretch_of(model, px, py, pz)
         xd, yd, _, _, _ = distorted(q, px * near, py * near)
         du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
+        fu, fv = shift_at(cameras, c, measured[i, 0], measured[i, 1])
+        du, dv = du + fu, dv + fv
         r0, r1 = measured[i, 2] * du, measured[i, 2] * dv
         square = r0 * r0 + r1 * r1
         cost += robust(square, loss, threshold)[0]
@@ -302,8 +312,9 @@ def add_border(
 ) -> int:  # fmt: skip
     """Add a point's share to the border: H holds its matrix, then the undamped diagonal, then the right-hand side.
 
-    Fills Yc (cameras, 3, 12) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``slot_of`` with their
-    first border columns and numbers of columns, ``own`` with each ray's slot, −1 for none; returns the number of slots.
+    Fills Yc (cameras, 3, 12 + K) with the sums of Z_iᵀ C_i over the rays of each camera that moves, ``slot_of`` with
+    their first border columns and numbers of columns, ``own`` with each ray's slot, −1 for none; returns the number of
+    slots.
     """
     border, slots = H.shape[1], 0
     for o in range(count):
@@ -354,10 +365,10 @@ def accumulate(
     longest = 1
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M, y = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6), np.zeros(3)
+    J, V, M, y = np.zeros((2 * longest, CALIBRATION + unit.shape[1])), np.zeros(12), np.zeros(6), np.zeros(3)
     place, own = np.zeros(longest, np.int64), np.zeros(longest, np.int64)
     count = len(cameras.model)
-    slot_of, Yc = np.zeros((count, 2), np.int64), np.zeros((count, 3, PARAMETERS))
+    slot_of, Yc = np.zeros((count, 2), np.int64), np.zeros((count, 3, unit.shape[1]))
     share = 48 + 6 * H.shape[1]
     for p in range(begin, end):
         for k in range(12):
@@ -451,7 +462,7 @@ def substitute_points(
     longest = 1
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
-    J, V, M = np.zeros((2 * longest, WIDTH)), np.zeros(12), np.zeros(6)
+    J, V, M = np.zeros((2 * longest, CALIBRATION + unit.shape[1])), np.zeros(12), np.zeros(6)
     decrease, cost, held = 0.0, 0.0, np.zeros_like(free_of)
     for p in range(begin, end):
         number = index[p]

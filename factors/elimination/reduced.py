@@ -25,6 +25,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.levenberg_marquardt import Singular
+from photogram.projection import PARAMETERS
 
 PANEL = 48  # columns of the inverse computed together
 
@@ -43,7 +44,7 @@ class Layout:
 
     ``place`` (N,) of each photograph in the band, −1 for one that is held; ``photograph_at`` its inverse; ``reach`` how
     many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
-    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 12) units of its parameters, 0 where held:
+    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 12 + K) units of its parameters, 0 where held:
     each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
     number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
     because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
@@ -108,12 +109,13 @@ class Layout:
 
     @property
     def free_of(self) -> IntArray:
-        """Return for compiled loops, by camera (cameras, 13): its first border column, −1 for none, how many of its
-        parameters are free, and which."""
-        table = np.zeros((len(self.unit), 2 + self.unit.shape[1]), dtype=np.int64)
+        """Return for compiled loops, by camera (cameras, 3 + 12 + K): its first border column, −1 for none, how many of
+        its parameters are free, how many of these are coefficients of its lens field, and which."""
+        table = np.zeros((len(self.unit), 3 + self.unit.shape[1]), dtype=np.int64)
         for c, unit in enumerate(self.unit):
             free = np.flatnonzero(unit > 0)
-            table[c, 0], table[c, 1], table[c, 2 : 2 + len(free)] = self.camera_column[c], len(free), free
+            table[c, :3] = self.camera_column[c], len(free), np.count_nonzero(free >= PARAMETERS)
+            table[c, 3 : 3 + len(free)] = free
         return table
 
 
@@ -163,7 +165,7 @@ def make_layout(
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
-    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 12) the units of free parameters, 0 where
+    ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 12 + K) the units of free parameters, 0 where
     held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
     eliminated; ``common`` (E,) the numbers of unknowns of other common errors.
     """

@@ -22,8 +22,9 @@ from photogram.projection import (
     READOUT,
     TANGENTIAL,
     OrientedCameras,
-    project_at_row,
+    project_point,
     project_point_jacobians,
+    project_where_measured,
 )
 
 
@@ -46,8 +47,8 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Whitened residuals (N, 2), Jacobians on pose (N, 2, 6), interior orientation (N, 2, 11) and point (N, 2, 3);
-    ``camera`` (N,) of each observation."""
+    """Whitened residuals (N, 2), Jacobians on pose (N, 2, 6), interior orientation and lens field (N, 2, 12 + K) and
+    point (N, 2, 3); ``camera`` (N,) of each observation."""
 
     residual: FloatArray
     pose: FloatArray
@@ -62,7 +63,7 @@ def _residuals(
 ) -> FloatArray:
     residual = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
-        u, v, depth = project_at_row(cameras, photograph[i], X[point[i]], pixel[i, 1])
+        u, v, depth = project_where_measured(cameras, photograph[i], X[point[i]], pixel[i, 0], pixel[i, 1])
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
         else:
@@ -76,10 +77,10 @@ def _linearise(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     count = len(photograph)
     residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
-    J_camera, J_point = np.empty((count, 2, PARAMETERS)), np.empty((count, 2, 3))
+    J_camera, J_point = np.empty((count, 2, cameras.parameters.shape[1])), np.empty((count, 2, 3))
     for i in range(count):
         u, v, depth = project_point_jacobians(
-            cameras, photograph[i], X[point[i]], pixel[i, 1], J_pose[i], J_camera[i], J_point[i]
+            cameras, photograph[i], X[point[i]], pixel[i, 0], pixel[i, 1], J_pose[i], J_camera[i], J_point[i]
         )
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
@@ -89,6 +90,21 @@ def _linearise(
         J_camera[i] /= sigma[i]
         J_point[i] /= sigma[i]
     return residual, J_pose, J_camera, J_point
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _projected(photograph: IntArray, point: IntArray, cameras: OrientedCameras, X: FloatArray) -> FloatArray:
+    pixel = np.empty((len(photograph), 2))
+    for i in range(len(photograph)):
+        pixel[i, 0], pixel[i, 1], _ = project_point(cameras, photograph[i], X[point[i]])
+    return pixel
+
+
+def predicted(photograph: IntArray, point: IntArray, cameras: OrientedCameras, X: FloatArray) -> Observations:
+    """Return observations of points X (P, 3) where photographs (N,) show points (N,) of them, with a sigma of 1 px; NaN
+    behind a camera."""
+    pixel: FloatArray = _projected(photograph, point, cameras, X)
+    return Observations(photograph, point, pixel, np.ones(len(point)))
 
 
 def residuals(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> FloatArray:
@@ -109,10 +125,10 @@ def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArra
     return Linearisation(residual, pose, calibration, point, cameras.camera[o.photograph])
 
 
-def calibration_scale(focal_px: float) -> FloatArray:
-    """Return the units (12,) in which calibration variables are solved: 1 px, also of the affinity, 1/f for the
-    distortion coefficients, and 1 ms for the read-out time."""
-    unit = np.ones(PARAMETERS)
+def calibration_scale(focal_px: float, coefficients: int = 0) -> FloatArray:
+    """Return the units (12 + K,) in which calibration variables are solved: 1 px, also of the affinity and of the K
+    ``coefficients`` of a lens field, 1/f for the distortion coefficients, and 1 ms for the read-out time."""
+    unit = np.ones(PARAMETERS + coefficients)
     unit[RADIAL] = unit[TANGENTIAL] = 1.0 / focal_px
     unit[READOUT] = 1e-3
     return unit
@@ -129,7 +145,7 @@ def reprojection_factors(
     """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
 
     ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free
-    parameters; ``scale`` (cameras, 12) their units.
+    parameters; ``scale`` (cameras, 12 + K) their units.
     """
     root = np.sqrt(weight)[:, None]
     b = -linear.residual * root

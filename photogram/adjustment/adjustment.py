@@ -34,12 +34,14 @@ from photogram.adjustment.stochastic_model.estimated_sigmas import (
     with_gnss_sigmas,
 )
 from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.camera import calibration_sigmas
 from photogram.errors import AdjustmentError
+from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.free_network import relative_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
-from photogram.projection import PARAMETERS, READOUT
+from photogram.projection import PARAMETERS, READOUT, recalibrated
 from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Block
 
@@ -112,11 +114,11 @@ def adjust(
     """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
 
     Photographs without a pose take no part; tie points need no position to start from. ``start`` holds the interior
-    orientation (12,) of each camera to start from, where it is not the given one, which stays the mean of the priors;
-    what is held stays as given. ``sigmas`` are those of another adjustment of these observations: they are used as
-    they are, and none are estimated. A single photograph or mark that keeps the rest from a solution is left out,
-    with the reason in ``warnings``. Raises AdjustmentError naming the variable that is not determined, and what it
-    lacks.
+    orientation (12,) of each camera to start from, with or without the coefficients of a lens field, where it is not
+    the given one, which stays the mean of the priors; what is held stays as given. ``sigmas`` are those of another
+    adjustment of these observations: they are used as they are, and none are estimated. A single photograph or mark
+    that keeps the rest from a solution is left out, with the reason in ``warnings``. Raises AdjustmentError naming the
+    variable that is not determined, and what it lacks.
     """
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
@@ -191,7 +193,9 @@ def _adjust_oriented(
         progress("no rolling shutter: the read-out time is held at zero")
         again = replace(without_rolling(ended.block, none), poses=ended.assessment.block.poses)
         parameters = np.where(
-            none[:, None] & (np.arange(PARAMETERS) == READOUT), 0.0, ended.assessment.state.parameters
+            none[:, None] & (np.arange(ended.assessment.state.parameters.shape[1]) == READOUT),
+            0.0,
+            ended.assessment.state.parameters,
         )
         ended = _adjust_block(again, settings, progress, parameters, sigmas)
     return with_readouts(_judged(ended, settings), found)
@@ -213,9 +217,10 @@ def _adjust_block(
     try:
         first = start_state(whole.block, whole.flights)
         if len(start):
-            free = np.array([camera.sigmas > 0.0 for camera in block.cameras])
-            moved = np.where(free, np.array(start), first.parameters)
-            first = replace(first, cameras=first.cameras._replace(parameters=moved))
+            free, moved = calibration_sigmas(block.cameras) > 0.0, first.parameters.copy()
+            given = np.array(start)[:, : moved.shape[1]]
+            moved[:, : given.shape[1]] = np.where(free[:, : given.shape[1]], given, moved[:, : given.shape[1]])
+            first = replace(first, cameras=recalibrated(first.cameras, moved))
         solved = solve_rounds(whole, first, settings, progress, used)
         progress("covariances")
         assessment = assessed(solved, block, settings)
@@ -264,6 +269,13 @@ def _judged(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         raise undetermined(ended.whole, fault) from fault
 
 
+def _field_covariances(found: Covariances, cameras: int) -> FloatArray:
+    """Return the covariances (cameras, K, K) of the coefficients of lens fields, (0, 0, 0) without any."""
+    if found.layout.unit.shape[1] == PARAMETERS:
+        return np.zeros((0, 0, 0))
+    return np.array([found.lens(c)[PARAMETERS:, PARAMETERS:] for c in range(cameras)])
+
+
 def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
     """Return the result of an adjustment, with what it is worth."""
     block, solved, assessment, unknowns = ended.block, ended.solved, ended.assessment, ended.unknowns
@@ -299,6 +311,7 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
         rotation_covariance_rad2=poses[:, :3, :3],
         calibration_covariance=np.array([found.calibration(c) for c in range(len(block.cameras))]),
+        field_covariance_px2=_field_covariances(found, len(block.cameras)),
         tie_point_covariance_m2=tie_covariance,
         ground_world_m=ground,
         ground_covariance_m2=ground_covariance,

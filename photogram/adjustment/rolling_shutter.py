@@ -28,7 +28,7 @@ from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.score_test import one_step
-from photogram.projection import PARAMETERS, READOUT, OrientedCameras
+from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block
 
@@ -141,7 +141,7 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     linear = linearise(tie, state.cameras, state.tie_point)
     place = layout.place[tie.photograph]
     pose = np.where(place[:, None] >= 0, change[6 * place[:, None] + np.arange(6)], 0.0)
-    calibration = np.zeros((len(problem.block.cameras), PARAMETERS))
+    calibration = np.zeros_like(layout.unit)
     calibration[owner, parameter] = (
         change[layout.columns : layout.columns + len(owner)] * layout.border_unit[: len(owner)]
     )

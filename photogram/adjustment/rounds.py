@@ -60,7 +60,13 @@ class Solved:
 
 
 def _with_cameras_held(block: Block) -> Block:
-    return replace(block, cameras=tuple(replace(c, sigmas=np.zeros_like(c.sigmas)) for c in block.cameras))
+    return replace(
+        block,
+        cameras=tuple(
+            replace(c, sigmas=np.zeros_like(c.sigmas), field=None if c.field is None else c.field.held)
+            for c in block.cameras
+        ),
+    )
 
 
 def solve_rounds(

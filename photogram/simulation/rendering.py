@@ -19,7 +19,7 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
 from photogram.machine import cores
-from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of
+from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of, without_field
 from photogram.simulation.cover.hits import Pieces, first_cover, leaf_hits
 from photogram.simulation.cover.leaves import REST
 from photogram.simulation.ray_cells import leave_cell
@@ -339,7 +339,8 @@ def _render_covered_rows(
     for row in range(out.shape[0]):
         C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
         for column in range(out.shape[1]):
-            x, y = ideal_point(model, q, column, first + row)
+            x, y = without_field(cameras, 0, column, first + row)
+            x, y = ideal_point(model, q, x, y)
             for k in range(3):
                 d[k] = R[0, k, 0] * x + R[0, k, 1] * y + R[0, k, 2]
             if first_cover(p, C, d, _FAR, 0.0, True)[1] < 0:
@@ -352,6 +353,7 @@ def _render_covered_rows(
             else:
                 for part in range(4):
                     u, v = column + 0.5 * (part % 2) - 0.25, first + row + 0.5 * (part // 2) - 0.25
+                    u, v = without_field(cameras, 0, u, v)
                     u, v = ideal_point(model, q, u, v)
                     for k in range(3):
                         parts[part, k] = R[0, k, 0] * u + R[0, k, 1] * v + R[0, k, 2]
@@ -379,7 +381,8 @@ def _render_rows(
     for row in range(out.shape[0]):
         C = middle + ((first + row) / (height_px - 1.0) - 0.5) * readout
         for column in range(out.shape[1]):
-            x, y = ideal_point(model, q, column, first + row)
+            x, y = without_field(cameras, 0, column, first + row)
+            x, y = ideal_point(model, q, x, y)
             for k in range(3):
                 d[k] = R[0, k, 0] * x + R[0, k, 1] * y + R[0, k, 2]
             t = _first_hit(f, C, d, 1e5)

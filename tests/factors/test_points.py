@@ -371,7 +371,7 @@ def test_held_photographs_and_fixed_cameras_have_no_columns() -> None:
     assert parameter.tolist() == [0, 1, 3, 4, 5, 7, 9, 10, 11]
     assert case.layout.border == 9 + 3
     assert case.layout.free_of.tolist() == [
-        [0, 9, 0, 1, 3, 4, 5, 7, 9, 10, 11, 0, 0, 0], [-1, 0, *[0] * PARAMETERS]
+        [0, 9, 0, 0, 1, 3, 4, 5, 7, 9, 10, 11, 0, 0, 0], [-1, 0, 0, *[0] * PARAMETERS]
     ]  # fmt: skip
     empty = lay_out(case.tie.select(np.zeros(len(case.tie), bool)), np.arange(60), case.layout)
     assert isinstance(case.tie, Observations)

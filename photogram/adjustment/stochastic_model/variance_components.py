@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from photogram.adjustment.constraint_tests import constraint_tests, of_control
 from photogram.arrays import FloatArray, IntArray
+from photogram.camera import calibration_sigmas, calibrations
 from photogram.constraints.between_points import CONSTRAINT_KINDS, observations
 from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
 from photogram.factors.covariance import Covariances
@@ -23,7 +24,6 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.priors import NO_HEADING_SIGMA_RAD
-from photogram.projection import PARAMETERS
 from photogram.results import Reliability, VarianceComponents
 
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
@@ -123,11 +123,11 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
         spread = np.concatenate([np.diag(found.common(k)) for k in range(len(errors))])
         redundancy, residual = 1.0 - spread / sigma**2, state.common / sigma
         groups.append(_Group(COMMON_ERRORS, len(sigma), float(redundancy.sum()), float(residual @ residual), sigma))
-    sigmas = np.array([camera.sigmas for camera in problem.block.cameras]).reshape(-1, PARAMETERS)
+    sigmas = calibration_sigmas(problem.block.cameras)
     stated = (sigmas > 0) & np.isfinite(sigmas)
     if stated.any():
-        given = np.array([camera.parameters for camera in problem.block.cameras])
-        spread = np.array([np.diag(found.calibration(c)) for c in range(len(sigmas))])
+        given = calibrations(problem.block.cameras)
+        spread = np.array([np.diag(found.lens(c)) for c in range(len(sigmas))])
         off = (state.parameters - given)[stated] / sigmas[stated]
         redundancy = 1.0 - spread[stated] / sigmas[stated] ** 2
         groups.append(_Group("calibration", len(off), float(redundancy.sum()), float(off @ off), sigmas[stated]))

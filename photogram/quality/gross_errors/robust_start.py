@@ -25,6 +25,7 @@ from photogram.factors.common_errors import attitude_errors, attitude_residual, 
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.projection import recalibrated
 from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block
@@ -155,7 +156,9 @@ def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[Floa
     met = intersected_marks(part)[0][controls]
     state = replace(state, control=np.where(np.isfinite(met), met, state.control))
     if len(start):
-        state = replace(state, cameras=state.cameras._replace(parameters=np.array(start)))
+        moved, given = state.parameters.copy(), np.array(start)[:, : state.parameters.shape[1]]
+        moved[:, : given.shape[1]] = given
+        state = replace(state, cameras=recalibrated(state.cameras, moved))
     angle = float(np.deg2rad(settings.minimum_ray_angle_deg))
     _, agreeing, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie

@@ -23,7 +23,7 @@ from photogram.compilation import njit
 from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
-from photogram.projection import OrientedCameras, ideal_point, lens_of, seen_at
+from photogram.projection import OrientedCameras, ideal_point, lens_of, seen_at, without_field
 from photogram.surface.ortho.colour_balance import (
     KNEE_DN,
     WHITE_DN,
@@ -305,7 +305,8 @@ def ideal_radius2(cameras: OrientedCameras, camera: int, pixel: FloatArray) -> F
     """Return the squared ideal radii (N,) of pixels (N, 2); 16 where a pixel shows no direction in front."""
     out, q = np.empty(len(pixel)), lens_of(cameras.parameters, camera)
     for n in range(len(pixel)):
-        x, y = ideal_point(cameras.model[camera], q, pixel[n, 0], pixel[n, 1])
+        u, v = without_field(cameras, camera, pixel[n, 0], pixel[n, 1])
+        x, y = ideal_point(cameras.model[camera], q, u, v)
         r2 = x * x + y * y
         out[n] = min(r2, 16.0) if np.isfinite(r2) else 16.0
     return out

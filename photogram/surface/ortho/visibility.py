@@ -23,7 +23,7 @@ from photogram.compilation import njit
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
-from photogram.projection import OrientedCameras, ideal_point, lens_of
+from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -217,7 +217,8 @@ def _border_rays(cameras: OrientedCameras, across: int, out: FloatArray) -> None
                 if side == 0
                 else (share * height if side == 1 else (height if side == 2 else (1.0 - share) * height))
             )
-            x, y = ideal_point(cameras.model[m], q, u - 0.5, v - 0.5)
+            u, v = without_field(cameras, m, u - 0.5, v - 0.5)
+            x, y = ideal_point(cameras.model[m], q, u, v)
             for a in range(3):
                 out[n, k, a] = R[n, a, 0] * x + R[n, a, 1] * y + R[n, a, 2]
 
