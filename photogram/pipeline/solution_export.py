@@ -18,7 +18,7 @@ from photogram.files.exchange.angle_tables import write_omega_phi_kappa, write_y
 from photogram.files.exchange.bundler import write_bundler
 from photogram.files.exchange.colmap.sparse_models import write_colmap
 from photogram.files.exchange.metashape.metashape_cameras import write_metashape_cameras
-from photogram.files.exchange.nearest_cameras import with_nearest_cameras
+from photogram.files.exchange.nearest_cameras import with_nearest_cameras, without_fields
 from photogram.files.exchange.opensfm.reconstructions import write_opensfm
 from photogram.files.exchange.pix4d.opf import write_opf
 from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution, Frame
@@ -96,11 +96,12 @@ def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
 
 
 def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    solution, fields = without_fields(solution)
     solution, said = with_nearest_cameras(solution, _TERMS.get(form, {}))
     if form in FOLDERS:
         make_folder(target)
     try:
-        return (*said, *_WRITERS[form](target, solution))
+        return (*fields, *said, *_WRITERS[form](target, solution))
     except ExchangeError as fault:
         if form in FOLDERS and not any(target.iterdir()):
             target.rmdir()

@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign import small_solution
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, image_plane, project
-from photogram.files.exchange.nearest_cameras import nearest_camera
+from photogram.camera import Camera, Pose, field_at, image_plane, project, undistort
+from photogram.files.exchange.nearest_cameras import nearest_camera, without_fields
+from photogram.files.exchange.undistorted import pinhole_solution
+from photogram.lens.fields import free_field
 from photogram.projection import PARAMETER_NAMES
 
 ALL = frozenset(PARAMETER_NAMES)
@@ -68,3 +71,42 @@ def test_a_fisheye_without_skew() -> None:
     found = nearest_camera(wide, ALL - {"b2", "p1", "p2"})
     assert found.camera.affinity[1] == 0.0
     assert 0.01 < found.largest_px < 0.3
+
+
+def with_field(camera: Camera) -> Camera:
+    field = free_field(camera, 0.2)
+    drawn = field.sigmas * np.random.default_rng(4).standard_normal(len(field.sigmas))
+    return replace(camera, field=replace(field, coefficients=drawn))
+
+
+def test_the_nearest_camera_without_its_lens_field_is_as_far_away_as_the_field_is_large() -> None:
+    camera = with_field(CAMERA)
+    assert camera.field is not None
+    found = nearest_camera(camera, ALL - {"k4", "readout_s"})
+    assert found.camera.field is None
+    sides = np.meshgrid(np.linspace(-0.5, 3999.5, 25), np.linspace(-0.5, 2999.5, 25))
+    size = np.linalg.norm(field_at(camera, np.stack(sides, axis=-1).reshape(-1, 2)), axis=1)
+    # the field is free of what parameters and a turn describe
+    assert 0.9 < found.rms_px / np.sqrt(np.mean(size**2)) < 1.0 + 1e-6
+    pose, points, pixel = seen(camera)
+    away = np.linalg.norm(project(found.camera, found.turned(pose), points) - pixel, axis=1)
+    assert 0.7 * found.rms_px < np.sqrt(np.mean(away**2)) < found.rms_px  # the edge of the picture counts more there
+
+
+def test_solutions_go_without_lens_fields_and_say_so() -> None:
+    made = small_solution()
+    bent = replace(made, cameras=tuple(with_field(c) for c in made.cameras))
+    found, said = without_fields(bent)
+    assert all(camera.field is None for camera in found.cameras)
+    assert len(said) == len(made.cameras)
+    assert all(text.startswith("The lens field of camera") for text in said)
+    assert without_fields(made) == (made, ())
+
+
+def test_undistorted_photographs_hold_the_field() -> None:
+    made = small_solution()
+    made = replace(made, cameras=tuple(with_field(c) for c in made.cameras))
+    pinholes, tie = pinhole_solution(made), made.tie_points
+    assert all(camera.field is None for camera in pinholes.cameras)
+    camera = made.cameras[made.photographs[tie.photograph[0]].camera]
+    np.testing.assert_allclose(pinholes.tie_points.pixel[0], undistort(camera, tie.pixel[:1])[0], atol=1e-9)

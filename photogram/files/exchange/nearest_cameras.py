@@ -47,20 +47,21 @@ class NearestCamera:
 
 def nearest_camera(camera: Camera, terms: Set[str]) -> NearestCamera:
     """Return the nearest camera of the same model that has no other parameters than ``terms``, names of
-    PARAMETER_NAMES: the others are zero, the principal point in the middle of the picture."""
+    PARAMETER_NAMES: the others are zero, the principal point in the middle of the picture. It has no lens field."""
     held: BoolArray = np.array([name in terms for name in PARAMETER_NAMES])
     start = np.where(held, camera.parameters, 0.0)
     middle = np.array([(camera.width_px - 1) / 2, (camera.height_px - 1) / 2])
     start[CENTRE] = np.where(held[CENTRE], start[CENTRE], middle)
-    if np.array_equal(start, camera.parameters):
+    if np.array_equal(start, camera.parameters) and camera.field is None:
         return NearestCamera(camera, np.eye(3), 0.0, 0.0)
     pixel, ray = _rays(camera)
+    bare = replace(camera, field=None)
     size = np.maximum(np.abs(camera.parameters), 1e-3)[held]
 
     def moved(x: FloatArray) -> tuple[Camera, FloatArray]:
         q = start.copy()
         q[held] += size * x[3:]
-        return camera.with_parameters(q), np.asarray(Rotation.from_rotvec(x[:3]).as_matrix())
+        return bare.with_parameters(q), np.asarray(Rotation.from_rotvec(x[:3]).as_matrix())
 
     def away(x: FloatArray) -> FloatArray:
         found, turn = moved(x)
@@ -85,6 +86,29 @@ def _rays(camera: Camera) -> tuple[FloatArray, FloatArray]:
 def _pixels(camera: Camera, ray: FloatArray) -> FloatArray:
     here = Pose(np.eye(3), np.zeros(3))
     return np.nan_to_num(project(camera, here, ray), nan=1e6)
+
+
+def without_fields(solution: ForeignSolution) -> tuple[ForeignSolution, tuple[str, ...]]:
+    """Return a solution whose cameras have no lens fields, which no format holds: in their place the nearest cameras
+    without, of the terms that they have, and a sentence on each."""
+    lacking = {
+        c: nearest_camera(camera, {n for n, q in zip(PARAMETER_NAMES, camera.parameters, strict=True) if q != 0.0})
+        for c, camera in enumerate(solution.cameras)
+        if camera.field is not None
+    }
+    if not lacking:
+        return solution, ()
+    photographs = tuple(
+        replace(p, pose=lacking[p.camera].turned(p.pose)) if p.pose is not None and p.camera in lacking else p
+        for p in solution.photographs
+    )
+    cameras = tuple(lacking[c].camera if c in lacking else camera for c, camera in enumerate(solution.cameras))
+    said = tuple(
+        f"The lens field of camera {found.camera.name}; the nearest camera without is written, {found.rms_px:.2g} px "
+        f"from it (RMS over the picture), {found.largest_px:.2g} px at most; --to undistorted holds it whole."
+        for found in lacking.values()
+    )
+    return replace(solution, cameras=cameras, photographs=photographs), said
 
 
 def with_nearest_cameras(

@@ -113,7 +113,7 @@ def write_undistorted(
 
 
 def _pinhole(camera: Camera) -> Camera:
-    return replace(camera, radial=np.zeros(4), tangential=np.zeros(2), affinity=np.zeros(2), model="brown")
+    return replace(camera, radial=np.zeros(4), tangential=np.zeros(2), affinity=np.zeros(2), model="brown", field=None)
 
 
 def _undistorted(solution: ForeignSolution, camera_of: IntArray, pixel: FloatArray) -> FloatArray:
