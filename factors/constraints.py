@@ -20,6 +20,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
+from photogram.constraints.rigs import give_scale
 from photogram.factors.variables import CONTROL_POINT, POSE, key
 from photogram.frames import LocalFrame
 from photogram.survey import Block
@@ -162,8 +163,8 @@ def taking_part(block: Block) -> list[Placed]:
 
 
 def is_scaled(block: Block) -> bool:
-    """Return whether a distance takes part."""
-    return any(isinstance(placed.constraint, Distance) for placed in taking_part(block))
+    """Return whether a distance takes part, or a given baseline between two cameras of one body."""
+    return give_scale(block.rigs) or any(isinstance(placed.constraint, Distance) for placed in taking_part(block))
 
 
 def constraint_factor(placed: Placed, frame: LocalFrame, control_world_m: FloatArray) -> gtsam.NonlinearFactor:

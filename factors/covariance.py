@@ -76,6 +76,11 @@ class Covariances:
         columns = self.layout.columns_of_common(error)
         return np.asarray(self.border[np.ix_(columns, columns)])
 
+    def rig(self, rig: int) -> FloatArray:
+        """Return the covariance (6, 6) of the relative pose of a rig: of its rotation, rad, and its offset, m."""
+        columns = self.layout.columns_of_rig(rig)
+        return np.asarray(self.border[np.ix_(columns, columns)])
+
     def calibration(self, camera: int) -> FloatArray:
         """Return the covariance (12, 12) of a camera's parameters, zero where they are held."""
         return self.lens(camera)[:PARAMETERS, :PARAMETERS]

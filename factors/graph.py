@@ -40,12 +40,14 @@ from photogram.factors.priors import (
     offset_prior,
     surveyed_position,
 )
+from photogram.factors.rigs.exposures import estimated, exposure_factors, rig_priors, values_by_rig
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
     CONTROL_POINT,
     GNSS_OFFSET,
     POSE,
+    RIG,
     TIE_POINT,
     indeterminate_variable,
     key,
@@ -104,9 +106,9 @@ class Problem:
         return replace(self, tie=tie)
 
 
-def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
-    """Return the factors on control points, GNSS positions, attitudes, common errors, calibrations and constraints, and
-    further ones."""
+def ground_graph(problem: Problem, *, exposures: bool = True) -> gtsam.NonlinearFactorGraph:
+    """Return the factors on control points, GNSS positions, attitudes, common errors, calibrations, constraints and
+    rigs, and further ones; without the ``exposures`` of rigs for whoever linearises them together."""
     graph = gtsam.NonlinearFactorGraph()
     block = problem.block
     axes = block.frame.rotation_world_from_map(np.zeros(3))
@@ -139,7 +141,7 @@ def ground_graph(problem: Problem) -> gtsam.NonlinearFactorGraph:
                 graph.add(prior)
     for placed in taking_part(block):
         graph.add(constraint_factor(placed, block.frame, problem.control_world_m))
-    for factor in problem.further:
+    for factor in (*rig_priors(block), *(exposure_factors(block) if exposures else ()), *problem.further):
         graph.add(factor)
     return graph
 
@@ -155,6 +157,10 @@ def ground_values(problem: Problem, state: State) -> gtsam.Values:
         values.insert(key(GNSS_OFFSET, f), state.offset[f])
     for k, part in enumerate(parts(problem.block.common_errors)):
         values.insert(key(COMMON_ERROR, k), state.common[part])
+    if problem.block.rigs:
+        relative = values_by_rig(problem.block, state.common)
+        for k in estimated(problem.block).tolist():
+            values.insert(key(RIG, k), relative[k])
     for c, free in enumerate(problem.free):
         if len(free):
             values.insert(key(CALIBRATION, c), (state.parameters[c] / problem.scale[c])[free])
@@ -196,7 +202,7 @@ def variable_size(problem: Problem, variable: int) -> int:
         return len(problem.free[index])
     if kind == COMMON_ERROR:
         return len(problem.block.common_errors[index].sigma)
-    return 6 if kind == POSE else 3
+    return 6 if kind in (POSE, RIG) else 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +290,7 @@ def linearise_all(
         + [key(GNSS_OFFSET, f) for f in range(len(state.offset))]
         + [key(POSE, i) for i in range(len(state.rotation))]
         + [key(COMMON_ERROR, k) for k in range(len(problem.block.common_errors))]
+        + [key(RIG, k) for k in estimated(problem.block).tolist()]
         + [key(CALIBRATION, c) for c, free in enumerate(problem.free) if len(free)]
     )
     ordering = gtsam.Ordering()
@@ -346,5 +353,12 @@ def retract(problem: Problem, state: State, step: Step) -> State:
         tie_point,
         state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),
         state.offset + _gather(v, GNSS_OFFSET, range(len(state.offset)), 3),
-        state.common + np.concatenate([np.zeros(0), *(v.at(key(COMMON_ERROR, k)) for k in range(len(common)))]),
+        state.common
+        + np.concatenate(
+            [
+                np.zeros(0),
+                *(v.at(key(COMMON_ERROR, k)) for k in range(len(common))),
+                *(v.at(key(RIG, k)) for k in estimated(problem.block).tolist()),
+            ]
+        ),
     )

@@ -26,12 +26,14 @@ from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms
 from photogram.factors.elimination.reprojection import linearise, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
+from photogram.factors.rigs.exposures import estimated, linearised, misfits, taking_part, values_by_rig
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
     CONTROL_POINT,
     GNSS_OFFSET,
     POSE,
+    RIG,
     TIE_POINT,
     WORDS,
     kind_and_index,
@@ -105,8 +107,8 @@ def _joined(graph: gtsam.NonlinearFactorGraph) -> tuple[IntArray, IntArray]:
 
 
 class GroundTerms:
-    """The factors of a problem on everything but image points, for one layout of the reduced system, and the marks of
-    the layout's coupled control points.
+    """The factors of a problem on everything but image points, for one layout of the reduced system, the exposures of
+    rigs, and the marks of the layout's coupled control points.
 
     Raises ValueError for a factor that the layout has no place for: one on a tie point, one between two photographs
     farther apart than its reach, one between a control point and another variable that is not among its ``coupled``.
@@ -114,7 +116,8 @@ class GroundTerms:
 
     def __init__(self, problem: Problem, layout: Layout, graph: gtsam.NonlinearFactorGraph | None = None) -> None:
         self._problem, self._layout = problem, layout
-        self._graph = ground_graph(problem) if graph is None else graph
+        self._graph = ground_graph(problem, exposures=False) if graph is None else graph
+        self._exposures = taking_part(problem.block)
         alike: dict[tuple[int, int], tuple[list[int], list[list[int]]]] = {}
         for i in range(self._graph.size()):
             factor = self._graph.at(i)
@@ -148,8 +151,9 @@ class GroundTerms:
         if kind == CALIBRATION:
             start = layout.columns + int(layout.camera_column[index])
             return list(range(start, start + len(self._problem.free[index])))
-        if kind == COMMON_ERROR:
-            return [layout.columns + int(column) for column in layout.columns_of_common(index)]
+        if kind in (COMMON_ERROR, RIG):
+            own = layout.columns_of_rig(index) if kind == RIG else layout.columns_of_common(index)
+            return [layout.columns + int(column) for column in own]
         if kind == GNSS_OFFSET:
             first = layout.offset_column + 3 * index
         elif kind != CONTROL_POINT:
@@ -163,6 +167,10 @@ class GroundTerms:
     def cost(self, state: State) -> float:
         """Return half the sum of squared whitened residuals."""
         ground = float(self._graph.error(ground_values(self._problem, state)))
+        if len(self._exposures):
+            value = values_by_rig(self._problem.block, state.common)
+            off = misfits(self._exposures, state.rotation, state.position, value) / self._exposures.sigma
+            ground += 0.5 * float(np.sum(off**2))
         return ground + self._mark_cost(state) if len(self._marks) else ground
 
     def _mark_cost(self, state: State) -> float:
@@ -179,6 +187,8 @@ class GroundTerms:
             jacobians = [linear.at(i).jacobian() for i in alike.factor.tolist()]
             A, b = np.array([a for a, _ in jacobians]), np.array([b for _, b in jacobians])
             cost += sums.add(layout, alike.columns, A, b)
+        if len(self._exposures):
+            cost += self._add_exposures(state, sums)
         if len(self._marks):
             self._add_marks(state, sums)
             cost += self._mark_cost(state)
@@ -191,6 +201,20 @@ class GroundTerms:
                 unit, unit
             )
         return sums.whole(cost)
+
+    def _add_exposures(self, state: State, sums: _Sums) -> float:
+        """Add the exposures of rigs, all at once; returns half the sum of their squared residuals."""
+        layout, own = self._layout, self._exposures
+        linear = linearised(own, state.rotation, state.position, values_by_rig(self._problem.block, state.common))
+        of_rig = np.array([layout.columns_of_rig(k) for k in layout.rigs.tolist()])
+        columns = np.hstack(
+            [
+                6 * layout.place[own.master][:, None] + np.arange(6),
+                6 * layout.place[own.companion][:, None] + np.arange(6),
+                layout.columns + of_rig[np.searchsorted(layout.rigs, own.rig)],
+            ]
+        )
+        return sums.add(layout, columns, linear.jacobian, -linear.misfit)
 
     def _add_marks(self, state: State, sums: _Sums) -> None:
         """Add the marks of the coupled control points, camera by camera."""
@@ -217,8 +241,9 @@ class GroundTerms:
 def bundle_of(problem: Problem, state: State) -> Bundle:
     """Return the problem laid out for elimination: a band of photographs, a border of calibrations, common errors, and
     the control points that a factor joins to another variable."""
-    graph = ground_graph(problem)
+    graph = ground_graph(problem, exposures=False)
     coupled, pairs = _joined(graph)
+    pairs = np.concatenate([pairs, taking_part(problem.block).pairs])
     free = calibration_sigmas(problem.block.cameras) > 0
     index = np.flatnonzero(np.bincount(problem.tie.point, minlength=len(state.tie_point)))
     control = np.setdiff1d(np.arange(len(problem.control_world_m)), coupled)
@@ -236,6 +261,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         len(problem.flights),
         coupled,
         np.array([len(error.sigma) for error in problem.block.common_errors], dtype=np.int64),
+        estimated(problem.block),
     )
     return Bundle(
         layout,
@@ -270,7 +296,9 @@ def variable_at(layout: Layout, column: int) -> tuple[str, int]:
     if border >= layout.ground_column:
         return CONTROL_POINT, int(layout.coupled[(border - layout.ground_column) // 3])
     if border >= layout.common_column:
-        return COMMON_ERROR, int(np.searchsorted(np.cumsum(layout.common), border - layout.common_column, side="right"))
+        number = int(np.searchsorted(np.cumsum(layout.common), border - layout.common_column, side="right"))
+        errors = len(layout.common) - len(layout.rigs)
+        return (COMMON_ERROR, number) if number < errors else (RIG, int(layout.rigs[number - errors]))
     if border >= layout.offset_column:
         return GNSS_OFFSET, (border - layout.offset_column) // 3
     return CALIBRATION, int(layout.free_parameters[0][border])

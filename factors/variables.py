@@ -6,7 +6,7 @@ import re
 
 import gtsam
 
-POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, CALIBRATION = "x", "l", "g", "o", "e", "k"
+POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, RIG, CALIBRATION = "x", "l", "g", "o", "e", "r", "k"
 DATUM = "datum"  # not a variable: the block as a whole, by the parts of photogram.factors.datum
 
 WORDS = {
@@ -15,6 +15,7 @@ WORDS = {
     CONTROL_POINT: "control point",
     GNSS_OFFSET: "GNSS offset of flight",
     COMMON_ERROR: "common error",
+    RIG: "relative pose of camera",
     CALIBRATION: "calibration of camera",
 }
 

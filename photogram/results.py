@@ -139,6 +139,36 @@ class ConstraintTests:
         return len(self.residual_m)
 
 
+@dataclass(frozen=True, eq=False)
+class ExposureTests:
+    """What the adjustment says of cameras on one body: of their relative poses, by rig (K), and of their exposures (E),
+    rig after rig. Six figures each, rotation in rad about the companion's axes, then offset in m along the master's;
+    NaN for what took no part."""
+
+    relative_covariance: FloatArray
+    """Covariances (K, 6, 6) of the relative poses."""
+    misfit: FloatArray
+    """Relative pose of each exposure minus that of the rig (E, 6)."""
+    redundancy: FloatArray
+    """Redundancy numbers (E, 6)."""
+    w: FloatArray
+    """Test statistics (E, 6), standard normal without a blunder."""
+    left_out: FloatArray
+    """The relative pose of the exposure minus that of the rig (E, 6), as all other observations give them."""
+    left_out_covariance: FloatArray
+    """Covariances (E, 6, 6) of these differences."""
+
+    @staticmethod
+    def unknown(rigs: int = 0, exposures: int = 0) -> ExposureTests:
+        """Return what is known of so many rigs and exposures when nothing is."""
+        poses, covariances = np.full((rigs, 6, 6), np.nan), np.full((exposures, 6, 6), np.nan)
+        misfit, redundancy, w, left_out = (np.full((exposures, 6), np.nan) for _ in range(4))
+        return ExposureTests(poses, misfit, redundancy, w, left_out, covariances)
+
+    def __len__(self) -> int:
+        return len(self.misfit)
+
+
 SigmaKind = Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
 
 
@@ -360,6 +390,8 @@ class Adjustment:
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)
     """Constraints between points, those that took part and those that are checks."""
+    exposures: ExposureTests = field(default_factory=ExposureTests.unknown)
+    """Relative poses of cameras on one body, and their exposures."""
     deformation: Deformation = field(default_factory=Deformation.unknown)
     """Covariance of the block as a whole, unknown until computed."""
     sigmas: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
+from photogram.constraints.rigs import Companion, give_scale
 from photogram.frames import LocalFrame
 from photogram.projection import OrientedCameras
 from photogram.wording import html_table, things
@@ -354,6 +355,8 @@ class Block:
     """Further errors that measurements have in common."""
     constraints: tuple[Constraint, ...] = ()
     """What is measured between points; an observation of which a point takes no part is passed over."""
+    rigs: tuple[Companion, ...] = ()
+    """Cameras that are fixed to another on one body; an exposure of which a photograph takes no part is passed over."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
@@ -374,8 +377,9 @@ class Block:
 
     @property
     def has_scale(self) -> bool:
-        """Return whether lengths are in metres: a free network has as many as its distances give it."""
-        return not self.is_free or gives_scale(self.constraints)
+        """Return whether lengths are in metres: a free network has as many as its distances, or the baselines
+        of its rigs, give it."""
+        return not self.is_free or gives_scale(self.constraints) or give_scale(self.rigs)
 
     @property
     def surveyed(self) -> Block:

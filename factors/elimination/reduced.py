@@ -48,7 +48,8 @@ class Layout:
     each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
     number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
     because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
-    between the offsets and these.
+    between the offsets and these; ``rigs`` (K,) ascending numbers of the rigs whose relative poses are the last of
+    them.
     """
 
     place: IntArray
@@ -60,6 +61,7 @@ class Layout:
     border: int
     coupled: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     common: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    rigs: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def common_column(self) -> int:
@@ -70,6 +72,10 @@ class Layout:
         """Return the border columns of a common error."""
         first = self.common_column + int(self.common[:error].sum())
         return np.arange(first, first + int(self.common[error]))
+
+    def columns_of_rig(self, rig: int) -> IntArray:
+        """Return the border columns of the relative pose of a rig."""
+        return self.columns_of_common(len(self.common) - len(self.rigs) + int(np.searchsorted(self.rigs, rig)))
 
     @property
     def ground_column(self) -> int:
@@ -161,13 +167,15 @@ def make_layout(
     offsets: int = 0,
     coupled: IntArray | None = None,
     common: IntArray | None = None,
+    rigs: IntArray | None = None,
 ) -> Layout:
     """Order the photographs that are not ``held`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
     ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 12 + K) the units of free parameters, 0 where
     held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
-    eliminated; ``common`` (E,) the numbers of unknowns of other common errors.
+    eliminated; ``common`` (E,) the numbers of unknowns of other common errors; ``rigs`` (K,) the numbers of the
+    rigs whose relative poses, of six unknowns each, come after them.
     """
     free = np.flatnonzero(~held)
     number = np.full(len(held), -1, dtype=np.int64)
@@ -186,9 +194,11 @@ def make_layout(
     column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
     offset_column = int(size.sum())
     coupled = np.zeros(0, dtype=np.int64) if coupled is None else coupled
+    rigs = np.zeros(0, dtype=np.int64) if rigs is None else rigs
     common = np.zeros(0, dtype=np.int64) if common is None else common
+    common = np.concatenate([common, np.full(len(rigs), 6, dtype=np.int64)])
     border = offset_column + 3 * (offsets + len(coupled)) + int(common.sum())
-    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled, common)
+    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled, common, rigs)
 
 
 @dataclass(frozen=True, eq=False)

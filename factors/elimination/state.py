@@ -40,7 +40,7 @@ class OfCameras:
 class State(OfCameras):
     """Values of all variables: ``cameras`` interior and exterior orientation, ``tie_point`` (P, 3), ``control`` (G, 3),
     ``offset`` (flights, 3), positions in the world, m; ``common`` (Σ d,) the other common errors, one after the
-    other."""
+    other, then the relative poses of the rigs that are estimated."""
 
     cameras: OrientedCameras
     tie_point: FloatArray

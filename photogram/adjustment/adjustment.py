@@ -21,6 +21,7 @@ from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
+from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.adjustment.rolling_shutter import Readouts, looked_for, readouts, shown, with_readouts, without_rolling
 from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.solvability import UnheldError, undetermined, weak_parts
@@ -329,6 +330,7 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         tie_point_ray_covariance_m2=ray_covariances(final, final_state),
         components=assessment.components,
         constraints=constraint_tests(final, final_state, held, counted, found, ground),
+        exposures=exposure_tests(final, final_state, held, counted, found),
         sigmas=estimated,
         held_flights=held_flights,
         implied_offset_world_m=implied,

@@ -22,6 +22,7 @@ from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, cost, ground_graph
 from photogram.factors.joint_covariance import points_redundancy
+from photogram.factors.rigs.exposures import with_rig_values
 from photogram.results import Reliability, VarianceComponents
 from photogram.survey import Block
 
@@ -73,7 +74,8 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
     cameras = tuple(c.with_parameters(q) for c, q in zip(whole.cameras, state.parameters, strict=True))
     poses = tuple(Pose(R, C, v) for R, C, v in zip(state.rotation, state.position, state.velocity, strict=True))
     common = with_values(whole, state.common)
-    adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common)
+    rigs = with_rig_values(whole, state.common)
+    adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common, rigs=rigs)
     state = replace(state, tie_point=tie.position_world_m)
     problem = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
     held = covariances(problem, state)

@@ -332,7 +332,9 @@ def values_after(problem: Problem, state: State, errors: Sequence[CommonError]) 
     """Return the values to start from with other common errors: those that stay keep theirs, new ones are zero."""
     old = problem.block.common_errors
     known = {_what(e): state.common[part] for e, part in zip(old, parts(old), strict=True)}
-    return np.concatenate([np.zeros(0), *(known.get(_what(e), np.zeros(len(e.sigma))) for e in errors)])
+    own = sum(len(error.sigma) for error in old)  # relative poses of rigs come behind them, and stay
+    values = [known.get(_what(e), np.zeros(len(e.sigma))) for e in errors]
+    return np.concatenate([np.zeros(0), *values, state.common[own:]])
 
 
 def estimates(

@@ -76,6 +76,7 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             poses=tuple(poses),
             tie_points=replace(tie, photograph=kept[tie.photograph]),
             common_errors=adjustment.block.common_errors,
+            rigs=adjustment.block.rigs,
         ),
         position_covariance_m2=_spread(adjustment.position_covariance_m2, kept, count),
         rotation_covariance_rad2=_spread(adjustment.rotation_covariance_rad2, kept, count),

@@ -10,6 +10,7 @@ import numpy as np
 
 from photogram.adjustment.common_errors import with_attitude_errors
 from photogram.adjustment.partial_control import control_positions
+from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
 from photogram.adjustment.rolling_shutter import in_motion
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import labels
@@ -22,6 +23,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.free_network import minimal_datum
 from photogram.factors.graph import Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
+from photogram.factors.rigs.exposures import rig_values
 from photogram.survey import Block
 
 Progress = Callable[[str], None]
@@ -78,7 +80,7 @@ def start_state(block: Block, flights: tuple[str, ...]) -> State:
         block.tie_points.position_world_m.copy(),
         control_positions(block)[0],
         np.zeros((len(flights), 3)),
-        values_of(block.common_errors),
+        np.concatenate([values_of(block.common_errors), rig_values(block)]),
     )
 
 
@@ -120,6 +122,8 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     missing = [p.name for p, pose in zip(block.photographs, block.poses, strict=True) if pose is None]
     if missing:
         raise AdjustmentError(f"not oriented, so they cannot be adjusted: {', '.join(missing)}")
+    if block.rigs:
+        block = without_companion_positions(with_rig_starts(block))
     if block.is_free:
         block = without_attitudes(block)
     elif settings.common_errors == "auto":

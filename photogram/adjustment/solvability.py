@@ -19,6 +19,7 @@ from photogram.factors.datum import SCALE, SHIFT, TURN, datum_of, reach_m, weigh
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.rigs.exposures import taking_part
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
@@ -26,6 +27,7 @@ from photogram.factors.variables import (
     DATUM,
     GNSS_OFFSET,
     POSE,
+    RIG,
     TIE_POINT,
     WORDS,
 )
@@ -59,10 +61,17 @@ def check_determined(problem: Problem) -> None:
     block = problem.block
     seen = np.bincount(problem.tie.photograph, minlength=len(block.photographs))
     seen += np.bincount(problem.marks.photograph, minlength=len(block.photographs))
+    placed = np.array(
+        [p.gnss_world_m is not None and p.attitude_sigma_rad is not None for p in block.photographs], dtype=bool
+    )
+    own = seen >= 3
+    pairs = taking_part(block).pairs
+    for this, other in (pairs.T, pairs[:, ::-1].T):
+        placed[this[own[other] | placed[other]]] = True  # its rig holds it
     few = {
         i: f"{rays} image points, at least 3 are needed: add overlap, mark control points in it, or remove it"
-        for i, (photograph, rays) in enumerate(zip(block.photographs, seen.tolist(), strict=True))
-        if rays < 3 and (photograph.gnss_world_m is None or photograph.attitude_sigma_rad is None)
+        for i, rays in enumerate(seen.tolist())
+        if rays < 3 and not placed[i]
     }
     if few:
         named = "\n".join(f"photograph {block.photographs[i].name}: {why}" for i, why in few.items())
@@ -78,8 +87,8 @@ def check_determined(problem: Problem) -> None:
             f"and {positions} GNSS positions leave {open_parts} open; "
             "at least three of either, not collinear, are needed, or crs: none and neither for a free network"
         )
-    taking_part = np.union1d(problem.tie.photograph, problem.marks.photograph)
-    used = {block.photographs[i].camera for i in taking_part.tolist()}
+    with_rays = np.union1d(problem.tie.photograph, problem.marks.photograph)
+    used = {block.photographs[i].camera for i in with_rays.tolist()}
     for c, camera in enumerate(block.cameras):
         if c not in used and np.any(np.isinf(camera.sigmas)):
             raise AdjustmentError(
@@ -109,6 +118,7 @@ def _name(problem: Problem, variable: tuple[str, int] | None) -> str:
         CONTROL_POINT: lambda i: problem.block.control_points.with_role("control").name[i],
         GNSS_OFFSET: lambda i: problem.flights[i],
         COMMON_ERROR: lambda i: problem.block.common_errors[i].kind.replace("_", " "),
+        RIG: lambda i: problem.block.rigs[i].name,
         CALIBRATION: lambda i: problem.block.cameras[i].name,
         TIE_POINT: str,
     }
@@ -122,6 +132,7 @@ _LACKS = {
         "without control points it cannot be separated from the block's position: give gnss.offset_sigma_m, or 0"
     ),
     COMMON_ERROR: "nothing determines it",
+    RIG: "its photographs have too few tie points of their own: give its relative pose, with standard deviations",
     CALIBRATION: "the photographs do not determine all free parameters: give prior sigmas, or fix some",
     TIE_POINT: "its rays are nearly parallel",
 }

@@ -14,9 +14,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.constraint_tests import constraint_tests, of_control
+from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import calibration_sigmas, calibrations
 from photogram.constraints.between_points import CONSTRAINT_KINDS, observations
+from photogram.constraints.rigs import exposure_sigmas
 from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
@@ -24,6 +26,7 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.priors import NO_HEADING_SIGMA_RAD
+from photogram.factors.rigs.exposures import estimated, values_by_rig
 from photogram.results import Reliability, VarianceComponents
 
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
@@ -35,6 +38,7 @@ GROUP_OF_KIND = {
     "level surface": "level_surfaces",
     "plane": "planes",
 }
+RELATIVE_POSES = "relative_poses"  # of cameras on one body, as given
 COMMON_ERRORS = "common_errors"  # whose priors are wide and nobody's statement
 
 
@@ -121,7 +125,7 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
     if errors := problem.block.common_errors:
         sigma = np.concatenate([error.sigma for error in errors])
         spread = np.concatenate([np.diag(found.common(k)) for k in range(len(errors))])
-        redundancy, residual = 1.0 - spread / sigma**2, state.common / sigma
+        redundancy, residual = 1.0 - spread / sigma**2, state.common[: len(sigma)] / sigma
         groups.append(_Group(COMMON_ERRORS, len(sigma), float(redundancy.sum()), float(residual @ residual), sigma))
     sigmas = calibration_sigmas(problem.block.cameras)
     stated = (sigmas > 0) & np.isfinite(sigmas)
@@ -143,6 +147,26 @@ def _constraints(problem: Problem, state: State, found: Covariances) -> list[_Gr
     return [
         _tested(GROUP_OF_KIND[k], tests.redundancy[kind == k], tests.w[kind == k], sigma[kind == k])
         for k in CONSTRAINT_KINDS
+    ]
+
+
+def _rigs(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+    """Return the exposures of cameras on one body, turns and shifts apart, and the relative poses that are given."""
+    block = problem.block
+    if not block.rigs:
+        return []
+    tests, sigma = exposure_tests(problem, state, found, problem, found), exposure_sigmas(block.rigs)
+    values, own = values_by_rig(block, state.common), estimated(block)
+    prior = np.array([rig.sigma for rig in block.rigs])
+    given = np.isfinite(prior) & np.isin(np.arange(len(prior)), own)[:, None]
+    spread = np.einsum("kaa->ka", tests.relative_covariance)[given] / prior[given] ** 2
+    residual = values[given] / prior[given]
+    return [
+        *(
+            _tested(f"exposure_{name}", tests.redundancy[:, part], tests.w[:, part], sigma[:, part])
+            for name, part in (("rotation", slice(0, 3)), ("offset", slice(3, 6)))
+        ),
+        _Group(RELATIVE_POSES, len(residual), float(np.sum(1.0 - spread)), float(residual @ residual), prior[given]),
     ]
 
 
@@ -178,6 +202,7 @@ def variance_components(
         *_attitudes(problem, state, found),
         *_priors(problem, state, found, axes),
         *_constraints(problem, state, found),
+        *_rigs(problem, state, found),
     ]
     whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)

@@ -17,6 +17,7 @@ from typing_extensions import TypedDict
 
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sigmas
 from photogram.camera import Pose
+from photogram.constraints.rigs import Companion, RelativePose
 from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame
 from photogram.project.measured.measured_block import MeasuredPhotographs
@@ -32,6 +33,7 @@ from photogram.results import (
     ConstraintTests,
     Deformation,
     EstimatedSigmas,
+    ExposureTests,
     Reliability,
     VarianceComponents,
 )
@@ -199,6 +201,7 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 ADJUSTED, COVARIANCES, SIGMAS = "adjustment.npz", "covariances.npz", "sigmas.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
 _COMMON = "common_errors"
+_OF_RIGS = ("rig_rotation", "rig_offset_m", "rig_value")
 _OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m", "pose_velocity_world_m_s")
 
 
@@ -227,7 +230,7 @@ def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
     parts = dict.fromkeys(
-        ("block", *_WORDS, _COMMON, "reliability", "components", "constraints", "deformation", "sigmas")
+        ("block", *_WORDS, _COMMON, "reliability", "components", "constraints", "exposures", "deformation", "sigmas")
     )
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
@@ -239,6 +242,11 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
     arrays["pose_velocity_world_m_s"] = np.array([p.velocity_world_m_s for p in poses])
+    rigs, unknown = result.block.rigs, RelativePose(_NOWHERE, _UNTURNED)
+    given = [rig.given or unknown for rig in rigs]
+    arrays["rig_rotation"] = np.array([pose.rotation_master_from_companion for pose in given]).reshape(-1, 3, 3)
+    arrays["rig_offset_m"] = np.array([pose.offset_m for pose in given]).reshape(-1, 3)
+    arrays["rig_value"] = np.array([rig.value for rig in rigs]).reshape(-1, 6)
     return arrays
 
 
@@ -252,8 +260,18 @@ def write_adjustment(folder: Path, result: Adjustment) -> None:
     write_record(folder / "reliability.npz", result.reliability)
     write_record(folder / "components.npz", result.components)
     write_record(folder / "constraints.npz", result.constraints)
+    write_record(folder / "exposures.npz", result.exposures)
     write_record(folder / SIGMAS, result.sigmas)
     write_record(folder / "deformation.npz", result.deformation)
+
+
+def _adjusted_rigs(rigs: Sequence[Companion], arrays: Mapping[str, NDArray[Any]]) -> tuple[Companion, ...]:
+    """Return the rigs of a measured block with their relative poses as they were adjusted."""
+    poses = zip(*(arrays[name] for name in _OF_RIGS), strict=True)
+    return tuple(
+        replace(rig, given=RelativePose(o, R) if np.isfinite(o).all() else None, value=value)
+        for rig, (R, o, value) in zip(rigs, poses, strict=True)
+    )
 
 
 def adjusted_block_from(
@@ -272,6 +290,7 @@ def adjusted_block_from(
         poses=tuple(Pose(R, C, v) if np.isfinite(C[0]) else None for R, C, v in zip(*exterior, strict=True)),
         tie_points=tie_points,
         common_errors=tuple(common_error_from(json.loads(str(text))).error for text in arrays.get(_COMMON, ())),
+        rigs=_adjusted_rigs(block.rigs, arrays),
     )
     if sigmas is not None:
         adjusted = with_gnss_sigmas(adjusted, sigmas)
@@ -281,7 +300,9 @@ def adjusted_block_from(
 def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
     """Return the adjustment of which the block is ``adjusted``, ``file`` giving the paths of its arrays by name."""
     arrays = {**read_arrays(file(ADJUSTED)), **read_arrays(file(COVARIANCES))}
-    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in _OF_BLOCK}
+    values: dict[str, Any] = {
+        name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in (*_OF_BLOCK, *_OF_RIGS)
+    }
     for name in _WORDS:
         values[name] = tuple(str(word) for word in values[name])
     values[_COMMON] = tuple(common_error_from(json.loads(str(text))) for text in values.get(_COMMON, ()))
@@ -290,6 +311,7 @@ def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
         reliability=read_record(file("reliability.npz"), Reliability),
         components=read_record(file("components.npz"), VarianceComponents),
         constraints=read_record(file("constraints.npz"), ConstraintTests),
+        exposures=read_record(file("exposures.npz"), ExposureTests),
         sigmas=read_record(file(SIGMAS), EstimatedSigmas),
         deformation=read_record(file("deformation.npz"), Deformation),
         **values,

@@ -16,6 +16,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import project
 from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations
+from photogram.constraints.rigs import relative_poses
 from photogram.factors.common_errors import common_shifts
 from photogram.quality.accuracy import AXES
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
@@ -253,6 +254,27 @@ def _of_constraint(result: Adjustment, block: Block, hypothesis: Hypothesis) -> 
     return Blunder(hypothesis.kind, () if photographs else every[k].points, None, text)
 
 
+def _of_exposure(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
+    """Return by how much the two photographs of an exposure are off the relative pose of their rig."""
+    rig, master = next(
+        (r, master) for r in result.block.rigs for name, master in r.exposures if name == hypothesis.name
+    )
+    numbers = {p.name: i for i, p in enumerate(block.photographs)}
+    first, second = (result.block.poses[numbers[name]] for name in (master, hypothesis.name))
+    off = np.zeros(6)
+    off[list(hypothesis.axes)] = hypothesis.off  # where poses are not known
+    if first is not None and second is not None and rig.pose is not None:
+        both = [(p.rotation_world_from_camera[None], p.position_world_m[None]) for p in (first, second)]
+        off = rig.pose.misfits(*relative_poses(*both))[0]
+    turn = np.rad2deg(float(np.linalg.norm(off[:3])))
+    text = (
+        f"exposure {hypothesis.name}: all other observations put it {np.linalg.norm(off[3:]):.3f} m "
+        f"(right, down, forward {_metres(off[3:])} m) and {turn:.2f}° from where its rig has it beside {master}: the "
+        "two were not taken at the same moment"
+    )
+    return Blunder("exposure", (), hypothesis.name, text)
+
+
 def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
     """Return the measured attitudes of ``block`` that single photographs of a flight have lost in ``believed``, because
     its oriented photographs contradict them; those of whole flights are no blunders of single photographs."""
@@ -304,6 +326,7 @@ def name_blunders(block: Block, found: Search) -> list[Blunder]:
         "attitude": lambda a: _of_attitude(found.result, block, a),
         "focal length": lambda a: _of_focal_length(found.result, block, a),
         "GNSS offset": lambda a: _of_offset(found.result, a),
+        "exposure": lambda a: _of_exposure(found.result, block, a),
         **dict.fromkeys(CONSTRAINT_KINDS, lambda a: _of_constraint(found.result, block, a)),
     }
     for kind, named in of_kind.items():

@@ -1,12 +1,12 @@
 """Data snooping: which measurements are wrong, by alternative hypotheses that are tested one after the other.
 
 Every control point, in one axis, in plan or as a whole, every mark, GNSS position, measured attitude, constraint
-between points, given focal length and the zero offset of the GNSS positions is tested on equal terms. All other
-observations predict it, and without it the weighted square sum of the adjustment falls by T = lᵀ C⁻¹ l, with l
-predicted minus measured and C its covariance; without a blunder T is χ² with as many degrees of freedom as there are
-coordinates (Förstner & Wrobel 2016, sec. 4.6.4). The hypothesis least likely by chance is accepted and its measurement
-rejected; the rest is adjusted and tested again until no observation contradicts it. Neighbours are not rejected for a
-blunder's leverage, and what passes the final test is reinstated.
+between points, exposure of cameras on one body, given focal length and the zero offset of the GNSS positions is tested
+on equal terms. All other observations predict it, and without it the weighted square sum of the adjustment falls by
+T = lᵀ C⁻¹ l, with l predicted minus measured and C its covariance; without a blunder T is χ² with as many degrees of
+freedom as there are coordinates (Förstner & Wrobel 2016, sec. 4.6.4). The hypothesis least likely by chance is accepted
+and its measurement rejected; the rest is adjusted and tested again until no observation contradicts it. Neighbours are
+not rejected for a blunder's leverage, and what passes the final test is reinstated.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from scipy.stats import chi2, norm
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
+from photogram.constraints.rigs import exposure_names, rejecting_exposures
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.quality.gross_errors.focal_length import WRONG_BY
@@ -30,7 +31,9 @@ from photogram.results import Adjustment
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints, Photograph, Role
 
-Suspected = Literal["control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset", ConstraintKind]
+Suspected = Literal[
+    "control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset", "exposure", ConstraintKind
+]
 Adjuster = Callable[[Block], Adjustment]
 _LOG = logging.getLogger(__name__)
 
@@ -65,6 +68,7 @@ OPEN_OFFSET_M = 1000.0
 
 _POINT_PARTS = ((0,), (1,), (2,), (0, 1), (0, 1, 2))
 _POSITION_PARTS = ((2,), (0, 1), (0, 1, 2))
+_EXPOSURE_PARTS = ((3, 4, 5), (0, 1, 2, 3, 4, 5))
 
 
 @dataclass(frozen=True)
@@ -74,11 +78,13 @@ class Hypothesis:
     kind: Suspected
     """Kind of the measurement."""
     name: str
-    """Name of its point, photograph, camera or flight; of a constraint its label."""
+    """Name of its point, photograph, camera or flight; of a constraint its label, of an exposure the companion's
+    photograph."""
     photograph: str | None
     """Name of the photograph of a mark, None for other kinds."""
     axes: tuple[int, ...]
-    """Axes in error: easting, northing, height of a position; u, v of a mark; the camera's axes of an attitude."""
+    """Axes in error: easting, northing, height of a position; u, v of a mark; the camera's axes of an attitude;
+    rotation and offset of an exposure."""
     off: tuple[float, ...]
     """Predicted minus measured along the axes, m, px or rad."""
     sigma: tuple[float, ...]
@@ -111,7 +117,8 @@ class Hypothesis:
 def unmeasured(kind: Suspected, name: str, photograph: str | None = None) -> Hypothesis:
     """Return the hypothesis for a gross blunder of unknown size."""
     single = kind == "focal length" or kind in CONSTRAINT_KINDS
-    axes: tuple[int, ...] = (0,) if single else (0, 1) if kind == "mark" else (0, 1, 2)
+    count = 1 if single else 2 if kind == "mark" else 6 if kind == "exposure" else 3
+    axes = tuple(range(count))
     unknown = (float("nan"),) * len(axes)
     return Hypothesis(kind, name, photograph, axes, unknown, unknown, float("inf"))
 
@@ -168,6 +175,12 @@ def hypotheses(result: Adjustment) -> Iterator[Hypothesis]:
     ):  # fmt: skip
         if np.isfinite(off_m):
             yield _hypothesis((o.kind, o.label, None), (0,), np.array([off_m]), np.array([[sigma_m**2]]))
+    tests = result.exposures
+    for e, (photograph, _) in enumerate(exposure_names(result.block.rigs)):
+        if np.isfinite(tests.left_out[e]).all():
+            pair: tuple[Suspected, str, None] = ("exposure", photograph, None)
+            for part in _EXPOSURE_PARTS:
+                yield _hypothesis(pair, part, tests.left_out[e], tests.left_out_covariance[e])
     for f, flight in enumerate(result.held_flights):
         offset, covariance = result.implied_offset_world_m[f], result.implied_offset_covariance_m2[f]
         if (
@@ -201,7 +214,8 @@ def _without_position(photograph: Photograph) -> Photograph:
 
 def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
     """Return the block without the rejected measurements: sigmas of coordinates and marks infinite, positions and
-    attitudes removed, a focal length as uncertain as a wrong tag, GNSS offsets free, sigmas of constraints infinite.
+    attitudes removed, a focal length as uncertain as a wrong tag, GNSS offsets free, sigmas of constraints and of
+    exposures infinite.
 
     A point without any coordinate left becomes a tie point, if it has at least two marks.
     """
@@ -227,6 +241,7 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
         control_points=_ground_without(block, rejected),
         gnss_offset_sigma_m=offset_m,
         constraints=rejecting(block.constraints, {(a.kind, a.name) for a in rejected}),
+        rigs=rejecting_exposures(block.rigs, {a.name for a in rejected if a.kind == "exposure"}),
     )
 
 
@@ -278,15 +293,16 @@ class Search:
         observations but tie points, plus the price of everything rejected."""
         r, lost = self.result.reliability, LOST_RAY * self.result.discarded_observations
         of_constraints = self.result.constraints.redundancy
-        tested = (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy, of_constraints)
+        of_exposures = self.result.exposures.redundancy
+        tested = (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy, of_constraints, of_exposures)
         expected = sum(float(np.nansum(n)) for n in tested)
         lost += LOST_PHOTOGRAPH * sum(bool(why) for why in self.result.reason)
         return 2.0 * self.result.cost - expected + lost + PRICE * len(self.rejected)
 
 
 def scatter(result: Adjustment) -> dict[str, float]:
-    """Return the factors by which control points, marks, GNSS positions, attitudes and constraints scatter more than
-    stated.
+    """Return the factors by which control points, marks, GNSS positions, attitudes, exposures and constraints scatter
+    more than stated.
 
     From the median of their tests, which a single blunder does not change; 1 where they do not, or are too few.
     """
@@ -298,6 +314,7 @@ def scatter(result: Adjustment) -> dict[str, float]:
         ("mark", r.mark_w, FEWEST_ALIKE),
         ("GNSS position", r.gnss_w, FEWEST_ALIKE),
         ("attitude", attitude, FEWEST_ALIKE),
+        ("exposure", result.exposures.w, FEWEST_ALIKE),
         *((kind, result.constraints.w[kinds == kind, None], FEWEST_ALIKE) for kind in CONSTRAINT_KINDS),
     ):
         own = np.abs(w[np.isfinite(w).all(axis=1)])

@@ -1,10 +1,10 @@
 """Gross contradictions found by a robust adjustment of everything that was measured beside the tie points.
 
-The block is adjusted with control points, marks, GNSS positions, attitudes, constraints and given focal lengths under
-the loss of Geman and McClure, which takes all weight from what lies far off; its scale falls from one at which most
-agree to that of the stated standard deviations (graduated non-convexity: Black & Rangarajan 1996; Yang et al. 2020). So
-blunders of any size cannot bend the block to which they are compared, and which of them hide each other does not
-matter. Tie points hold the shape; those that disagree from the start are left out.
+The block is adjusted with control points, marks, GNSS positions, attitudes, constraints, exposures of cameras on one
+body and given focal lengths under the loss of Geman and McClure, which takes all weight from what lies far off; its
+scale falls from one at which most agree to that of the stated standard deviations (graduated non-convexity: Black &
+Rangarajan 1996; Yang et al. 2020). So blunders of any size cannot bend the block to which they are compared, and which
+of them hide each other does not matter. Tie points hold the shape; those that disagree from the start are left out.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
+from photogram.constraints.rigs import Companion, exposure_names
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import attitude_errors, attitude_residual, common_shifts, parts
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.rigs.exposures import whitened_exposures
 from photogram.projection import recalibrated
 from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
@@ -45,20 +47,21 @@ _ITERATIONS, _TOLERANCE, _MOST_ROUNDS, _MOST_RAYS = 12, 1e-3, 14, 30_000
 @dataclass(frozen=True, eq=False)
 class _Misfits:
     """Residuals in standard deviations, per coordinate, of control points in plan and in height (G, 2), of marks (M,),
-    GNSS positions (N,), attitudes (N,), observations of constraints (K,) and focal lengths (cameras,); NaN for what is
-    not there."""
+    GNSS positions (N,), attitudes (N,), observations of constraints (K,), exposures (E,) and focal lengths (cameras,);
+    NaN for what is not there."""
 
     control: FloatArray
     mark: FloatArray
     gnss: FloatArray
     attitude: FloatArray
     constraint: FloatArray
+    exposure: FloatArray
     focal: FloatArray
 
     def kinds(self) -> Iterator[FloatArray]:
         """Yield the residuals of each kind that are there."""
         for values in (self.control[:, 0], self.control[:, 1], self.mark, self.gnss, self.attitude,
-                       self.constraint):  # fmt: skip
+                       self.constraint, self.exposure):  # fmt: skip
             if np.isfinite(values).any():
                 yield values[np.isfinite(values)]
 
@@ -95,7 +98,8 @@ def _misfits(problem: Problem, state: State, adjusted: Problem) -> _Misfits:
     sigma_px = np.array([c.sigmas[0] if 0.0 < c.sigmas[0] < np.inf else np.nan for c in block.cameras])
     focal = abs(state.parameters[:, 0] - np.array([c.focal_px for c in block.cameras])) / sigma_px
     constraint = np.abs(whitened_misfits(block, state, state.control, adjusted.block.constraints))
-    return _Misfits(control, mark, gnss, attitude, constraint, focal)
+    exposure = np.linalg.norm(whitened_exposures(block, state.rotation, state.position, state.common), axis=1)
+    return _Misfits(control, mark, gnss, attitude, constraint, exposure / np.sqrt(6.0), focal)
 
 
 def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
@@ -128,12 +132,19 @@ def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
     weakened = replace(points, sigma_m=control, mark_sigma_px=marks)
     stated = np.array([sigma for constraint in block.constraints for sigma in constraint.sigmas_m])
     weaker = stated * np.where(np.isnan(misfits.constraint), 1.0, times(misfits.constraint))
+    rigs, start = list[Companion](), 0
+    for rig in block.rigs:
+        end = start + len(rig.exposures)
+        own = misfits.exposure[start:end]
+        rigs.append(replace(rig, exposure_sigma=rig.exposure_sigma * np.where(np.isnan(own), 1.0, times(own))[:, None]))
+        start = end
     return replace(
         block,
         cameras=cameras,
         photographs=photographs,
         control_points=weakened,
         constraints=with_sigmas(block.constraints, weaker.tolist()),
+        rigs=tuple(rigs),
     )
 
 
@@ -200,5 +211,8 @@ def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
     for o, misfit in zip(observations(block.constraints), misfits.constraint.tolist(), strict=True):
         if misfit > limit:
             yield unmeasured(o.kind, o.label)
+    for (photograph, _), misfit in zip(exposure_names(block.rigs), misfits.exposure.tolist(), strict=True):
+        if misfit > limit:
+            yield unmeasured("exposure", photograph)
     for c in np.flatnonzero(misfits.focal > limit).tolist():
         yield unmeasured("focal length", block.cameras[c].name)

@@ -43,6 +43,9 @@ GROUP_TITLES = {
     "height_differences": "height differences",
     "level_surfaces": "points of level surfaces",
     "planes": "points of planes",
+    "exposure_rotation": "exposures of rigs in rotation",
+    "exposure_offset": "exposures of rigs in offset",
+    "relative_poses": "given relative poses",
 }
 
 

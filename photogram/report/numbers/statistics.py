@@ -42,6 +42,9 @@ _GROUPS = {
     "height_differences": ("height differences", "m", 1.0),
     "level_surfaces": ("points of level surfaces", "m", 1.0),
     "planes": ("points of planes", "m", 1.0),
+    "exposure_rotation": ("exposures of rigs in rotation", "deg", 180.0 / np.pi),
+    "exposure_offset": ("exposures of rigs in offset", "m", 1.0),
+    "relative_poses": ("given relative poses", "", 1.0),
     "calibration": ("given calibrations", "", 1.0),
 }
 

@@ -1,0 +1,249 @@
+"""Exposures of cameras on one body, as observations of their relative pose.
+
+With the poses R, X of the master and R', X' of the companion (world from camera), and the relative pose M = M₀ Exp(ρ),
+o = o₀ + δ, an exposure has the misfits
+
+    e = Log(Mᵀ Rᵀ R') (rad, about the companion's axes)   and   d = Rᵀ (X' − X) − o (m, along the master's axes).
+
+Poses move by R Exp(ω) and X + R v. With J⁻¹ the inverse right Jacobian of SO(3) at e and J that at ρ (Chirikjian 2012,
+sec. 10.86; Forster et al. 2017, eq. 8–9), E = Exp(e) and Q = Rᵀ R':
+
+    ∂e/∂ω' = J⁻¹     ∂e/∂ω = −J⁻¹ Qᵀ              ∂e/∂ρ = −J⁻¹ Eᵀ J
+    ∂d/∂v' = Q       ∂d/∂ω = [Rᵀ (X' − X)]×       ∂d/∂v = −I       ∂d/∂δ = −I
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.constraints.rigs import Companion, RelativePose, exposure_names, exposure_sigmas
+from photogram.factors.variables import POSE, RIG, key
+from photogram.survey import Block
+
+SMALL_RAD = 1e-4
+"""Angle below which the Jacobians of SO(3) are taken from their series."""
+
+
+@dataclass(frozen=True, eq=False)
+class TakingPart:
+    """The exposures (E) that take part: the numbers of their ``rig``, of the photographs of ``master`` and
+    ``companion``, of themselves among all exposures of the block (``number``), their ``sigma`` (E, 6), rad and m, and
+    the ``given`` relative pose of every rig (K,)."""
+
+    rig: IntArray
+    master: IntArray
+    companion: IntArray
+    number: IntArray
+    sigma: FloatArray
+    given_rotation: FloatArray
+    given_offset_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.rig)
+
+    @property
+    def pairs(self) -> IntArray:
+        """Return the photographs (E, 2) that they join."""
+        return np.column_stack([self.master, self.companion])
+
+    def select(self, keep: BoolArray) -> TakingPart:
+        """Return the exposures of the mask (E,)."""
+        return replace(
+            self,
+            rig=self.rig[keep],
+            master=self.master[keep],
+            companion=self.companion[keep],
+            number=self.number[keep],
+            sigma=self.sigma[keep],
+        )
+
+
+def taking_part(block: Block) -> TakingPart:
+    """Return the exposures of a block of which both photographs are in it, and that are not rejected."""
+    numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)} if block.rigs else {}
+    names = exposure_names(block.rigs)
+    companion = np.array([numbers.get(name, -1) for name, _ in names], dtype=np.int64)
+    master = np.array([numbers.get(name, -1) for _, name in names], dtype=np.int64)
+    rig = np.repeat(np.arange(len(block.rigs)), [len(r.exposures) for r in block.rigs]).astype(np.int64)
+    sigma = exposure_sigmas(block.rigs)
+    given = [r.given or RelativePose(np.zeros(3), np.eye(3)) for r in block.rigs]
+    every = TakingPart(
+        rig,
+        master,
+        companion,
+        np.arange(len(rig)),
+        sigma,
+        np.array([g.rotation_master_from_companion for g in given]).reshape(-1, 3, 3),
+        np.array([g.offset_m for g in given]).reshape(-1, 3),
+    )
+    return every.select((companion >= 0) & (master >= 0) & np.isfinite(sigma).all(axis=1))
+
+
+def estimated(block: Block) -> IntArray:
+    """Return the numbers (K,) of the rigs whose relative poses are unknowns: those with an exposure that takes part."""
+    return np.unique(taking_part(block).rig)
+
+
+def rig_values(block: Block) -> FloatArray:
+    """Return the values (6 K,) of the relative poses that are unknowns, one after the other."""
+    return np.concatenate([np.zeros(0), *(block.rigs[k].value for k in estimated(block).tolist())])
+
+
+def values_by_rig(block: Block, common: FloatArray) -> FloatArray:
+    """Return the values (rigs, 6) of all relative poses, from those of the common unknowns, at whose end they stand;
+    what is no unknown keeps its own."""
+    values = np.array([rig.value for rig in block.rigs]).reshape(-1, 6)
+    own = estimated(block)
+    values[own] = common[len(common) - 6 * len(own) :].reshape(-1, 6)
+    return values
+
+
+def with_rig_values(block: Block, common: FloatArray) -> tuple[Companion, ...]:
+    """Return the rigs of a block with the relative poses of the common unknowns."""
+    values = values_by_rig(block, common) if block.rigs else ()
+    return tuple(replace(rig, value=value.copy()) for rig, value in zip(block.rigs, values, strict=True))
+
+
+def _cross(vector: FloatArray) -> FloatArray:
+    """Return the matrices (n, 3, 3) of the cross products with vectors (n, 3)."""
+    matrix = np.zeros((len(vector), 3, 3))
+    x, y, z = vector.T
+    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -z, y, -x
+    matrix[:, 1, 0], matrix[:, 2, 0], matrix[:, 2, 1] = z, -y, x
+    return matrix
+
+
+def right_jacobian(vector: FloatArray) -> FloatArray:
+    """Return the right Jacobians of SO(3) (n, 3, 3) at rotation vectors (n, 3), rad."""
+    angle = np.linalg.norm(vector, axis=1)
+    a = np.where(angle < SMALL_RAD, 1.0, angle)
+    first = np.where(angle < SMALL_RAD, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
+    second = np.where(angle < SMALL_RAD, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
+    V = _cross(vector)
+    return np.asarray(np.eye(3) - first[:, None, None] * V + second[:, None, None] * (V @ V))
+
+
+def inverse_right_jacobian(vector: FloatArray) -> FloatArray:
+    """Return the inverses (n, 3, 3) of the right Jacobians of SO(3) at rotation vectors (n, 3), rad, shorter than π."""
+    angle = np.linalg.norm(vector, axis=1)
+    a = np.where(angle < SMALL_RAD, 1.0, angle)
+    second = np.where(angle < SMALL_RAD, 1.0 / 12.0 + angle**2 / 720.0, 1.0 / a**2 - 0.5 / (a * np.tan(0.5 * a)))
+    V = _cross(vector)
+    return np.asarray(np.eye(3) + 0.5 * V + second[:, None, None] * (V @ V))
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Exposures (E) in their standard deviations: ``misfit`` (E, 6) and ``jacobian`` (E, 6, 18) by the tangents of the
+    master's pose and the companion's, and by the value of the rig."""
+
+    misfit: FloatArray
+    jacobian: FloatArray
+
+
+def misfits(exposures: TakingPart, rotation: FloatArray, position: FloatArray, value: FloatArray) -> FloatArray:
+    """Return the misfits (E, 6), rad and m, of photographs (N, 3, 3), (N, 3) and relative poses (rigs, 6)."""
+    return _compared(exposures, rotation, position, value)[0]
+
+
+def whitened_exposures(block: Block, rotation: FloatArray, position: FloatArray, common: FloatArray) -> FloatArray:
+    """Return the misfits (E, 6) of all exposures of a block in their standard deviations, NaN for what takes no part,
+    of photographs (N, 3, 3), (N, 3) and the common unknowns."""
+    every = taking_part(block)
+    whole = np.full((len(exposure_names(block.rigs)), 6), np.nan)
+    if len(every):
+        whole[every.number] = misfits(every, rotation, position, values_by_rig(block, common)) / every.sigma
+    return whole
+
+
+def _compared(
+    exposures: TakingPart, rotation: FloatArray, position: FloatArray, value: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the misfits (E, 6), the rotations Rᵀ R' (E, 3, 3) and the offsets Rᵀ (X' − X) (E, 3)."""
+    master = np.swapaxes(rotation[exposures.master], 1, 2)
+    Q = master @ rotation[exposures.companion]
+    d = np.einsum("nij,nj->ni", master, position[exposures.companion] - position[exposures.master])
+    own = value[exposures.rig]
+    M = exposures.given_rotation[exposures.rig] @ Rotation.from_rotvec(own[:, :3]).as_matrix()
+    e = Rotation.from_matrix(np.swapaxes(M, 1, 2) @ Q).as_rotvec()
+    return np.hstack([e, d - exposures.given_offset_m[exposures.rig] - own[:, 3:]]), Q, d
+
+
+def linearised(exposures: TakingPart, rotation: FloatArray, position: FloatArray, value: FloatArray) -> Linearised:
+    """Return the exposures linearised at photographs (N, 3, 3), (N, 3) and relative poses (rigs, 6)."""
+    misfit, Q, d = _compared(exposures, rotation, position, value)
+    e, rho = misfit[:, :3], value[exposures.rig][:, :3]
+    inverse, E = inverse_right_jacobian(e), Rotation.from_rotvec(e).as_matrix()
+    jacobian = np.zeros((len(exposures), 6, 18))
+    jacobian[:, :3, 0:3] = -inverse @ np.swapaxes(Q, 1, 2)
+    jacobian[:, :3, 6:9] = inverse
+    jacobian[:, :3, 12:15] = -inverse @ np.swapaxes(E, 1, 2) @ right_jacobian(rho)
+    jacobian[:, 3:, 0:3] = _cross(d)
+    jacobian[:, 3:, 3:6] = -np.eye(3)
+    jacobian[:, 3:, 9:12] = Q
+    jacobian[:, 3:, 15:18] = -np.eye(3)
+    return Linearised(misfit / exposures.sigma, jacobian / exposures.sigma[:, :, None])
+
+
+def exposure_factors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
+    """Yield the factors of the exposures that take part, one for each: what the reference engine adjusts."""
+    every = taking_part(block)
+    for n in range(len(every)):
+        yield _exposure_factor(every, n)
+
+
+def _exposure_factor(every: TakingPart, n: int) -> gtsam.NonlinearFactor:
+    i, j, k = int(every.master[n]), int(every.companion[n]), int(every.rig[n])
+    alone = TakingPart(
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.ones(1, dtype=np.int64),
+        every.number[n : n + 1],
+        every.sigma[n : n + 1],
+        every.given_rotation[k : k + 1],
+        every.given_offset_m[k : k + 1],
+    )
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        first, second, rig = factor.keys()
+        poses = [values.atPose3(first), values.atPose3(second)]
+        R = np.array([pose.rotation().matrix() for pose in poses])
+        X = np.array([pose.translation() for pose in poses])
+        value = values.atVector(rig)[None]
+        if jacobians is None:
+            return np.asarray((misfits(alone, R, X, value) / alone.sigma)[0])
+        linear = linearised(alone, R, X, value)
+        for part in range(3):
+            jacobians[part] = linear.jacobian[0, :, 6 * part : 6 * part + 6]
+        return np.asarray(linear.misfit[0])
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(6), [key(POSE, i), key(POSE, j), key(RIG, k)], error)
+
+
+def rig_priors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
+    """Yield what is given of the relative poses that are unknowns: zero change with their standard deviations; nothing
+    of what is free."""
+    for k in estimated(block).tolist():
+        factor = _rig_prior(k, block.rigs[k].sigma)
+        if factor is not None:
+            yield factor
+
+
+def _rig_prior(rig: int, sigma: FloatArray) -> gtsam.NonlinearFactor | None:
+    known = np.flatnonzero(np.isfinite(sigma))
+    if not len(known):
+        return None
+    selection = np.eye(6)[known]
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        if jacobians is not None:
+            jacobians[0] = selection
+        return np.asarray(values.atVector(factor.keys()[0])[known])
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigma[known]), [key(RIG, rig)], error)
