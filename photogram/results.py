@@ -309,6 +309,37 @@ class CommonErrorEstimate:
         return self.degrees > 0 and self.p < SIGNIFICANCE
 
 
+@dataclass(frozen=True)
+class LensFieldDecision:
+    """Whether a camera has a lens field, a smooth correction over its picture beside its parameters, and why not."""
+
+    camera: str
+    """Name of the camera."""
+    estimated: bool = False
+    """Whether the field was estimated and is used."""
+    why: str = ""
+    """Why there is none, empty where there is."""
+    photographs: int = 0
+    """Photographs of the camera with tie points."""
+    pattern_px: float = float("nan")
+    """RMS for a coordinate of the pattern of the residuals without a field, NaN with too few residuals."""
+    covered: float = float("nan")
+    """Share of the picture with residuals enough."""
+    gain: float = float("nan")
+    """Share of the residuals' square sum that the pattern of the other half of the photographs predicts, NaN where it
+    was not looked for."""
+    gain_errors: float = float("nan")
+    """The same over its standard error."""
+    rms_px: float = float("nan")
+    """RMS of the field for a coordinate over the picture, NaN where none was estimated."""
+    sigma_px: float = float("nan")
+    """RMS of its standard deviation."""
+    largest_px: float = float("nan")
+    """Its largest shift anywhere in the picture."""
+    left_px: float = float("nan")
+    """RMS of the pattern of the residuals with the field."""
+
+
 @dataclass(frozen=True, eq=False)
 class Adjustment:
     """The result of the joint adjustment, of photographs (N), tie points (P), ground points (G) and flights (F).
@@ -386,6 +417,8 @@ class Adjustment:
     field_covariance_px2: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     """Covariances (cameras, K, K) of the coefficients of the lens fields, zero for a camera without; (0, 0, 0) where no
     camera has one."""
+    lens_fields: tuple[LensFieldDecision, ...] = ()
+    """Whether each camera has a lens field, and why not; () where none was looked for."""
     common_errors: tuple[CommonErrorEstimate, ...] = ()
     """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
     constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)

@@ -43,6 +43,7 @@ class AdjustmentSettings:
     maximum_iterations: int = 200  # per round
     relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
     common_errors: Literal["auto", "none"] = "auto"  # of attitudes and positions, estimated where they show
+    lens_field: Literal["auto", "always", "none"] = "auto"  # beside the cameras' parameters, where residuals show one
     estimate_sigmas: bool = True  # of tie points, and of GNSS positions where they are assumed, from their residuals
     engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
     solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system

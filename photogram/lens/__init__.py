@@ -1,5 +1,5 @@
 """What a lens does to the picture beyond the camera model.
 
 It knows pictures and functions over them; no residuals, no adjustment.
-Enter: `field_basis.field_basis`.
+Enter: `fields.free_field`, `field_basis.field_basis`.
 """

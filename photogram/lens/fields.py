@@ -1,7 +1,7 @@
 """The smooth correction field of a camera: its functions at the nodes of a lattice, and what is known of it beforehand.
 
 A lens is smooth: of a field of a given RMS the coefficients have prior standard deviations that fall with the degree d
-of their function as 1 / (1 + d), the smoothness prior of least squares collocation on a polynomial basis (Moritz 1980,
+of their function as 1 / (1 + d)², the smoothness prior of least squares collocation on a polynomial basis (Moritz 1980,
 sec. 10). Between the nodes the field is bilinear (Munjy 1986), in the adjustment as in everything that is made from it.
 """
 
@@ -31,8 +31,8 @@ def nodes_px(camera: Camera) -> FloatArray:
 def prior_sigmas(degree: IntArray, rms_px: float) -> FloatArray:
     """Return the standard deviations (K,), px, of the coefficients of functions of ``degree`` (K,) in a field that is
     expected to have an RMS of ``rms_px`` for a coordinate."""
-    weight = 1.0 / (1.0 + degree) ** 2
-    return np.asarray(rms_px * np.sqrt(weight / weight.sum()))
+    sigma = 1.0 / (1.0 + degree) ** 2
+    return np.asarray(rms_px * sigma / np.sqrt(np.sum(sigma**2)))
 
 
 def free_field(camera: Camera, rms_px: float, degree: int = DEGREE) -> LensField:

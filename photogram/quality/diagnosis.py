@@ -23,7 +23,7 @@ from photogram.projection import CAMERA_PARAMETERS, PARAMETERS
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
 from photogram.quality.placing import Placing, datum_sentence, placing
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
-from photogram.results import Adjustment, Deformation
+from photogram.results import Adjustment, Deformation, LensFieldDecision
 from photogram.wording import things
 
 STRONG = 0.95  # correlation beyond which two quantities are not separable in practice
@@ -256,8 +256,12 @@ def hidden(known: Deformation) -> list[str]:
     ]
 
 
-def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> list[str]:
-    """Return a sentence for each camera whose residuals show that its model leaves something out."""
+def unmodelled(
+    patterns: Mapping[str, ResidualPattern], known: Deformation, fields: Sequence[LensFieldDecision] = ()
+) -> list[str]:
+    """Return a sentence for each camera whose residuals show that its model leaves something out; ``fields`` say why it
+    has no lens field."""
+    without = {found.camera: f"; no lens field is estimated: {found.why}" for found in fields if found.why}
     slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
     effect = (
         f"what the block may follow of it tilts it by {slopes.max():.3f} m and domes it by {dome:.3f} m (1 sigma, over "
@@ -268,7 +272,7 @@ def unmodelled(patterns: Mapping[str, ResidualPattern], known: Deformation) -> l
     return [
         f"Residuals in {name} share a pattern of {pattern.pattern_px:.2g} px (RMS; of their "
         f"{pattern.residual_px:.2g} px): the camera model is incomplete: an in-camera correction or a rolling "
-        f"shutter, for example; {effect}"
+        f"shutter, for example; {effect}{without.get(name, '')}"
         for name, pattern in patterns.items()
         if pattern.significant
     ]
@@ -387,7 +391,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
             patterns,
             dome,
             None,
-            (*result.warnings, *unmodelled(patterns, known)),
+            (*result.warnings, *unmodelled(patterns, known, result.lens_fields)),
             (),
             (),
         )
@@ -397,7 +401,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
         [w for w in result.warnings if placed is None or not w.startswith(POSITION_WEAK)]
         + hidden(known)
         + weak
-        + unmodelled(patterns, known)
+        + unmodelled(patterns, known, result.lens_fields)
     )
     if dome.significant:
         warnings.append(

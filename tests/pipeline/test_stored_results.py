@@ -1,19 +1,26 @@
-"""Adjustments as they lie on disk: relative poses of cameras on one body, and their exposures, there and back."""
+"""A finished adjustment is read as it was written: lens fields, relative poses of cameras on one body, exposures."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES
+from makers import LEAST_SQUARES, simulated
 
 from photogram.adjustment.adjustment import adjust
+from photogram.camera import calibrations, field_at
 from photogram.files.npz_json import read_arrays
+from photogram.lens.fields import free_field
 from photogram.pipeline.store.stored_results import ADJUSTED, adjusted_block_from, adjustment_from, write_adjustment
+from photogram.projection import PARAMETERS
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
+from photogram.results import LensFieldDecision
 from photogram.simulation.rigs.two_cameras import simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
+
+PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=5, check_points=2)
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -42,3 +49,41 @@ def test_relative_poses_come_back_as_they_were_adjusted(tmp_path: Path, known: b
     for name, values in vars(result.exposures).items():
         np.testing.assert_array_equal(getattr(again.exposures, name), values)
     assert again.redundancy == result.redundancy
+
+
+def test_cameras_with_and_without_a_lens_field_are_read_as_they_were_adjusted(tmp_path: Path) -> None:
+    made = simulated(PLAN, tie_points=100).block
+    camera = made.cameras[0]
+    with_field = replace(camera, field=free_field(camera, 0.2))
+    other = replace(camera, name="other")
+    photographs = tuple(replace(p, camera=i % 2) for i, p in enumerate(made.photographs))
+    block = replace(made, cameras=(with_field, other), photographs=photographs)
+    decisions = (
+        LensFieldDecision(camera.name, estimated=True, photographs=4, rms_px=0.1, sigma_px=0.04),
+        LensFieldDecision("other", why="too few"),
+    )
+    result = replace(adjust(block, LEAST_SQUARES), lens_fields=decisions)
+    write_adjustment(tmp_path, result)
+
+    measured = replace(block, cameras=(camera, other))  # a project knows nothing of fields
+    stored = read_arrays(tmp_path / ADJUSTED)
+    found = adjustment_from(
+        adjusted_block_from(measured, stored, result.block.tie_points), lambda name: tmp_path / name
+    )
+    np.testing.assert_array_equal(calibrations(found.block.cameras), calibrations(result.block.cameras))
+    assert found.block.cameras[1].field is None
+    field = found.block.cameras[0].field
+    assert field is not None
+    assert with_field.field is not None
+    np.testing.assert_array_equal(field.sigmas, with_field.field.sigmas)
+    pixel = result.block.tie_points.pixel
+    np.testing.assert_array_equal(field_at(found.block.cameras[0], pixel), field_at(result.block.cameras[0], pixel))
+    assert np.abs(field_at(found.block.cameras[0], pixel)).max() > 0.0
+    np.testing.assert_array_equal(found.field_covariance_px2, result.field_covariance_px2)
+    assert [d.estimated for d in found.lens_fields] == [True, False]
+    assert [d.why for d in found.lens_fields] == ["", "too few"]
+    assert found.lens_fields[0].sigma_px == 0.04
+    earlier = {name: array for name, array in stored.items() if not name.startswith("field_")}
+    earlier["camera_parameters"] = stored["camera_parameters"][:, :PARAMETERS]
+    plain = adjusted_block_from(measured, earlier, result.block.tie_points)
+    assert [c.field for c in plain.cameras] == [None, None]

@@ -27,6 +27,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.priors import NO_HEADING_SIGMA_RAD
 from photogram.factors.rigs.exposures import estimated, values_by_rig
+from photogram.projection import PARAMETERS
 from photogram.results import Reliability, VarianceComponents
 
 SIGNIFICANCE = 0.01  # two-sided, of a group whose sigmas are right
@@ -39,7 +40,8 @@ GROUP_OF_KIND = {
     "plane": "planes",
 }
 RELATIVE_POSES = "relative_poses"  # of cameras on one body, as given
-COMMON_ERRORS = "common_errors"  # whose priors are wide and nobody's statement
+COMMON_ERRORS, LENS_FIELDS = "common_errors", "lens_fields"
+ASSUMED = COMMON_ERRORS, LENS_FIELDS  # whose priors are wide and nobody's statement
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Grou
 
 
 def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray) -> list[_Group]:
-    """Return what was known beforehand of common errors and of calibrations."""
+    """Return what was known beforehand of common errors, calibrations and lens fields."""
     groups = []
     if problem.flights:
         sigma = np.maximum(problem.block.gnss_offset_sigma_m, 1e-6)
@@ -128,13 +130,15 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
         redundancy, residual = 1.0 - spread / sigma**2, state.common[: len(sigma)] / sigma
         groups.append(_Group(COMMON_ERRORS, len(sigma), float(redundancy.sum()), float(residual @ residual), sigma))
     sigmas = calibration_sigmas(problem.block.cameras)
-    stated = (sigmas > 0) & np.isfinite(sigmas)
-    if stated.any():
-        given = calibrations(problem.block.cameras)
-        spread = np.array([np.diag(found.lens(c)) for c in range(len(sigmas))])
-        off = (state.parameters - given)[stated] / sigmas[stated]
-        redundancy = 1.0 - spread[stated] / sigmas[stated] ** 2
-        groups.append(_Group("calibration", len(off), float(redundancy.sum()), float(off @ off), sigmas[stated]))
+    interior = np.arange(sigmas.shape[1]) < PARAMETERS
+    given = calibrations(problem.block.cameras)
+    spread = np.array([np.diag(found.lens(c)) for c in range(len(sigmas))])
+    for name, part in (("calibration", interior), (LENS_FIELDS, ~interior)):
+        stated = (sigmas > 0) & np.isfinite(sigmas) & part
+        if stated.any():
+            off = (state.parameters - given)[stated] / sigmas[stated]
+            redundancy = 1.0 - spread[stated] / sigmas[stated] ** 2
+            groups.append(_Group(name, len(off), float(redundancy.sum()), float(off @ off), sigmas[stated]))
     return groups
 
 
@@ -254,6 +258,6 @@ def scatters(components: VarianceComponents) -> dict[str, Scatter]:
         tail = min(chi2.sf(squares, r), chi2.cdf(squares, r)) if r >= LEAST_REDUNDANCY else 1.0
         sd = factor / float(np.sqrt(2.0 * r)) if r >= LEAST_REDUNDANCY else float("nan")
         stated, used = float(c.stated_sigma[k]), float(c.used_sigma[k])
-        refuted = bool(tail < SIGNIFICANCE / 2) and used == stated and name != COMMON_ERRORS
+        refuted = bool(tail < SIGNIFICANCE / 2) and used == stated and name not in ASSUMED
         found[name] = Scatter(n, r, stated, used, factor, sd, refuted)
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
 from photogram.adjustment.self_calibration import held_parameters, with_priors
+from photogram.arrays import FloatArray
 from photogram.files.npz_json import write_json, write_record
 from photogram.frames import LocalFrame
 from photogram.pipeline.stages.tie_points import orientation_thresholds
@@ -20,12 +22,13 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import resection_to, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
 from photogram.quality.improvements import block_deformation
+from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
 from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
 from photogram.sfm.resection import Resection
-from photogram.survey import PointCloud
+from photogram.survey import Block, PointCloud
 
 
 def _sigma_map_m(
@@ -59,7 +62,11 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
     readings_px = run.project.focal_readings_px
-    verdict = adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text), readings_px)
+
+    def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
+        return adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text), readings_px)
+
+    block, verdict = with_lens_fields(block, judged(block, start), settings, judged, lambda text: progress(0, 0, text))
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]

@@ -16,12 +16,13 @@ from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sigmas
-from photogram.camera import Pose
+from photogram.camera import Camera, LensField, Pose, calibration_sigmas, calibrations, oriented_by
 from photogram.constraints.rigs import Companion, RelativePose
 from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
 from photogram.frames import LocalFrame
 from photogram.project.measured.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
+from photogram.projection import PARAMETERS
 from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
@@ -34,6 +35,7 @@ from photogram.results import (
     Deformation,
     EstimatedSigmas,
     ExposureTests,
+    LensFieldDecision,
     Reliability,
     VarianceComponents,
 )
@@ -200,8 +202,9 @@ def orientation_from(value: Mapping[str, Any]) -> Orientation:
 
 ADJUSTED, COVARIANCES, SIGMAS = "adjustment.npz", "covariances.npz", "sigmas.npz"
 _WORDS = ("flights", "held_flights", "warnings", "reason")  # of an adjustment, tuples of text
-_COMMON = "common_errors"
+_COMMON, _LENS_FIELDS = "common_errors", "lens_fields"
 _OF_RIGS = ("rig_rotation", "rig_offset_m", "rig_value")
+_FIELDS = ("field_functions", "field_sigmas", "field_sizes")
 _OF_BLOCK = ("camera_parameters", "pose_rotation", "pose_position_world_m", "pose_velocity_world_m_s")
 
 
@@ -230,7 +233,10 @@ def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
     parts = dict.fromkeys(
-        ("block", *_WORDS, _COMMON, "reliability", "components", "constraints", "exposures", "deformation", "sigmas")
+        (
+            *("block", *_WORDS, _COMMON, _LENS_FIELDS, "reliability", "components", "constraints", "exposures"),
+            *("deformation", "sigmas"),
+        )
     )
     arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
@@ -238,7 +244,15 @@ def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     for name in _WORDS:
         arrays[name] = np.array(getattr(result, name), dtype=np.str_)
     arrays[_COMMON] = np.array([json.dumps(common_error_to(found)) for found in result.common_errors], dtype=np.str_)
-    arrays["camera_parameters"] = np.array([c.parameters for c in result.block.cameras])
+    arrays[_LENS_FIELDS] = np.array([json.dumps(vars(found)) for found in result.lens_fields], dtype=np.str_)
+    cameras = result.block.cameras
+    fields = (
+        oriented_by(cameras, np.zeros(0, dtype=np.int64), ()).functions,
+        calibration_sigmas(cameras)[:, PARAMETERS:],
+    )
+    sizes = np.array([-1 if c.field is None else len(c.field.coefficients) for c in cameras], dtype=np.int64)
+    arrays |= dict(zip(_FIELDS, (*fields, sizes), strict=True))
+    arrays["camera_parameters"] = calibrations(cameras)
     arrays["pose_rotation"] = np.array([p.rotation_world_from_camera for p in poses])
     arrays["pose_position_world_m"] = np.array([p.position_world_m for p in poses])
     arrays["pose_velocity_world_m_s"] = np.array([p.velocity_world_m_s for p in poses])
@@ -274,6 +288,25 @@ def _adjusted_rigs(rigs: Sequence[Companion], arrays: Mapping[str, NDArray[Any]]
     )
 
 
+def _with_lenses(
+    cameras: Sequence[Camera], parameters: NDArray[Any], arrays: Mapping[str, NDArray[Any]]
+) -> tuple[Camera, ...]:
+    """Return cameras with the adjusted parameters (C, 12 + K) and the lens fields of ``arrays``."""
+    if not all(name in arrays for name in _FIELDS):  # of an earlier version
+        return tuple(camera.with_parameters(q) for camera, q in zip(cameras, parameters, strict=True))
+    adjusted = []
+    for camera, q, functions, sigmas, size in zip(
+        cameras, parameters, *(arrays[name] for name in _FIELDS), strict=True
+    ):
+        if size < 0:
+            adjusted.append(camera.with_parameters(q[:PARAMETERS]))
+            continue
+        own = np.ascontiguousarray(functions[..., :size])
+        field = LensField(own, np.zeros(int(size)), sigmas[:size])
+        adjusted.append(replace(camera, field=field).with_parameters(q))
+    return tuple(adjusted)
+
+
 def adjusted_block_from(
     block: Block,
     arrays: Mapping[str, NDArray[Any]],
@@ -286,7 +319,7 @@ def adjusted_block_from(
     parameters, *exterior = (arrays[name] for name in _OF_BLOCK)
     adjusted = replace(
         block,
-        cameras=tuple(c.with_parameters(q) for c, q in zip(block.cameras, parameters, strict=True)),
+        cameras=_with_lenses(block.cameras, parameters, arrays),
         poses=tuple(Pose(R, C, v) if np.isfinite(C[0]) else None for R, C, v in zip(*exterior, strict=True)),
         tie_points=tie_points,
         common_errors=tuple(common_error_from(json.loads(str(text))).error for text in arrays.get(_COMMON, ())),
@@ -300,12 +333,12 @@ def adjusted_block_from(
 def adjustment_from(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
     """Return the adjustment of which the block is ``adjusted``, ``file`` giving the paths of its arrays by name."""
     arrays = {**read_arrays(file(ADJUSTED)), **read_arrays(file(COVARIANCES))}
-    values: dict[str, Any] = {
-        name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in (*_OF_BLOCK, *_OF_RIGS)
-    }
+    of_block = (*_OF_BLOCK, *_OF_RIGS, *_FIELDS)
+    values: dict[str, Any] = {name: (a if a.ndim else a.item()) for name, a in arrays.items() if name not in of_block}
     for name in _WORDS:
         values[name] = tuple(str(word) for word in values[name])
     values[_COMMON] = tuple(common_error_from(json.loads(str(text))) for text in values.get(_COMMON, ()))
+    values[_LENS_FIELDS] = tuple(LensFieldDecision(**json.loads(str(text))) for text in values.get(_LENS_FIELDS, ()))
     return Adjustment(
         block=adjusted,
         reliability=read_record(file("reliability.npz"), Reliability),

@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from scipy.stats import binned_statistic_2d, norm
 
 from photogram.arrays import FloatArray
+from photogram.camera import Camera, LensField
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.report.figures.plan_view import plan_contents, plan_figure
@@ -31,6 +32,7 @@ from photogram.report.figures.style import (
     SKY,
     VERMILION,
     comparison_figure,
+    field_figure,
     length_label,
     map_axes,
     new_figure,
@@ -246,7 +248,23 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
             figure = residual_figure(camera, block.tie_points.pixel[seen], result.residual_px[seen], width_in=PLAN_IN)
             caption = residual_caption(camera.name, patterns.get(camera.name))
             figures.append(PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure)))
+        if camera.field is not None:
+            figures.append(_lens_field(c, camera, camera.field, result.field_covariance_px2[c]))
     return figures
+
+
+def _lens_field(c: int, camera: Camera, field: LensField, covariance_px2: FloatArray) -> PageFigure:
+    """Draw a lens field; ``covariance_px2`` (K, K) is that of its coefficients, and zeros after them."""
+    count = len(field.coefficients)
+    known = covariance_px2[:count, :count]
+    variance = np.sum(field.functions @ known * field.functions, axis=3)
+    figure = field_figure(camera, field, np.sqrt(variance.mean(axis=2)), width_in=PLAN_IN)
+    caption = (
+        f"Lens field of {camera.name}: by how much its lens shows points beside where its parameters put them, "
+        "enlarged. It is free of what these parameters and a turn of the camera describe. Other programs that have "
+        "no such field leave it in their residuals."
+    )
+    return PageFigure(f"residuals {c} field", caption, f"Lens field of {camera.name}", embedded(figure))
 
 
 def residual_caption(camera: str, pattern: ResidualPattern | None) -> str:

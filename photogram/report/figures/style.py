@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera
+from photogram.camera import Camera, LensField
 from photogram.files.atomic import make_folder, replacing
 from photogram.grid import decimated
 from photogram.quality.cloud_comparison import Comparison
@@ -359,6 +359,34 @@ def residual_figure(
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+    return figure
+
+
+def field_figure(camera: Camera, field: LensField, sigma_px: FloatArray, width_in: float = 9.5) -> Figure:
+    """Draw the lens field of a camera over its picture plane, shifts enlarged, on its standard deviation (R, Q), px, of
+    a coordinate at the nodes."""
+    rows, columns = sigma_px.shape
+    u, v = (np.linspace(0.0, side, n) - 0.5 for side, n in ((camera.width_px, columns), (camera.height_px, rows)))
+    figure = new_figure(width_in, (width_in - 0.9) * camera.height_px / camera.width_px + 1.0)
+    axes = figure.add_subplot()
+    ground = axes.pcolormesh(u, v, sigma_px, shading="gouraud", cmap="Blues", vmin=0.0)
+    every = max(1, columns // 20)
+    shift, size_px = field.shift[::every, ::every], float(np.linalg.norm(field.shift, axis=2).max())
+    enlargement = round_length(1.4 * every * camera.width_px / columns / max(size_px, 1e-6))
+    arrows = axes.quiver(
+        *np.meshgrid(u[::every], v[::every]), shift[..., 0], shift[..., 1], angles="xy", scale_units="xy",
+        scale=1 / enlargement, color=VERMILION, width=0.0022, headwidth=4,
+    )  # fmt: skip
+    axes.set(xlim=(u[0], u[-1]), ylim=(v[-1], v[0]), aspect="equal")
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("u, px", fontsize=9)
+    axes.set_ylabel("v, px", fontsize=9)
+    bar = figure.colorbar(ground, ax=axes, fraction=0.034, pad=0.02)
+    bar.ax.tick_params(labelsize=8)
+    bar.set_label("standard deviation of a coordinate, px", fontsize=9)
+    key_px = round_length(0.7 * size_px)
+    label = f"{key_px:g} px (enlarged {enlargement:g} times)"
+    axes.quiverkey(arrows, 0.05, 1.04, key_px, label, labelpos="E", fontproperties={"size": 9})
     return figure
 
 

@@ -21,7 +21,14 @@ from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.report.numbers.verdicts import NO_BLUNDERS, FoundBlunders, control_test, control_verdict
-from photogram.report.record.block import AdjustmentRecord, BlockRecord, CameraRecord, OverlapRecord, WorldRecord
+from photogram.report.record.block import (
+    AdjustmentRecord,
+    BlockRecord,
+    CameraRecord,
+    LensFieldRecord,
+    OverlapRecord,
+    WorldRecord,
+)
 from photogram.report.record.ground import AxisRole, BlunderRecord, CheckPointsRecord, GroundPointRecord, MarkRecord
 from photogram.report.record.photographs import (
     OrientedPhotograph,
@@ -31,7 +38,7 @@ from photogram.report.record.photographs import (
 )
 from photogram.report.record.report import AdjustedNumbers
 from photogram.report.record.surfaces import CloudRecord
-from photogram.results import Adjustment
+from photogram.results import Adjustment, LensFieldDecision
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.survey import ControlPoints, Photograph, PointCloud
@@ -230,8 +237,29 @@ def camera_numbers(
             "source": (sources[c] or None) if sources else None,
             "width_px": camera.width_px,
             "height_px": camera.height_px,
+            "lens_field": _lens_field(result.lens_fields[c]) if result.lens_fields else None,
         }
     return numbers
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _lens_field(decision: LensFieldDecision) -> LensFieldRecord:
+    return {
+        "estimated": decision.estimated,
+        "why": decision.why or None,
+        "photographs": decision.photographs,
+        "pattern_px": _finite(decision.pattern_px),
+        "left_px": _finite(decision.left_px),
+        "covered": _finite(decision.covered),
+        "gain": _finite(decision.gain),
+        "gain_errors": _finite(decision.gain_errors),
+        "rms_px": _finite(decision.rms_px),
+        "sigma_px": _finite(decision.sigma_px),
+        "largest_px": _finite(decision.largest_px),
+    }
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ _GROUPS = {
     "exposure_offset": ("exposures of rigs in offset", "m", 1.0),
     "relative_poses": ("given relative poses", "", 1.0),
     "calibration": ("given calibrations", "", 1.0),
+    "lens_fields": ("coefficients of lens fields", "px", 1.0),
 }
 
 

@@ -92,6 +92,22 @@ class BlockRecord(TypedDict):
     gnss_residual_rms_m: GnssRmsRecord
 
 
+class LensFieldRecord(TypedDict):
+    """Whether a camera has a lens field, and what says so; null for what was not looked at."""
+
+    estimated: bool
+    why: str | None
+    photographs: Count
+    pattern_px: Pixels | None
+    left_px: Pixels | None
+    covered: Share | None
+    gain: float | None
+    gain_errors: float | None
+    rms_px: Pixels | None
+    sigma_px: Pixels | None
+    largest_px: Pixels | None
+
+
 class CameraRecord(TypedDict):
     """Adjusted interior orientation of a camera, its sigmas, and what was known before."""
 
@@ -109,6 +125,7 @@ class CameraRecord(TypedDict):
     source: str | None
     width_px: _Format
     height_px: _Format
+    lens_field: NotRequired[LensFieldRecord | None]
 
 
 class GnssOffsetRecord(TypedDict):

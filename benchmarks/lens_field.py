@@ -1,0 +1,170 @@
+"""Simulated blocks whose lens no camera model describes: does a lens field take the pattern, its dome and its false
+sigmas away, and does it stay off where there is no pattern?
+
+    python benchmarks/lens_field.py [BLOCKS]                  default: 100, some fifteen minutes
+
+Simulated observations of photographs straight down in parallel strips, no rendered pictures, no control points: GNSS
+positions of RTK alone. Focal length from EXIF to 3 %, every other term of the calibration estimated. To the pixels of
+all photographs alike a smooth pattern is added that no polynomial of the radius has, up to 4 half waves along each
+side: of 0.15 px RMS (`lens`), or none.
+
+on         blocks of all in which the field is switched on
+before     without a field, though the pattern is there
+after      as photogram adjusts it, with the field where it is on
+dome       RMS over the blocks of what the pattern does to the dome, mm at the 95th percentile of the distances from the
+           middle: against the same block, noise and all, without the pattern
+height     the same of what it does to heights of tie points, all of them
+z          heights of tie points, adjusted minus true, over their predicted standard deviations: root mean square over
+           the blocks of those of each
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from model_errors import normalised, pattern_px
+
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.arrays import FloatArray, IntArray
+from photogram.projection import CAMERA_PARAMETERS, READOUT
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.improvements import block_deformation
+from photogram.quality.lens_fields import with_lens_fields
+from photogram.quality.model_error import with_model_error
+from photogram.results import Adjustment
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.survey_plan import whole_survey_plan
+from photogram.survey import Block
+
+SETTINGS = AdjustmentSettings()
+FORMS = {"24": (4, 6, 800), "96": (8, 12, 3000)}
+"""Strips, photographs in each, and tie points, by the number of photographs."""
+EDGE = 95.0
+
+
+def plan_of(form: str) -> SurveyPlan:
+    """Return the plan of a block without control."""
+    whole = whole_survey_plan()
+    sigmas = tuple(p.in_its_unit(p.unknown, whole.focal_px, whole.width_px) for p in CAMERA_PARAMETERS[:READOUT])
+    strips, photographs, _ = FORMS[form]
+    return replace(
+        whole, attitude_sigma_deg=2.0, calibration_sigmas=sigmas, strips=strips, photographs_per_strip=photographs,
+        control_points=0, check_points=5, gnss_sigma_m=(0.015, 0.015, 0.025), gnss_offset_sigma_m=(0.0, 0.0, 0.0),
+    )  # fmt: skip
+
+
+def survey(form: str, kind: str, seed: int) -> SimulatedBlock:
+    """Simulate a block with or without the pattern; noise is the same."""
+    plan = plan_of(form)
+    made = simulate_block(
+        plan, seed, tie_points=FORMS[form][2], sigma_px=0.3, detection=0.8,
+        start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
+    )  # fmt: skip
+    ties, points = made.block.tie_points, made.block.control_points
+    marks = points.mark_pixel + pattern_px(plan, kind, seed, points.mark_pixel)
+    block = replace(
+        made.block,
+        tie_points=replace(ties, pixel=ties.pixel + pattern_px(plan, kind, seed, ties.pixel)),
+        control_points=replace(points, mark_pixel=marks),
+    )
+    return replace(made, block=block)
+
+
+def adjusted(block: Block) -> tuple[Adjustment, Adjustment]:
+    """Adjust a block as the stage does, without and with what is decided of lens fields."""
+
+    def judge(block: Block, start: Sequence[FloatArray]) -> Verdict:
+        return adjust_and_judge(block, SETTINGS, start)
+
+    first = judge(block, ())
+    plain, result = first.result, with_lens_fields(block, first, SETTINGS, judge)[1].result
+    return _counted(plain), _counted(result)
+
+
+def _counted(result: Adjustment) -> Adjustment:
+    known = [camera.parameters for camera in result.block.cameras]
+    return with_model_error(replace(result, deformation=block_deformation(result, SETTINGS, known)))
+
+
+def height_errors_m(made: SimulatedBlock, result: Adjustment) -> tuple[IntArray, FloatArray]:
+    """Return the numbers (P,) of the tie points of a result in the simulation, and their errors in height (P,)."""
+    tie, kept = made.block.tie_points, result.block.tie_points
+    number = {(i, f): n for n, (i, f) in enumerate(zip(tie.photograph.tolist(), tie.feature.tolist(), strict=True))}
+    first = kept.first_observation[:-1]
+    keys = zip(kept.photograph[first].tolist(), kept.feature[first].tolist(), strict=True)
+    point = tie.point[[number[key] for key in keys]]
+    return point, (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
+
+
+def effect_m(made: SimulatedBlock, result: Adjustment, clean: Adjustment) -> tuple[float, float]:
+    """Return what a pattern does to the dome and, root mean square, to the heights of tie points: the difference from
+    the adjustment of the same block without."""
+    (a, error), (b, without) = height_errors_m(made, result), height_errors_m(made, clean)
+    _, one, other = np.intersect1d(a, b, return_indices=True)
+    difference = error[one] - without[other]
+    xy = made.tie_point_position_world_m[a[one], :2]
+    xy = xy - np.median(xy, axis=0)
+    radius2 = np.sum(xy**2, axis=1)
+    shapes = np.column_stack([np.ones(len(xy)), xy, radius2 / np.percentile(radius2, EDGE)])
+    return float(np.linalg.lstsq(shapes, difference, rcond=None)[0][3]), float(np.sqrt(np.mean(difference**2)))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of a block: whether the field is on, effects on dome and heights before and after, m, mean squares of normalised
+    heights before and after, and why a field is off."""
+
+    on: bool
+    dome_m: tuple[float, float]
+    height_m: tuple[float, float]
+    squares: tuple[float, float]
+    why: str
+
+
+def trial(form: str, kind: str, seed: int) -> Outcome:
+    """Adjust a block with and without the pattern."""
+    made = survey(form, kind, seed)
+    before, after = adjusted(made.block)
+    decision = after.lens_fields[0]
+    clean = before if kind == "none" else adjust_and_judge(survey(form, "none", seed).block, SETTINGS).result
+    (dome, height), (dome_after, height_after) = (effect_m(made, r, clean) for r in (before, after))
+    squares = normalised(made, before)[0], normalised(made, after)[0]
+    return Outcome(decision.estimated, (dome, dome_after), (height, height_after), squares, decision.why)
+
+
+def row(form: str, kind: str, found: list[Outcome]) -> str:
+    """Return the line of the table."""
+
+    def rms(values: list[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    figures = f"{form:<12}{kind:<8}{len(found):6d}{sum(o.on for o in found):6d}"
+    for name, factor in (("dome_m", 1e3), ("height_m", 1e3)):
+        before, after = (factor * rms([getattr(o, name)[k] for o in found]) for k in (0, 1))
+        figures += f"{before:10.1f}{after:8.1f}"
+    before, after = (float(np.sqrt(np.mean([o.squares[k] for o in found]))) for k in (0, 1))
+    return f"{figures}{before:10.2f}{after:8.2f}"
+
+
+def main() -> None:
+    """Print a line for each size of block, with and without the pattern."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("blocks", type=int, nargs="?", default=100)
+    blocks = parser.parse_args().blocks
+    began = time.monotonic()
+    print("photographs pattern blocks    on      dome before, after    height before, after    z before, after")
+    for form in FORMS:
+        for kind in ("none", "lens"):
+            found = [trial(form, kind, seed) for seed in range(1, blocks + 1)]
+            print(row(form, kind, found), flush=True)
+            for why in sorted({o.why for o in found if not o.on}):
+                print(f"  off in {sum(o.why == why for o in found)}: {why}")
+    print(f"{time.monotonic() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""Whether the cameras of a block have a lens field beside Brown's model, and the block adjusted with it.
+
+A field is estimated only where all of this holds: the residuals of a camera have a significant pattern in common
+(photogram.quality.residual_patterns); the pattern that one half of its photographs shows predicts the residuals of the
+other half, and vice versa (cross-validation, Stone 1974), by more than the photographs differ; photographs and picture
+are covered well enough to hold a field; and, adjusted jointly, the field is known to better than half of its size and
+takes most of the pattern. Otherwise the block stays as it was adjusted without, and a sentence says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.arrays import FloatArray, IntArray
+from photogram.camera import Camera
+from photogram.errors import AdjustmentError, ImageError
+from photogram.lens.field_basis import FieldBasis, field_basis
+from photogram.lens.fields import DEGREE, free_field, prior_sigmas, rms_px, rms_sigma_px
+from photogram.quality.gross_errors.snooped_adjustment import Verdict
+from photogram.quality.residual_patterns import ResidualPattern, residual_pattern, squares_of
+from photogram.results import Adjustment, LensFieldDecision
+from photogram.survey import Block
+
+EXPECTED = 2.0
+"""RMS that a field is expected to have over that of the pattern which it has left in the residuals without: poses and
+calibration take up as much again. Only the scale of a prior: the sigmas of most coefficients come out far below it."""
+
+FEWEST_PHOTOGRAPHS = 12
+"""Of a camera, for a field to be looked for: half of them must show it for themselves."""
+
+COVERED = 0.7
+"""Share of the squares of the picture with residuals enough, below which parts of a field would be a guess."""
+
+SURE = 3.0
+"""Standard errors by which the halves of the photographs must predict each other."""
+
+KNOWN = 0.5
+"""RMS of a field's standard deviation over that of the field, up to which a field counts as held by the block."""
+
+TAKEN = 0.6
+"""Of the RMS of the pattern, that may be left in the residuals with the field."""
+
+MOST_RAYS = 40_000
+"""Residuals of a camera of which the halves are made, evenly chosen."""
+
+Adjuster = Callable[[Block, Sequence[FloatArray]], Verdict]
+"""Adjusts a block from starting parameters of its cameras, and judges its measurements."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the field of other photographs takes from the residuals of photographs: its ``share`` of their square sum,
+    and in how many standard errors that is above zero; negative where it adds to them."""
+
+    share: float
+    errors: float
+
+
+def cross_validated(
+    basis: FieldBasis, sigmas_px: FloatArray, photograph: IntArray, pixel: FloatArray, residual_px: FloatArray,
+    sigma_px: FloatArray,
+) -> Gain:  # fmt: skip
+    """Return what is gained when residuals (N, 2), px, of ``photograph`` (N,) at ``pixel`` (N, 2), of standard
+    deviations ``sigma_px`` (N,), are predicted from those of every other photograph of the camera, and the other way
+    round; fields have priors of ``sigmas_px`` (K,)."""
+    chosen = np.unique(np.linspace(0, len(photograph) - 1, min(len(photograph), MOST_RAYS)).astype(np.int64))
+    number = np.unique(photograph[chosen], return_inverse=True)[1]
+    count = int(number.max()) + 1
+    weight = 1.0 / sigma_px[chosen, None]
+    B = basis.at(pixel[chosen]) * weight[:, :, None]
+    r = residual_px[chosen] * weight
+    gained = np.zeros(count)
+    for half in (0, 1):
+        seen, other = number % 2 == half, number % 2 != half
+        A, b = B[seen].reshape(-1, len(basis)), r[seen].ravel()
+        c = np.linalg.solve(A.T @ A + np.diag(sigmas_px**-2.0), A.T @ b)
+        left = r[other] - B[other] @ c
+        gained += np.bincount(number[other], np.sum(r[other] ** 2 - left**2, axis=1), minlength=count)
+    error = float(np.std(gained, ddof=1) * np.sqrt(count))
+    return Gain(float(gained.sum() / np.sum(r**2)), float(gained.sum() / error) if error > 0.0 else 0.0)
+
+
+def _covered(camera: Camera, pixel: FloatArray) -> float:
+    """Return the share of the squares of a picture that have residuals enough to tell of a pattern."""
+    square, squares = squares_of(camera, pixel)
+    return float(np.mean(np.bincount(square, minlength=squares) >= 20))
+
+
+@dataclass(frozen=True, eq=False)
+class _Looked:
+    """What was found on a camera before a field is estimated: the ``decision``, so far, and the RMS that a field is
+    expected to have, px, 0 where none is to be estimated."""
+
+    decision: LensFieldDecision
+    expected_px: float
+
+
+def _looked_at(result: Adjustment, c: int, given: Camera, *, always: bool) -> _Looked:
+    block, tie = result.block, result.block.tie_points
+    camera, name = block.cameras[c], given.name
+    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.residual_px).all(axis=1)
+    pixel, residual = tie.pixel[own], result.residual_px[own]
+    pattern = residual_pattern(camera, pixel, residual) if own.any() else None
+    decision = LensFieldDecision(name, photographs=len(np.unique(tie.photograph[own])))
+    if pattern is None:
+        return _Looked(replace(decision, why="too few tie points say anything of a pattern"), 0.0)
+    decision = replace(decision, pattern_px=pattern.pattern_px, covered=_covered(camera, pixel))
+    if not (given.sigmas > 0.0).any():
+        return _Looked(replace(decision, why="its calibration is fixed"), 0.0)
+    if not pattern.significant and not always:
+        return _Looked(replace(decision, why="the residuals have no significant pattern"), 0.0)
+    if decision.photographs < FEWEST_PHOTOGRAPHS:
+        few = f"{decision.photographs} photographs are too few to hold it, {FEWEST_PHOTOGRAPHS} are needed"
+        return _Looked(replace(decision, why=few), 0.0)
+    if decision.covered < COVERED:
+        weak = f"tie points cover {decision.covered:.0%} of the picture, {COVERED:.0%} are needed"
+        return _Looked(replace(decision, why=weak), 0.0)
+    expected = EXPECTED * max(pattern.pattern_px, pattern.chance_px)
+    try:
+        basis = field_basis(replace(camera, field=None), DEGREE)
+    except ImageError:
+        return _Looked(replace(decision, why="the distortion cannot be undone all over the picture"), 0.0)
+    gain = cross_validated(
+        basis, prior_sigmas(basis.degree, expected), tie.photograph[own], pixel, residual, tie.sigma_px[own]
+    )
+    decision = replace(decision, gain=gain.share, gain_errors=gain.errors)
+    if gain.errors < SURE and not always:
+        why = "the pattern of one half of the photographs does not predict that of the other half"
+        return _Looked(replace(decision, why=why), 0.0)
+    return _Looked(decision, expected)
+
+
+def _judged(result: Adjustment, c: int, looked: _Looked) -> LensFieldDecision:
+    """Return the decision on the field of a camera that was estimated."""
+    block, tie = result.block, result.block.tie_points
+    camera = block.cameras[c]
+    assert camera.field is not None
+    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.residual_px).all(axis=1)
+    after = residual_pattern(camera, tie.pixel[own], result.residual_px[own]) if own.any() else None
+    count = len(camera.field.coefficients)
+    decision = replace(
+        looked.decision,
+        rms_px=rms_px(camera.field),
+        sigma_px=rms_sigma_px(result.field_covariance_px2[c, :count, :count]),
+        largest_px=float(np.linalg.norm(camera.field.shift, axis=2).max()),
+        left_px=float("nan") if after is None else after.pattern_px,
+    )
+    return replace(decision, estimated=True, why=_not_held(decision, after))
+
+
+def _not_held(decision: LensFieldDecision, after: ResidualPattern | None) -> str:
+    if after is None:
+        return "too few tie points are left with it"
+    if not decision.sigma_px < KNOWN * decision.rms_px:
+        return (
+            f"the block does not hold it: {decision.rms_px:.2g} ± {decision.sigma_px:.2g} px; more photographs, strips "
+            "across the others or control points would"
+        )
+    if after.significant and after.pattern_px > TAKEN * decision.pattern_px:
+        return f"it leaves {after.pattern_px:.2g} px of the pattern: what the photographs have in common is no lens"
+    return ""
+
+
+def with_lens_fields(
+    block: Block, verdict: Verdict, settings: AdjustmentSettings, adjuster: Adjuster,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Block, Verdict]:  # fmt: skip
+    """Return a block whose cameras have the lens fields that its adjustment, the ``verdict``, shows and the block
+    holds, and its adjustment with them; both as they are, but for what is said of the fields, where there are none.
+
+    ``adjuster`` adjusts a block again.
+    """
+    if settings.lens_field == "none":
+        return block, verdict
+    always = settings.lens_field == "always"
+    plain, first = block, verdict
+    before = verdict.result.block
+    looked = [_looked_at(verdict.result, c, camera, always=always) for c, camera in enumerate(block.cameras)]
+    wanted = {c: found.expected_px for c, found in enumerate(looked) if found.expected_px > 0.0}
+    decisions = [found.decision for found in looked]
+    while wanted:
+        progress("lens field: estimated with everything else")
+        cameras = list(plain.cameras)
+        for c, expected_px in wanted.items():
+            field = free_field(before.cameras[c], expected_px)
+            cameras[c] = replace(cameras[c], field=field)
+        poses = tuple(start if pose is None else pose for pose, start in zip(before.poses, plain.poses, strict=True))
+        block = replace(plain, cameras=tuple(cameras), poses=poses)
+        try:
+            verdict = adjuster(block, [camera.parameters for camera in before.cameras])
+        except AdjustmentError as fault:
+            for c in wanted:
+                decisions[c] = replace(decisions[c], why=f"the block cannot be adjusted with it: {fault}")
+            block, verdict = plain, first
+            break
+        for c in wanted:
+            decisions[c] = _judged(verdict.result, c, looked[c])
+        lost = [c for c in wanted if decisions[c].why]
+        if not lost:
+            break
+        for c in lost:
+            decisions[c] = replace(decisions[c], estimated=False)
+            del wanted[c]
+        block, verdict = plain, first
+    return block, replace(verdict, result=replace(verdict.result, lens_fields=tuple(decisions)))
