@@ -63,6 +63,8 @@ class Photograph:
     """Whether nobody has stated the standard deviations of the position: they are then estimated."""
     velocity_world_m_s: FloatArray | None = None
     """Measured velocity (3,) at the exposure, None without one."""
+    capture: str | None = None
+    """Identifier of the exposure that cameras on one body share, None where the tags give none."""
 
     def __repr__(self) -> str:
         measured = [
@@ -72,6 +74,11 @@ class Photograph:
         ]
         known = f"{' and '.join(measured) or 'nothing'} measured"
         return f"<Photograph {self.name}: camera {self.camera}, flight {self.flight}, {known}>"
+
+    @property
+    def time_s(self) -> float | None:
+        """Return the time of exposure, s from an epoch that all photographs share, None without one."""
+        return None if self.time is None else self.time.timestamp()
 
     def measured_centre_world_m(self, rotation_world_from_camera: FloatArray) -> FloatArray | None:
         """Return where the GNSS position puts the projection centre (3,), of a camera of this rotation (3, 3); None

@@ -34,6 +34,11 @@ class RelativePose:
         """Return rotations (n, 3, 3), world from camera, and positions (n, 3) of the companion from the master's."""
         return rotation @ self.rotation_master_from_companion, position_world_m + rotation @ self.offset_m
 
+    @property
+    def is_known(self) -> bool:
+        """Return whether both offset and rotation are known."""
+        return bool(np.isfinite(self.offset_m).all() and np.isfinite(self.rotation_master_from_companion).all())
+
     def moved(self, value: FloatArray) -> RelativePose:
         """Return the relative pose changed by a value (6,): ρ (rad), then δ (m)."""
         turn = Rotation.from_rotvec(value[:3]).as_matrix()
@@ -82,7 +87,8 @@ class Companion:
     master: str
     """Name of the master camera."""
     given: RelativePose | None
-    """The relative pose that is given, or from which a free one starts; None where it starts from the poses."""
+    """The relative pose that is given, or from which a free one starts; None, or NaN in offset or rotation, where that
+    starts from the poses."""
     sigma: FloatArray
     """Standard deviations (6,) of its rotation, rad, and of its offset, m; infinite where it is free."""
     exposures: tuple[tuple[str, str], ...]
@@ -101,8 +107,8 @@ class Companion:
 
     @property
     def pose(self) -> RelativePose | None:
-        """Return the relative pose as it is estimated, None where nothing is known of it yet."""
-        return None if self.given is None else self.given.moved(self.value)
+        """Return the relative pose as it is estimated, None while not all of it has a start."""
+        return None if self.given is None or not self.given.is_known else self.given.moved(self.value)
 
 
 def rejecting_exposures(rigs: Sequence[Companion], rejected: Container[str]) -> tuple[Companion, ...]:

@@ -151,6 +151,7 @@ STAGES = (
             run.project.common_gnss_sigma_m,
             run.project.datum_sigma_m,
             run.project.constraints,
+            run.project.rigs,
             run.project.calibration,
             run.project.focal_readings_px,
             control_fingerprint(run.project),

@@ -37,6 +37,7 @@ from photogram.project.masks import ProjectMasks, check_camera_masks, masks_of_p
 from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
+from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
@@ -222,6 +223,8 @@ class Project:
     """What is declared of the way of positions into the datum of the map."""
     constraints: tuple[Constraint, ...] = ()
     """What is measured between ground points or photographs."""
+    rigs: tuple[ProjectRig, ...] = ()
+    """Cameras on one body."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
     start: ProjectStart | None = None
@@ -344,6 +347,7 @@ def read_project(
     check_project(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
     check_camera_masks(document, file, base)
+    check_rigs(document, file)
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder, base)
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
@@ -375,6 +379,7 @@ def read_project(
         heights=heights,
         datum=datum,
         constraints=constraints_of(file, [p.name for p in listed]),
+        rigs=rigs_of(file, [_given(camera_of(file, p)) for p in entries]),
         start=project_start(file, base),
         masks=project_masks(file, entries, [_given(camera_of(file, p)) for p in entries], masks, base),
         warnings=document.warnings,

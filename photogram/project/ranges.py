@@ -66,6 +66,9 @@ DISTORTION = Within(-1e9, 1e9)
 LENGTH_M = Within(1e-4, 1e5, "m")
 """Of a measured distance."""
 
+TOLERANCE_S = Within(1e-6, 3600, "s")
+"""Between photographs of one exposure."""
+
 RISE_M = Within(-10_000, 10_000, "m")
 """Of a levelled height difference."""
 

@@ -34,6 +34,7 @@ from photogram.project.ranges import (
     RISE_M,
     SIGMA_M,
     SIGMA_PX,
+    TOLERANCE_S,
     Within,
 )
 from photogram.projection import CAMERA_PARAMETERS, SIGMA_KEYS, Model
@@ -49,6 +50,7 @@ PositionOf = Literal["camera", "antenna"]
 LeverArmAxes = Literal["body", "camera"]
 Whose = Literal["theirs", "own"]
 AutomaticMask = Literal["sky"]
+ExposureGrouping = Literal["capture", "name", "time"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -163,6 +165,8 @@ OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET
 RolesOf = Annotated[Roles, PlainValidator(_roles)]
 OneRole = Annotated[Role, PlainValidator(_role)]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
+Offset = Annotated[tuple[float, float, float], _vector("right", "down", "forward", within=LEVER_ARM_M)]
+Rotation3 = Annotated[tuple[float, float, float], _vector("x", "y", "z", within=ANGLE_DEG)]
 _ENDS = PlainValidator(_ends)
 _POINTS = PlainValidator(_two_points)
 PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
@@ -374,6 +378,28 @@ class SurfaceEntry(Entry):
     role: OneRole = "control"
 
 
+class CompanionEntry(Entry):
+    """A camera on the body of a rig's master, and what is given of where it sits; without, that is free."""
+
+    camera: Annotated[Text | None, Needed("the companion's name under cameras")] = None
+    offset_m: Offset | None = None
+    offset_sigma_m: Annotated[float, SIGMA_M] | None = None
+    rotation_deg: Rotation3 | None = None
+    rotation_sigma_deg: AngleSigma | None = None
+
+
+class RigEntry(Entry):
+    """Cameras on one body: a master, its companions, and how photographs are grouped to exposures."""
+
+    master: Annotated[Text | None, Needed("the master's name under cameras")] = None
+    companions: Annotated[Sequence[CompanionEntry] | None, Needed("the other cameras of the body")] = None
+    exposures: Annotated[ExposureGrouping | None, Needed("how photographs are grouped: capture, name or time")] = None
+    name_pattern: Text | None = None
+    tolerance_s: Annotated[float, TOLERANCE_S] | None = None
+    sigma_m: Annotated[float | None, SIGMA_M, Needed("by how much the offset of an exposure scatters, m")] = None
+    sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Needed("by how much its rotation scatters, degrees")] = None
+
+
 class StartEntry(Entry):
     """What another program has found, and what of it the project starts from."""
 
@@ -409,6 +435,7 @@ class ProjectFile(Entry):
     height_differences: Sequence[HeightDifferenceEntry] = ()
     level_surfaces: Sequence[SurfaceEntry] = ()
     planes: Sequence[SurfaceEntry] = ()
+    rigs: Sequence[RigEntry] = ()
     start: StartEntry | None = None
     features: Any = None
     pairs: Any = None

@@ -402,6 +402,7 @@ def test_rtk_tags_of_a_real_drone(shared_data: SharedData) -> None:
         height_m=40.52,
         height_is_ellipsoidal=True,
         height_above_take_off_m=25.05,
+        capture="2910a6ec59f311eda10ace3ccab36997",
         gnss_sigma_m=(0.01568, 0.01101, 0.03329),
         rtk_flag=50,
         gimbal_yaw_deg=17.1,

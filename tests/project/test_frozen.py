@@ -61,3 +61,13 @@ def test_clocks_with_and_without_a_zone_are_compared() -> None:
 def test_thousands_that_are_frozen_take_no_time() -> None:
     assert frozen_positions(np.zeros((20_000, 3)), times(20_000)).all()
     assert not frozen_positions(np.zeros((0, 3)), []).any()
+
+
+def test_cameras_triggered_together_are_one_moment_whatever_their_clocks_say() -> None:
+    """Five bands of four exposures, some milliseconds apart: their positions are the same, and were measured."""
+    position = np.repeat(FLOWN[:4], 5, axis=0)
+    captures = [f"exposure {i // 5}" for i in range(20)]
+    assert frozen_positions(position, times(20, 0.01)).all()
+    assert not frozen_positions(position, times(20, 0.01), captures).any()
+    standing = np.repeat(FLOWN[:1], 20, axis=0)
+    assert frozen_positions(standing, times(20, 0.01), captures).all()

@@ -186,7 +186,7 @@ def test_an_mrk_of_the_antenna_is_brought_to_the_camera(folder: Path) -> None:
     frame = LocalFrame.near(CRS, found.map_m[None])
     note: PhotographNote = {
         "name": NAMES[0], "height_is_ellipsoidal": None, "attitude_deg": None, "time": None, "velocity_m_s": None,
-        "height_above_ground_m": None, **position_note(found),
+        "capture": None, "height_above_ground_m": None, **position_note(found),
     }  # fmt: skip
     photograph = measured_block(replace(project, photographs=project.photographs[:1]), [note]).photographs[0]
     assert photograph.gnss_world_m is not None

@@ -6,25 +6,38 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.constraints.rigs import Companion, middle_of, relative_poses
+from photogram.constraints.rigs import Companion, RelativePose, middle_of, relative_poses
 from photogram.factors.rigs.exposures import taking_part
 from photogram.survey import Block, Photograph
 
 
 def with_rig_starts(block: Block) -> Block:
-    """Return the block with a start for every relative pose of which nothing is known: the middle of those that the
-    poses of its exposures have. All photographs are oriented."""
-    if all(rig.given is not None for rig in block.rigs):
+    """Return the block with a start for every relative pose, or offset or rotation, of which nothing is known: the
+    middle of those that the poses of its exposures have. All photographs are oriented."""
+    if all(rig.given is not None and rig.given.is_known for rig in block.rigs):
         return block
     every, cameras = taking_part(block), block.oriented_cameras()
     rigs = list[Companion]()
     for k, rig in enumerate(block.rigs):
         own = every.select(every.rig == k)
-        if rig.given is None and len(own):
+        if (rig.given is None or not rig.given.is_known) and len(own):
             first, second = ((cameras.rotation[i], cameras.position[i]) for i in (own.master, own.companion))
-            rig = replace(rig, given=middle_of(*relative_poses(first, second)), value=np.zeros(6))
+            start = middle_of(*relative_poses(first, second))
+            rig = replace(rig, given=_filled(rig.given or start, start), value=np.zeros(6))
         rigs.append(rig)
     return replace(block, rigs=tuple(rigs))
+
+
+def _filled(given: RelativePose, start: RelativePose) -> RelativePose:
+    """Return a relative pose with offset and rotation of ``start`` where its own is not known."""
+    return RelativePose(
+        np.where(np.isnan(given.offset_m), start.offset_m, given.offset_m),
+        np.where(
+            np.isnan(given.rotation_master_from_companion),
+            start.rotation_master_from_companion,
+            given.rotation_master_from_companion,
+        ),
+    )
 
 
 def without_companion_positions(block: Block) -> Block:

@@ -359,6 +359,8 @@ def _xmp_of(tags: PhotographTags) -> bytes:
     if tags.calibrated_radial is not None:
         numbers = (*tags.calibrated_radial, 0.0, 0.0)
         values["Camera:PerspectiveDistortion"] = ",".join(repr(float(number)) for number in numbers)
+    if tags.capture is not None:
+        values["drone-dji:CaptureUUID"] = tags.capture
     if tags.band is not None:
         values["Camera:BandName"] = tags.band
     if tags.kind in _KINDS:

@@ -162,6 +162,9 @@ class PhotographTags:
     """Velocity over ground at the exposure: north, east, down."""
     dewarp: Dewarp | None = None
     """DJI's DewarpData."""
+    capture: str | None = None
+    """Identifier of the exposure, which the cameras on one body share: CaptureUUID of DJI and Pix4D's name space,
+    CaptureId of MicaSense."""
     damage: tuple[str, ...] = ()
     """Tags that could not be read, in words."""
 
@@ -312,6 +315,11 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
             "distortion: correct or remove the tag"
         )
     return {"calibrated_focal_mm": focal_mm, "calibrated_radial": (r1, r2, r3)}
+
+
+def _capture(xmp: Mapping[str, str]) -> str | None:
+    texts = (xmp.get(name, "")[:LONGEST_TEXT] for name in ("CaptureUUID", "Camera:CaptureUUID", "CaptureId"))
+    return next((text for text in texts if text), None)
 
 
 def _kind(xmp: Mapping[str, str]) -> Kind:
@@ -490,6 +498,7 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         gnss_sigma_m=sigma,
         velocity_m_s=velocity_of(xmp, exif.get(ExifTags.Base.MakerNote)),
         dewarp=_dewarp(xmp, path),
+        capture=_capture(xmp),
         damage=(*damage, *filter(None, (xmp_damage,)), *position_damage, *sigma_damage, *value_damage),
         **values,  # type: ignore[arg-type]
     )

@@ -22,7 +22,12 @@ from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
-from photogram.project.measured.measured_block import PhotographNote, measured_photographs, photograph_note
+from photogram.project.measured.measured_block import (
+    PhotographNote,
+    companions_of,
+    measured_photographs,
+    photograph_note,
+)
 from photogram.project.measured.measured_positions import measured_position
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
@@ -75,7 +80,7 @@ def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime 
     """Note which positions a receiver gave that had stopped; they are not used. Returns how many there are."""
     nowhere = (np.nan,) * 3
     stated = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
-    frozen = frozen_positions(stated, times)
+    frozen = frozen_positions(stated, times, [note["capture"] for note in notes])
     for note, stopped in zip(notes, frozen, strict=True):
         if stopped:
             _withdraw_position(note)
@@ -132,6 +137,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
     stretches = found_stretches(run.project, tags, run.executor)
     copies, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
+    companions_of(run.project, measured)  # for its errors: hours before the exposures are needed
     write_json(folder / "tags.json", notes)
     write_arrays(folder / MEASURED, measured_arrays(measured))
     if stretches:

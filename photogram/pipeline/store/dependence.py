@@ -47,6 +47,7 @@ def _photographs(run: Run, placing: str) -> object:
         height_marks(project),
         None if project.datum.grid is None else file_fingerprint(Path(project.datum.grid)),
         placing,
+        *([project.rigs] if project.rigs else []),  # companions are measured by their masters
     ]
 
 

@@ -92,6 +92,7 @@ def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
         "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
         "velocity_world_m_s": column("velocity_world_m_s", _NOWHERE),
         "gnss_sigma_assumed": np.array([p.gnss_sigma_assumed for p in photographs], dtype=bool),
+        "capture": np.array([p.capture or "" for p in photographs], dtype=np.str_),
     }
 
 
@@ -122,6 +123,7 @@ def measured_from(
             lever_arm_camera_m=known("lever_arm_camera_m", i),
             gnss_sigma_assumed=bool(arrays["gnss_sigma_assumed"][i]),
             velocity_world_m_s=known("velocity_world_m_s", i),
+            capture=str(arrays["capture"][i]) or None,
         )
         for i, source in enumerate(project.photographs)
     )

@@ -25,6 +25,7 @@ from photogram.project.draft.cameras import (
     tagged_camera,
 )
 from photogram.project.draft.positions import Gnss, GnssKind, gnss_of, gnss_with, height_reference, offset_prior
+from photogram.project.draft.rigs import DraftRig, draft_rigs
 from photogram.project.draft.sites import (
     Exposure,
     gap_between_sites_m,
@@ -168,6 +169,7 @@ class ProjectDraft:
     positions: tuple[DraftPositions, ...] = ()
     warnings: tuple[str, ...] = ()
     masks: DraftMasks | None = None
+    rigs: tuple[DraftRig, ...] = ()
 
     @property
     def flights(self) -> int:
@@ -376,7 +378,7 @@ def _frozen(photographs: Sequence[TaggedPhotograph]) -> set[str]:
     if known.any():
         position_m[known, :2] = local_metres(*place[known].T)
         position_m[known, 2] = [p.tags.height_m or 0.0 for p, there in zip(photographs, known, strict=True) if there]
-    frozen = frozen_positions(position_m, [p.tags.time for p in photographs])
+    frozen = frozen_positions(position_m, [p.tags.time for p in photographs], [p.tags.capture for p in photographs])
     return {p.name for p, stopped in zip(photographs, frozen, strict=True) if stopped}
 
 
@@ -392,6 +394,20 @@ def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) ->
     return tuple(words)
 
 
+def _aircraft(photographs: Sequence[TaggedPhotograph]) -> list[str]:
+    """Return what carried every photograph: its camera's body, one and the same for cameras with identifiers of
+    exposures in common."""
+    bodies = ["\0".join(str(part) for part in (p.tags.make, p.tags.model, p.tags.serial)) for p in photographs]
+    carrier = {body: body for body in bodies}
+    first: dict[str, str] = {}
+    for photograph, body in zip(photographs, bodies, strict=True):
+        if photograph.tags.capture is not None:
+            one, other = carrier[first.setdefault(photograph.tags.capture, body)], carrier[body]
+            if one != other:
+                carrier = {b: one if c == other else c for b, c in carrier.items()}
+    return [carrier[body] for body in bodies]
+
+
 def flights_of(photographs: Sequence[TaggedPhotograph], gap_m: float | None = None) -> list[str]:
     """Return the flight of every photograph, by pauses and by gaps of ``gap_m``, those between sites if not given."""
     place = _degrees(photographs)
@@ -402,13 +418,8 @@ def flights_of(photographs: Sequence[TaggedPhotograph], gap_m: float | None = No
     if gap_m is None:
         gap_m = gap_between_sites_m(position_m[known])
     exposures = [
-        Exposure(
-            p.name,
-            "\0".join(str(part) for part in (p.tags.make, p.tags.model, p.tags.serial)),
-            p.tags.time,
-            (float(x[0]), float(x[1])) if there else None,
-        )
-        for p, x, there in zip(photographs, position_m, known, strict=True)
+        Exposure(p.name, body, p.tags.time, (float(x[0]), float(x[1])) if there else None)
+        for p, body, x, there in zip(photographs, _aircraft(photographs), position_m, known, strict=True)
     ]
     return separate_flights(exposures, gap_m)
 
@@ -466,6 +477,7 @@ def draft_project(
     if crs == NO_CRS:
         gnss, positions = [None] * len(kept), ()
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
+    pixels = {camera.name: camera.width_px * camera.height_px for camera in cameras.values()}
     angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
     listed = [
         DraftPhotograph(
@@ -495,4 +507,5 @@ def draft_project(
         positions,
         _warnings(kept, [p.name for p in kept if p.name in frozen]),
         wishes.masks,
+        draft_rigs([p.camera for p in listed], [p.tags.capture for p in kept], pixels),
     )

@@ -9,6 +9,7 @@ from photogram.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+from photogram.project.draft.rigs import rig_lines
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
 from photogram.wording import things
 
@@ -244,7 +245,7 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
     ]
     for camera in draft.cameras:
         lines += _camera(camera, members[camera.name])
-    lines += ["", *_photographs(draft, folder), ""]
+    lines += ["", *_photographs(draft, folder), "", *rig_lines(draft.rigs)]
     if any(p.gnss is not None for p in draft.photographs):
         lines += [
             "gnss:",

@@ -13,12 +13,14 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import rotation_from_gimbal
+from photogram.constraints.rigs import Companion
 from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame
 from photogram.project.measured.measured_positions import MeasuredPosition, PositionNote, position_note
 from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.rigs.grouping import Grouped, grouped, measured_by_master
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
 NO_TIE_POINTS = TiePoints(
@@ -46,6 +48,8 @@ class PhotographNote(PositionNote):
     """Time of exposure in ISO 8601, None where the tags tell none."""
     velocity_m_s: list[float] | None
     """Velocity along true north, true east and down, m/s, None where the tags tell none."""
+    capture: str | None
+    """Identifier of the exposure that cameras on one body share, None where the tags tell none."""
     height_above_ground_m: float | None
     """Flying height above ground, or above the place of take-off, None where it is not known."""
 
@@ -83,6 +87,7 @@ def photograph_note(
         "attitude_deg": None if angles is None else list(angles),
         "time": None if tags is None or tags.time is None else tags.time.isoformat(),
         "velocity_m_s": None if tags is None or tags.velocity_m_s is None else list(tags.velocity_m_s),
+        "capture": None if tags is None else tags.capture,
         "height_above_ground_m": photograph.height_above_ground_m
         or (None if tags is None else tags.height_above_take_off_m),
     }
@@ -149,7 +154,10 @@ def measured_photographs(
     )
     numbers = {photograph.name: i for i, photograph in enumerate(project.photographs)}
     original = [numbers[note.get("copy_of") or note["name"]] for note in notes]
-    return MeasuredPhotographs(frame, photographs, np.array(original, dtype=np.int64))
+    measured = MeasuredPhotographs(frame, photographs, np.array(original, dtype=np.int64))
+    if project.rigs:
+        photographs = measured_by_master(photographs, _grouped(project, measured).companions)
+    return replace(measured, photographs=photographs)
 
 
 def _photograph(
@@ -179,6 +187,7 @@ def _photograph(
         lever_arm_camera_m=None if arm is None else np.array(arm),
         gnss_sigma_assumed=gnss is not None and note.get("gnss_sigma_assumed", False),
         velocity_world_m_s=velocity,
+        capture=note.get("capture"),
     )
 
 
@@ -198,10 +207,27 @@ def _on_originals(points: ControlPoints, original: IntArray) -> ControlPoints:
     )
 
 
+def _grouped(project: Project, measured: MeasuredPhotographs) -> Grouped:
+    copies = np.flatnonzero(measured.original != np.arange(len(measured.original))).tolist()
+    return grouped(project.rigs, measured.photographs, copies)
+
+
+def companions_of(project: Project, measured: MeasuredPhotographs) -> tuple[Companion, ...]:
+    """Return the cameras that are fixed to another on one body, with their exposures. Raises ProjectError where these
+    are ambiguous, or there are none."""
+    if not project.rigs:
+        return ()
+    found = _grouped(project, measured)
+    if found.faults:
+        raise ProjectError("\n".join(f"{project.path}: {fault}" for fault in found.faults))
+    return found.companions
+
+
 def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
     """Return the block of measured photographs and the project's ground points: no poses, no tie points.
 
-    A photograph that is there twice has its marks once. Raises FrameError where a ground point lies outside the CRS.
+    A photograph that is there twice has its marks once. Raises FrameError where a ground point lies outside the CRS,
+    ProjectError where the photographs of a rig are no exposures.
     """
     points = project.control_points_in(measured.frame)
     if np.any(measured.original != np.arange(len(measured.original))):
@@ -216,6 +242,7 @@ def block_of(project: Project, measured: MeasuredPhotographs) -> Block:
         project.common_gnss_sigma_m,
         project.datum_sigma_m,
         constraints=project.constraints,
+        rigs=companions_of(project, measured),
     )
 
 

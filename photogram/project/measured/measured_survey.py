@@ -45,7 +45,8 @@ class MeasuredSurvey:
 
 def frozen_photographs(tags: Sequence[PhotographTags | None], stated_map_m: FloatArray) -> BoolArray:
     """Return which of the positions (F, 3) of a receiver that has stopped are not measured ones."""
-    return frozen_positions(stated_map_m, [None if t is None else t.time for t in tags])
+    captures = [None if t is None else t.capture for t in tags]
+    return frozen_positions(stated_map_m, [None if t is None else t.time for t in tags], captures)
 
 
 def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:

@@ -18,15 +18,18 @@ FEWEST = 3
 """Photographs at different times that must have one position before it is not accepted as measured."""
 
 
-def frozen_positions(position_m: NDArray[np.float64], times: Sequence[datetime | None]) -> NDArray[np.bool_]:
+def frozen_positions(
+    position_m: NDArray[np.float64], times: Sequence[datetime | None], captures: Sequence[str | None] = ()
+) -> NDArray[np.bool_]:
     """Return which positions (F, 3), in m along any axes, were not measured when their photographs were taken.
 
     Those are the positions that FEWEST photographs or more have in common to SAME_M, taken at as many different
-    ``times``. Photographs taken at once, as by several cameras on one aircraft, may share a position; without any times
-    only a block in which every photograph has the same position is frozen. NaN marks photographs without a position,
-    which are never frozen.
+    ``times``. Photographs taken at once, as by several cameras on one aircraft, may share a position: those of one
+    identifier in ``captures`` (F,) are one moment, whatever their clocks say; without any times only a block in which
+    every photograph has the same position is frozen. NaN marks photographs without a position, which are never frozen.
     """
     frozen = np.zeros(len(position_m), dtype=bool)
+    captures = captures or (None,) * len(position_m)
     known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     if len(known) < FEWEST:
         return frozen
@@ -37,7 +40,8 @@ def frozen_positions(position_m: NDArray[np.float64], times: Sequence[datetime |
     label = connected_components(links, directed=False)[1][place_of.ravel()]
     for group in np.flatnonzero(np.bincount(label) >= FEWEST):
         own = known[label == group]
-        moments = {time.replace(tzinfo=None) for time in (times[int(i)] for i in own) if time is not None}
+        taken = ((times[i], captures[i]) for i in own.tolist())
+        moments = {capture or time.replace(tzinfo=None) for time, capture in taken if time is not None}
         untimed = not moments and len(own) == len(known)
         frozen[own] = len(moments) >= FEWEST or untimed
     return frozen

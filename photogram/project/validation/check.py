@@ -24,6 +24,7 @@ from photogram.project.validation.geometry import geometry_findings
 from photogram.project.validation.heights import height_system_findings
 from photogram.project.validation.positions import gnss_findings
 from photogram.project.validation.resources import MachineNeeds, gigabytes, machine_findings, machine_needs
+from photogram.project.validation.rigs import rig_findings
 from photogram.wording import some, things
 
 _MOST_LINES = 10
@@ -177,6 +178,7 @@ def survey_findings(
         *findings,
         *camera_findings(project, tags),
         *_same_moment(project, tags, copies),
+        *rig_findings(project, tags, copies),
         *gnss_findings(project, tags),
         *datum_findings(project, tags),
         *geometry_findings(project, tags),

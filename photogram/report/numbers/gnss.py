@@ -356,6 +356,7 @@ def _unknown(name: str) -> PhotographNote:
         "attitude_deg": None,
         "time": None,
         "velocity_m_s": None,
+        "capture": None,
         "height_above_ground_m": None,
     }
 
