@@ -17,6 +17,7 @@ from photogram.constraints.between_points import (
     gives_scale,
     observations,
 )
+from photogram.constraints.rigs import give_scale
 from photogram.report.record.local_frame import (
     ConstraintRecord,
     DistanceRecord,
@@ -159,8 +160,11 @@ def local_frame_numbers(result: Adjustment, measured: Block, wanted: Vertical) -
     by, sure = _vertical(block, measured, wanted)
     scale, relative = block.has_scale, _relative(result)
     unit = "metres" if scale else f"1 = {SPACING}"
-    count = sum(gives_scale([constraint]) for constraint in block.constraints)
+    count, baselines = sum(gives_scale([constraint]) for constraint in block.constraints), give_scale(block.rigs)
     held = f"scale by {count} measured distance{'s' if count > 1 else ''}"
+    if baselines:
+        held = f"{held} and " if count else "scale by "
+        held += "the given baseline between cameras of one body"
     if not scale:
         held = f"no scale: lengths are in units, {unit}, and not in metres; a distance gives the scale"
     doubt = "" if sure else ", which the photographs do not prove: orientation: {vertical: down} where they look down"

@@ -60,6 +60,7 @@ from photogram.report.numbers.overlap import Overlap, ground_overlap
 from photogram.report.numbers.statistics import dsm_numbers
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
+from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import file_stem
@@ -284,6 +285,8 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["distances"] = distance_numbers(outcome.whole, run.block())
         numbers["constraints"] = constraint_numbers(outcome.whole, run.block())
         numbers["marked_points"] = marked_points(outcome.whole)
+    if run.project.rigs:
+        numbers["rigs"] = rig_numbers(outcome.whole, run.block())
     if surface.orthophoto is not None:
         numbers["orthophoto"] = surface.orthophoto
     if surface.dense is not None:

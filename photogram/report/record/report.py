@@ -27,6 +27,7 @@ from photogram.report.record.ground import (
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord, LocalFrameRecord, MarkedPointRecord
 from photogram.report.record.photographs import MasksRecord, OrientedPhotograph, PhotographRecord, StretchRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
+from photogram.report.record.rigs import RigRecord
 from photogram.report.record.surfaces import (
     CloudRecord,
     DenseRecord,
@@ -77,6 +78,7 @@ class AdjustedNumbers(TypedDict):
     distances: NotRequired[list[DistanceRecord]]
     constraints: NotRequired[list[ConstraintRecord]]
     marked_points: NotRequired[list[MarkedPointRecord]]
+    rigs: NotRequired[list[RigRecord]]
     marks: NotRequired[MarksRecord]
     masks: NotRequired[MasksRecord]
     stretches: NotRequired[dict[str, StretchRecord]]

@@ -1,0 +1,62 @@
+"""Numbers of cameras on one body: relative poses as adjusted, and the reliability of their exposures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
+from photogram.arrays import FloatArray
+from photogram.report.record.rigs import RigRecord
+from photogram.results import Adjustment
+from photogram.survey import Block
+
+_ROTATION, _OFFSET = slice(0, 3), slice(3, 6)
+
+
+def _finite(values: FloatArray) -> list[float] | None:
+    return [float(value) for value in values] if np.isfinite(values).all() else None
+
+
+def _one(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _rejected(exposures: Sequence[tuple[str, str]], sigma: FloatArray) -> list[str]:
+    return [name for (name, _), own in zip(exposures, sigma, strict=True) if not np.isfinite(own).all()]
+
+
+def rig_numbers(result: Adjustment, measured: Block) -> list[RigRecord]:
+    """Return the relative poses of a block as it was ``measured``, beside what is adjusted."""
+    records = []
+    for k, (rig, stated, found) in enumerate(
+        zip(result.block.rigs, measured.rigs, rig_reliabilities(result), strict=True)
+    ):
+        variance = np.diag(result.exposures.relative_covariance[k])
+        sigma = np.sqrt(np.where(np.isfinite(variance), np.clip(variance, 0.0, None), np.nan))
+        pose = rig.pose if found.exposures else None
+        angles = None
+        if pose is not None:
+            turn = Rotation.from_matrix(pose.rotation_master_from_companion)
+            angles = [float(angle) for angle in turn.as_euler("XYZ", degrees=True)]
+        record: RigRecord = {
+            "camera": rig.name,
+            "master": rig.master,
+            "exposures": found.exposures,
+            "rejected": _rejected(rig.exposures, rig.exposure_sigma),
+            "offset_m": None if pose is None else _finite(pose.offset_m),
+            "offset_sigma_m": _finite(sigma[_OFFSET]),
+            "rotation_deg": angles,
+            "rotation_sigma_deg": _finite(np.rad2deg(sigma[_ROTATION])),
+            "offset_given": bool(np.isfinite(stated.sigma[_OFFSET]).all()),
+            "rotation_given": bool(np.isfinite(stated.sigma[_ROTATION]).all()),
+            "offset_redundancy": _one(float(found.redundancy[_OFFSET].mean())),
+            "rotation_redundancy": _one(float(found.redundancy[_ROTATION].mean())),
+            "offset_mdb_m": _one(float(found.detectable[_OFFSET].max())),
+            "rotation_mdb_deg": _one(float(np.rad2deg(found.detectable[_ROTATION].max()))),
+            "largest_w": _one(float(found.largest_w.max())),
+        }
+        records.append(record)
+    return records
