@@ -25,9 +25,9 @@ from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.report.identity import VOLATILE
-from photogram.report.numbers.numbers import NOT_ADJUSTED, gnss_residual_m, report_numbers
+from photogram.report.numbers.numbers import NOT_ADJUSTED, camera_numbers, gnss_residual_m, report_numbers
 from photogram.report.numbers.overlap import ground_overlap
-from photogram.results import Adjustment
+from photogram.results import Adjustment, LensFieldDecision
 from photogram.sfm.orientation import Orientation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -75,6 +75,24 @@ def test_every_photograph_says_whether_it_is_registered(report: Json) -> None:
         assert photograph["tie_points"] > 0
         assert numbers(photograph["gnss_residual_m"], 3)
         assert numbers(photograph["gsd_m"])
+
+
+def test_keys_of_lens_fields() -> None:
+    made = simulate_block(SurveyPlan(), 1, tie_points=60)
+    result = adjust(made.block, AdjustmentSettings())
+    name = made.block.cameras[0].name
+    assert camera_numbers(result, {}, [])[name]["lens_field"] is None
+    there = LensFieldDecision(name, estimated=True, photographs=24, pattern_px=0.1, covered=1.0, gain=0.05,
+                              gain_errors=7.0, rms_px=0.2, sigma_px=0.02, largest_px=0.6, left_px=0.01)  # fmt: skip
+    found = camera_numbers(replace(result, lens_fields=(there,)), {}, [])[name]["lens_field"]
+    assert found is not None
+    assert found["estimated"]
+    assert found["why"] is None
+    assert [found[key] for key in ("rms_px", "sigma_px", "largest_px", "left_px")] == [0.2, 0.02, 0.6, 0.01]  # type: ignore[literal-required]
+    off = camera_numbers(replace(result, lens_fields=(LensFieldDecision(name, why="too few"),)), {}, [])[name]
+    assert off["lens_field"] is not None
+    assert off["lens_field"]["why"] == "too few"
+    assert off["lens_field"]["rms_px"] is None
 
 
 def test_keys_of_block(report: Json, finished_survey: Path) -> None:

@@ -14,8 +14,9 @@ from matplotlib.quiver import Quiver, QuiverKey
 from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
-from photogram.camera import Camera
+from photogram.camera import Camera, LensField
 from photogram.errors import WorkspaceError
+from photogram.lens.fields import free_field
 from photogram.quality.cloud_comparison import Comparison, statistics
 from photogram.report.figures import plan_view as plan
 from photogram.report.figures.plan_view import (
@@ -33,6 +34,8 @@ from photogram.report.figures.style import (
     _thinned,
     candidate_and_verified_matches,
     comparison_picture,
+    field_figure,
+    field_picture,
     length_label,
     new_figure,
     residual_picture,
@@ -99,12 +102,18 @@ def a_study() -> RansacStudy:
     return study(first, first + np.array([20, 3]) + random.normal(0, 1, (60, 2)), (40,), (8, 12), (1.0, 3.0))
 
 
+def a_field() -> LensField:
+    field = free_field(CAMERA, 0.2)
+    return replace(field, coefficients=field.sigmas)
+
+
 DRAWINGS: dict[str, Callable[[Path], None]] = {
     "matches": draw_matches,
     "surface": lambda path: shaded_surface(path, a_raster(), "surface"),
     "comparison": lambda path: comparison_picture(path, {"linear": a_comparison(0.3), "adjusted": a_comparison(0.05)}),
     "residuals": lambda path: residual_picture(path, CAMERA, np.mgrid[0:600:9, 0:400:9].reshape(2, -1).T * 1.0,
                                                np.random.default_rng(0).normal(0, 1, (67 * 45, 2)), "residuals"),
+    "lens field": lambda path: field_picture(path, CAMERA, a_field(), 1e-4 * np.eye(60), "lens field"),
     "plan": lambda path: plan_picture(path, contents(), "plan"),
     "iterations": lambda path: inliers_by_iteration(path, a_study(), 1),
     "sample sizes": lambda path: inliers_by_sample_size(path, a_study()),
@@ -124,6 +133,17 @@ def test_a_picture_is_drawn_without_warnings_and_is_the_same_twice(tmp_path: Pat
         assert picture.text == {}
         assert len(np.unique(np.asarray(picture.convert("L")))) > 20
     assert [p.name for p in first.parent.iterdir()] == ["first.png"]
+
+
+def test_a_lens_field_is_drawn_as_large_as_it_is() -> None:
+    field = a_field()
+    axes = field_figure(CAMERA, field, 1e-4 * np.eye(60)).axes[0]
+    arrows = next(child for child in axes.get_children() if isinstance(child, Quiver))
+    np.testing.assert_allclose(np.hypot(arrows.U, arrows.V), np.linalg.norm(field.shift[::3, ::3], axis=2).ravel())
+    assert arrows.X.min() == -0.5
+    assert arrows.X.max() <= CAMERA.width_px - 0.5
+    longest = np.hypot(arrows.U, arrows.V).max() / float(arrows.scale or np.nan)
+    assert 5.0 < longest < CAMERA.width_px / 10
 
 
 def test_an_unwritable_path_is_named_and_leaves_nothing_behind(tmp_path: Path) -> None:

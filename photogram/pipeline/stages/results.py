@@ -48,6 +48,7 @@ from photogram.report.figures.plan_view import plan_contents, plan_picture
 from photogram.report.figures.style import (
     candidate_and_verified_matches,
     comparison_picture,
+    field_picture,
     residual_picture,
     shaded_surface,
 )
@@ -194,6 +195,10 @@ def _pictures(outcome: _Outcome) -> list[str]:
             name = f"residuals_{file_stem(c + 1, camera.name)}.png"
             title = f"Residuals of tie points in {camera.name}"
             residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
+            products.append(f"pictures/{name}")
+        if camera.field is not None:
+            name, title = f"lens_field_{file_stem(c + 1, camera.name)}.png", f"Lens field of {camera.name}"
+            field_picture(pictures / name, camera, camera.field, result.field_covariance_px2[c], title)
             products.append(f"pictures/{name}")
     comparisons = run.comparisons()
     if comparisons:

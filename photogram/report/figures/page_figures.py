@@ -254,11 +254,7 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
 
 
 def _lens_field(c: int, camera: Camera, field: LensField, covariance_px2: FloatArray) -> PageFigure:
-    """Draw a lens field; ``covariance_px2`` (K, K) is that of its coefficients, and zeros after them."""
-    count = len(field.coefficients)
-    known = covariance_px2[:count, :count]
-    variance = np.sum(field.functions @ known * field.functions, axis=3)
-    figure = field_figure(camera, field, np.sqrt(variance.mean(axis=2)), width_in=PLAN_IN)
+    figure = field_figure(camera, field, covariance_px2, width_in=PLAN_IN)
     caption = (
         f"Lens field of {camera.name}: by how much its lens shows points beside where its parameters put them, "
         "enlarged. It is free of what these parameters and a turn of the camera describe. Other programs that have "

@@ -362,9 +362,18 @@ def residual_figure(
     return figure
 
 
-def field_figure(camera: Camera, field: LensField, sigma_px: FloatArray, width_in: float = 9.5) -> Figure:
-    """Draw the lens field of a camera over its picture plane, shifts enlarged, on its standard deviation (R, Q), px, of
-    a coordinate at the nodes."""
+def field_picture(path: Path, camera: Camera, field: LensField, covariance_px2: FloatArray, title: str) -> None:
+    """Write ``field_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
+    save_picture(field_figure(camera, field, covariance_px2, title), path)
+
+
+def field_figure(
+    camera: Camera, field: LensField, covariance_px2: FloatArray, title: str = "", width_in: float = 9.5
+) -> Figure:
+    """Draw the lens field of a camera over its picture plane, shifts enlarged, on the standard deviation of a
+    coordinate; ``covariance_px2`` (K, K) is that of the field's coefficients, and zeros after them."""
+    known = covariance_px2[: len(field.coefficients), : len(field.coefficients)]
+    sigma_px = np.sqrt(np.sum(field.functions @ known * field.functions, axis=3).mean(axis=2))
     rows, columns = sigma_px.shape
     u, v = (np.linspace(0.0, side, n) - 0.5 for side, n in ((camera.width_px, columns), (camera.height_px, rows)))
     figure = new_figure(width_in, (width_in - 0.9) * camera.height_px / camera.width_px + 1.0)
@@ -387,6 +396,8 @@ def field_figure(camera: Camera, field: LensField, sigma_px: FloatArray, width_i
     key_px = round_length(0.7 * size_px)
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.04, key_px, label, labelpos="E", fontproperties={"size": 9})
+    if title:
+        figure.suptitle(title, fontsize=12)
     return figure
 
 
