@@ -386,6 +386,7 @@ class CompanionEntry(Entry):
     offset_sigma_m: Annotated[float, SIGMA_M] | None = None
     rotation_deg: Rotation3 | None = None
     rotation_sigma_deg: AngleSigma | None = None
+    products: bool = True
 
 
 class RigEntry(Entry):

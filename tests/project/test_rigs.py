@@ -20,7 +20,7 @@ from photogram.project.draft.draft import TaggedPhotograph, flights_of
 from photogram.project.draft.rigs import DraftRig, draft_rigs, rig_lines
 from photogram.project.measured.measured_block import MeasuredPhotographs, block_of, companions_of
 from photogram.project.project import Project, read_project
-from photogram.project.rigs.entries import ProjectCompanion, ProjectRig
+from photogram.project.rigs.entries import ProjectCompanion, ProjectRig, without_products
 from photogram.project.rigs.grouping import grouped, measured_by_master
 from photogram.project.validation.check import survey_findings
 from photogram.project.validation.rigs import rig_findings
@@ -89,6 +89,12 @@ def test_every_value_of_a_rig_arrives(folder: Path) -> None:
     np.testing.assert_allclose(red.sigma, [np.deg2rad(0.5)] * 3 + [0.005] * 3)
 
 
+def test_companions_may_be_left_out_of_the_products(folder: Path) -> None:
+    assert without_products(read(folder).rigs) == frozenset()
+    text = RIG.replace("      - camera: nir\n", "      - {camera: nir, products: false}\n")
+    assert without_products(read(folder, text).rigs) == {1, 4, 5}
+
+
 def test_an_offset_alone_leaves_the_rotation_free(folder: Path) -> None:
     text = RIG.replace("        rotation_deg: [1, -2, 90]\n        rotation_sigma_deg: 0.5\n", "")
     red = read(folder, text).rigs[0].companions[1]
@@ -141,7 +147,7 @@ class Taken:
 
 
 def rig(exposures: str, cameras: tuple[str, ...], pattern: str = "", tolerance_s: float = 0.0) -> ProjectRig:
-    free = ProjectCompanion("b", None, np.full(6, np.inf))
+    free = ProjectCompanion("b", None, np.full(6, np.inf), True)
     return ProjectRig("a", (free,), exposures, pattern, tolerance_s, np.ones(6), cameras)  # type: ignore[arg-type]
 
 

@@ -25,6 +25,7 @@ from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.sfm.known_poses import KnownPoses
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
+from photogram.sfm.rig_poses import carried_by_masters
 from photogram.sfm.sky import find_sky, shows_above_horizon
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import Block, PointCloud, TiePoints
@@ -55,7 +56,7 @@ def _known_poses(run: Run, block: Block) -> KnownPoses | None:
 
 
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Find a starting pose for every photograph that can be joined to the block."""
+    """Find a starting pose for every photograph that can be joined to the block, by its tie points or by its rig."""
     block = replace(run.block(), tie_points=run.tie_points())
     copies = [note.get("copy_of") for note in run.notes()]
     part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
@@ -63,6 +64,8 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSumma
     found = orient(
         part, orientation_thresholds(run.project), progress, None if known is None else known.only(kept.tolist())
     )
+    if part.rigs:
+        found = carried_by_masters(part, found)
     orientation = _with_copies(found, kept.tolist(), copies)
     write_json(folder / "poses.json", orientation_to(orientation, run.names))
     write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from photogram.files.npz_json import read_json_as, write_json
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.no_surface import reason_of
 from photogram.pipeline.store.run import PLANE, Run
+from photogram.project.rigs.entries import without_products
 from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import PlaneRecord
@@ -58,8 +59,12 @@ class SurfaceFrame:
         return "" if self.plane is None else PLANE_NOTE
 
     def block(self) -> Block:
-        """Return the adjusted block, in the frame of the plane where there is one."""
-        block = self.run.adjusted_block()
+        """Return the adjusted block, in the frame of the plane where there is one; companions of which no products are
+        made have no pose in it."""
+        block, hidden = self.run.adjusted_block(), without_products(self.run.project.rigs)
+        if hidden:
+            poses = tuple(None if i in hidden else pose for i, pose in enumerate(block.poses))
+            block = replace(block, poses=poses)
         return block if self.plane is None else block_on_plane(block, self.plane)
 
     def _near(self, points_plane_m: FloatArray) -> BoolArray:

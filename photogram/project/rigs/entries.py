@@ -26,6 +26,8 @@ class ProjectCompanion:
     """The relative pose that is given, NaN in the part that is not; None where nothing is."""
     sigma: FloatArray
     """Standard deviations (6,) of rotation, rad, and offset, m; infinite for what is free."""
+    products: bool
+    """Whether surface and orthophoto are made of its photographs too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,4 +131,16 @@ def _companion(entry: CompanionEntry) -> ProjectCompanion:
     if entry.offset_m is not None and entry.offset_sigma_m is not None:
         offset_m, sigma[3:] = np.array(entry.offset_m), entry.offset_sigma_m
     given = RelativePose(offset_m, rotation) if np.isfinite(sigma).any() else None
-    return ProjectCompanion(entry.camera or "", given, sigma)
+    return ProjectCompanion(entry.camera or "", given, sigma, entry.products)
+
+
+def without_products(rigs: Sequence[ProjectRig]) -> frozenset[int]:
+    """Return the numbers of the photographs of a project of which no surface and no orthophoto is made."""
+    return frozenset(
+        i
+        for rig in rigs
+        for companion in rig.companions
+        if not companion.products
+        for i, camera in enumerate(rig.cameras)
+        if camera == companion.camera
+    )

@@ -52,32 +52,38 @@ class TwoCameras:
         return np.asarray(off[0])
 
 
-def _companion_camera(camera: Camera, approximate: Camera, rng: np.random.Generator) -> tuple[Camera, Camera]:
-    """Return a true camera that differs from the master's, and what is known of it: as well as of the master's."""
+def companion_camera(
+    camera: Camera, approximate: Camera, rng: np.random.Generator, name: str = "companion", focal: float = 0.9
+) -> tuple[Camera, Camera]:
+    """Return a true camera that differs from the master's, its focal length ``focal`` times as long, and what is known
+    of it: as well as of the master's."""
     parameters = camera.parameters.copy()
-    parameters[:3] = 0.9 * parameters[0], parameters[1] - 5.0, parameters[2] + 4.0
-    true = replace(camera.with_parameters(parameters), name="companion")
+    parameters[:3] = focal * parameters[0], parameters[1] - 5.0, parameters[2] + 4.0
+    true = replace(camera.with_parameters(parameters), name=name)
     sigmas = np.where(np.isfinite(approximate.sigmas), approximate.sigmas, 0.0)
     noise = np.append(rng.standard_normal(READOUT), 0.0)
     known = true.with_parameters(true.parameters + sigmas * noise)
     return true, replace(known, sigmas=approximate.sigmas)
 
 
-def _flown(
+def companion_flight(
     master: Flight,
     relative: RelativePose,
     scatter: FloatArray,
     late_m: Mapping[int, float],
     cameras: tuple[Camera, Camera],
+    number: int = 1,
 ) -> Flight:
-    """Return the companion's flight; of the exposures ``late_m`` it was triggered when the body was so much farther."""
+    """Return the flight of the companion ``number``; of the exposures ``late_m`` it was triggered when the body was so
+    much farther."""
     R, X = relative.companions(master.rotations, master.centres)
     X = X + np.einsum("nij,nj->ni", master.rotations, scatter[:, 3:])
     R = turned(R, scatter[:, :3])
     velocity = [pose.velocity_world_m_s for pose in master.poses]
     for exposure, distance_m in late_m.items():
         X[exposure] += distance_m * velocity[exposure] / np.linalg.norm(velocity[exposure])
-    photographs = tuple(replace(p, name=p.name.replace(".JPG", "_B.JPG"), camera=1) for p in master.photographs)
+    ending = f"_{chr(ord('A') + number)}.JPG"
+    photographs = tuple(replace(p, name=p.name.replace(".JPG", ending), camera=number) for p in master.photographs)
     poses = tuple(Pose(r, x, v) for r, x, v in zip(R, X, velocity, strict=True))
     return replace(master, camera=cameras[0], approximate=cameras[1], poses=poses, photographs=photographs)
 
@@ -134,10 +140,10 @@ def simulate_two_cameras(
     """
     rng = np.random.default_rng([seed, 11])
     master = fly(plan, rng)
-    cameras = _companion_camera(master.camera, master.approximate, rng)
+    cameras = companion_camera(master.camera, master.approximate, rng)
     count = len(master.poses)
     scatter = exposure_sigma * rng.standard_normal((count, 6))
-    flights = master, _flown(master, relative, scatter, late_m or {}, cameras)
+    flights = master, companion_flight(master, relative, scatter, late_m or {}, cameras)
 
     def on_terrain(place: FloatArray) -> FloatArray:
         return np.column_stack([place, terrain_height(seed, plan.relief_m, place)])
