@@ -163,13 +163,40 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
 
 
 def readouts(problem: Problem, state: State, found: Covariances) -> Readouts:
-    """Return the read-out times of the cameras that are free, at a solution with its covariances."""
+    """Return the read-out times of the cameras that are free, at a solution with its covariances.
+
+    One counts where it is significant, and still is once its prior has the weight that it deserves beside photographs
+    of that scatter; one that does not is what both together say.
+    """
     cameras = problem.block.cameras
-    free = np.array([camera.sigmas[READOUT] > 0.0 for camera in cameras], dtype=bool)
+    prior = np.array([(camera.readout_s, camera.sigmas[READOUT]) for camera in cameras]).reshape(-1, 2)
+    free = prior[:, 1] > 0.0
     larger = np.array([inflation(problem, state, found, c) if free[c] else 1.0 for c in range(len(cameras))])
-    sigma = larger * [np.sqrt(found.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))]
+    formal = np.array([np.sqrt(found.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))])
     estimate = np.where(free, state.parameters[:, READOUT], np.nan)
-    return Readouts(estimate, np.where(free, sigma, np.nan), free & _significant(estimate, sigma), larger)
+    weighed, weighed_sigma = weighed_anew(estimate, np.where(free, formal, np.nan), larger, prior)
+    sigma = np.where(free, larger * formal, np.nan)
+    counts = free & _significant(estimate, sigma) & _significant(weighed, weighed_sigma)
+    return Readouts(np.where(counts, estimate, weighed), np.where(counts, sigma, weighed_sigma), counts, larger)
+
+
+def weighed_anew(
+    estimate_s: FloatArray, sigma_s: FloatArray, inflation: FloatArray, prior_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return estimates (C,) and their standard deviations, s, with the part of the photographs down-weighted by the
+    ``inflation`` of its standard deviation.
+
+    ``sigma_s`` are the standard deviations of the adjustment, which took the photographs for better than they are, so
+    that a prior (C, 2), value and sigma, counted for too little. The weights of both add up to the adjustment's.
+    """
+    value, weight = (
+        prior_s[:, 0],
+        np.divide(1.0, prior_s[:, 1] ** 2, out=np.zeros(len(prior_s)), where=prior_s[:, 1] > 0),
+    )
+    observed = np.maximum(sigma_s**-2.0 - weight, 0.0)
+    moment = (estimate_s * sigma_s**-2.0 - value * weight) / inflation**2
+    total = observed / inflation**2 + weight
+    return np.asarray((moment + value * weight) / total), np.asarray(total**-0.5)
 
 
 def without_rolling(block: Block, none: BoolArray) -> Block:

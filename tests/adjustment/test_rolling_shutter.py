@@ -10,7 +10,7 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.rolling_shutter import in_motion, looked_for, unmoved
+from photogram.adjustment.rolling_shutter import in_motion, looked_for, unmoved, weighed_anew
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.arrays import FloatArray
 from photogram.factors.graph import cost, ground_graph
@@ -153,3 +153,24 @@ def test_a_read_out_time_of_photographs_that_do_not_tell_how_they_moved_is_warne
     assert "3 of its photographs do not tell how they moved" in said
     assert unmoved(adjusted(ROLLING, 1).block) == ()
     assert unmoved(adjusted(GLOBAL, 1).block) == ()
+
+
+def test_a_prior_counts_for_more_where_photographs_scatter_more_than_their_covariance_says() -> None:
+    """Against both written as observations: the prior, and what the photographs say without it, down-weighted."""
+    prior = np.array([[0.033, 0.012], [0.0, 0.03], [0.03, 0.01]])
+    told, sigma, inflation = (
+        np.array([-0.06, -0.054, 0.031]),
+        np.array([0.002, 0.0018, 0.004]),
+        np.array([10.0, 10.0, 1.0]),
+    )
+    weight = 1.0 / sigma**2 + 1.0 / prior[:, 1] ** 2
+    adjusted_s = (told / sigma**2 + prior[:, 0] / prior[:, 1] ** 2) / weight
+    found, found_sigma = weighed_anew(adjusted_s, weight**-0.5, inflation, prior)
+    for k in range(3):
+        A, y = np.ones((2, 1)), np.array([told[k], prior[k, 0]])
+        P = np.diag([1.0 / (inflation[k] * sigma[k]) ** 2, 1.0 / prior[k, 1] ** 2])
+        N = A.T @ P @ A
+        assert found[k] == pytest.approx(float(np.linalg.solve(N, A.T @ P @ y)[0]), rel=1e-9)
+        assert found_sigma[k] == pytest.approx(float(N[0, 0] ** -0.5), rel=1e-9)
+    assert found[2] == pytest.approx(adjusted_s[2], rel=1e-9), "nothing changes where nothing is inflated"
+    assert (found_sigma[:2] > 3.0 * sigma[:2]).all()
