@@ -31,7 +31,7 @@ FAMILIES = {
 }
 """Families of codes and OpenCV's number of each."""
 LEAST_EXPLAINED = 0.94
-MODEL_ERROR = 1.1
+MODEL_ERROR = 0.96
 """Factor of standard deviations, as of fitting."""
 LEAST_CONTRAST_DN = 20.0
 SHORTEST_PX = 40.0

@@ -46,12 +46,12 @@ MODEL_ERROR = {
     Pattern.OPEN_CORNER: 1.4,
     Pattern.CIRCLE: 1.05,
     Pattern.RING: 0.65,
-    Pattern.FIELDS: 0.8,
-    Pattern.DISC_OF_QUADRANTS: 0.87,
-    Pattern.SQUARE_OF_QUADRANTS: 0.87,
-    Pattern.CROSS: 1.1,
-    Pattern.OPEN_CROSS: 1.1,
-    Pattern.CROSSED_SQUARE: 1.1,
+    Pattern.FIELDS: 0.83,
+    Pattern.DISC_OF_QUADRANTS: 0.82,
+    Pattern.SQUARE_OF_QUADRANTS: 0.82,
+    Pattern.CROSS: 1.05,
+    Pattern.OPEN_CROSS: 1.05,
+    Pattern.CROSSED_SQUARE: 1.05,
 }
 """Factors of standard deviations for what the picture of a pattern lacks, from rendered targets: what it lacks on one
 side of an L moves the corner; what it lacks all around a ring or a crossing counts as noise but moves nothing.
