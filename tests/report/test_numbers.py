@@ -88,7 +88,7 @@ def test_keys_of_lens_fields() -> None:
     assert found is not None
     assert found["estimated"]
     assert found["why"] is None
-    assert [found[key] for key in ("rms_px", "sigma_px", "largest_px", "left_px")] == [0.2, 0.02, 0.6, 0.01]  # type: ignore[literal-required]
+    assert [found[key] for key in ("rms_px", "sigma_px", "largest_px", "left_px")] == [0.2, 0.02, 0.6, 0.01]
     off = camera_numbers(replace(result, lens_fields=(LensFieldDecision(name, why="too few"),)), {}, [])[name]
     assert off["lens_field"] is not None
     assert off["lens_field"]["why"] == "too few"
