@@ -13,6 +13,9 @@ measurements as u, v and 1 / sigma.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
 
+The lens field is taken from the measurement before anything is computed of a ray: a branch farther down would change
+which products are fused, and with them the last digits of blocks without one.
+
 Small arrays are read into scalars before anything is written, so that nothing need be read again, and addresses into
 large ones are unsigned, so that none is tested for being negative. What runs once per ray makes no arrays and is
 compiled without numba's reference counts (``_nrt``): those of OrientedCameras would cost 10 ns.
@@ -38,11 +41,11 @@ from photogram.projection import (
     lens_of,
     misfit,
     pixel_slopes,
-    shift_at,
     slopes_in_camera,
     slopes_in_world,
     slopes_of_pose,
     stretch_of,
+    without_field,
 )
 
 BEHIND_PX = 1e4  # no residual within a photograph is as large
@@ -85,13 +88,16 @@ def linearise_point(
     direction of the residual and c its radial curvature, which is at least ``least``
     (photogram.factors.elimination.loss).
     """
-    behind = 0
+    behind, curved = 0, cameras.shift.shape[1] > 1
     v00, v10, v11, v20, v21, v22 = V[0], V[3], V[4], V[6], V[7], V[8]
     b0, b1, b2 = V[9], V[10], V[11]
     for i in range(begin, end):
         o, p = 2 * (i - begin), np.uint64(photograph[i])
         c = np.uint64(cameras.camera[p])
         model, q, moving = cameras.model[c], lens_of(cameras.parameters, c), unit[c, READOUT]
+        mu, mv = measured[i, 0], measured[i, 1]
+        if curved:
+            mu, mv = without_field(cameras, c, mu, mv)
         px, py, pz = in_camera(cameras, p, X[number, 0], X[number, 1], X[number, 2])
         m0, m1, m2 = 0.0, 0.0, 0.0
         if moving > 0.0 or q[READOUT] != 0.0:
@@ -104,9 +110,7 @@ def linearise_point(
         near, bend, away = stretch_of(model, px, py, pz)
         x, y = px * near, py * near
         xd, yd, xx, xy, yy = distorted(q, x, y)
-        du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
-        fu, fv = shift_at(cameras, c, measured[i, 0], measured[i, 1])
-        du, dv = du + fu, dv + fv
+        du, dv = misfit(q, xd, yd, mu, mv)
         s = measured[i, 2]
         r0, r1 = s * du, s * dv
         _, weight, curvature = robust(r0 * r0 + r1 * r1, loss, threshold)
@@ -166,11 +170,14 @@ def point_cost(
     number: int, loss: int, threshold: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Return the cost of a point's rays, and how many come from behind their camera or are beyond the threshold."""
-    cost, bad = 0.0, 0
+    cost, bad, curved = 0.0, 0, cameras.shift.shape[1] > 1
     for i in range(begin, end):
         p = np.uint64(photograph[i])
         c = np.uint64(cameras.camera[p])
         model, q = cameras.model[c], lens_of(cameras.parameters, c)
+        mu, mv = measured[i, 0], measured[i, 1]
+        if curved:
+            mu, mv = without_field(cameras, c, mu, mv)
         px, py, pz = in_camera_at_row(
             cameras, p, q[READOUT], cameras.size_px[c, 1], measured[i, 1], X[number, 0], X[number, 1], X[number, 2]
         )
@@ -180,9 +187,7 @@ def point_cost(
             continue
         near, _, _ = stretch_of(model, px, py, pz)
         xd, yd, _, _, _ = distorted(q, px * near, py * near)
-        du, dv = misfit(q, xd, yd, measured[i, 0], measured[i, 1])
-        fu, fv = shift_at(cameras, c, measured[i, 0], measured[i, 1])
-        du, dv = du + fu, dv + fv
+        du, dv = misfit(q, xd, yd, mu, mv)
         r0, r1 = measured[i, 2] * du, measured[i, 2] * dv
         square = r0 * r0 + r1 * r1
         cost += robust(square, loss, threshold)[0]
