@@ -15,7 +15,7 @@ from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
 from photogram.errors import FrameError, WorkspaceError
-from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_codes, write_cog_rgba
+from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_bands, write_cog_codes, write_cog_rgba
 from photogram.files.maps.rasters import read_raster, write_geotiff
 from photogram.grid import MapGrid, Window
 
@@ -188,3 +188,19 @@ def test_gdalinfo_has_nothing_to_say_against_them(tmp_path: Path) -> None:
         assert told.stderr == ""
         assert "LAYOUT=COG" in told.stdout
         assert "Overviews: 265x350, 132x175" in told.stdout
+
+
+def test_bands_have_their_names_and_no_data_where_there_are_none(tmp_path: Path) -> None:
+    path, names = tmp_path / "bands.tif", ("red", "green", "blue", "nir", "thermal")
+    values = np.random.default_rng(3).integers(1, 256, (GRID.rows, GRID.columns, 5), dtype=np.uint8)
+    values[:40] = 0
+    window = Window(0, 0, GRID.rows, GRID.columns)
+    write_cog_bands(path, GRID, CRS, names, [(window, values)])
+    with rasterio.open(path) as dataset:
+        assert dataset.descriptions == names
+        assert [c.name for c in dataset.colorinterp] == ["red", "green", "blue", "undefined", "undefined"]
+        assert set(dataset.nodatavals) == {0.0}
+        np.testing.assert_array_equal(np.moveaxis(dataset.read(), 0, 2), values)
+        assert not dataset.dataset_mask()[:40].any()
+    with pytest.raises(ValueError, match="do not fit"):
+        write_cog_bands(tmp_path / "fewer.tif", GRID, CRS, names, [(window, values[..., :4])])

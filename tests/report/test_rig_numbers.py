@@ -15,7 +15,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
 from photogram.report.numbers.wording import fixed, signed
 from photogram.report.page import templates
-from photogram.report.record.rigs import RigRecord
+from photogram.report.record.rigs import BandRecord, RigRecord
 from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.simulation.rigs.two_cameras import simulate_two_cameras
@@ -78,3 +78,18 @@ def test_the_page_has_a_line_for_each_part(adjusted: tuple[Block, Adjustment]) -
     assert "Rejected of companion" in page
     assert "sim_0002_B.JPG" in page
     assert "Offset, m, given" in template.render(report={"rigs": rig_numbers(result, given)})
+
+
+def test_the_registration_of_a_band_stands_with_its_camera(adjusted: tuple[Block, Adjustment]) -> None:
+    block, result = adjusted
+    environment = templates(StrictUndefined)
+    environment.filters |= {"fixed": fixed, "signed": signed}
+    template = environment.get_template("rigs.jinja")
+    told: BandRecord = {"patches": 7, "mean_px": [0.02, -0.11], "rms_px": 0.14}
+    silent: BandRecord = {"patches": 0, "mean_px": None, "rms_px": None}
+    for band, words in ((told, "0.14 px off the master"), (silent, "no patch has edges enough")):
+        records = rig_numbers(result, block, {"companion": band, "other": told})
+        TypeAdapter(list[RigRecord]).validate_python(records)
+        page = " ".join(template.render(report={"rigs": records}).split())
+        assert words in page
+    assert "registration" not in rig_numbers(result, block)[0]

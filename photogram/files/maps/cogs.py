@@ -192,6 +192,31 @@ def write_cog_rgba(
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
 
 
+def write_cog_bands(
+    path: Path,
+    grid: MapGrid,
+    crs: str,
+    names: Sequence[str],
+    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    note: str = "",
+) -> None:
+    """Write bands of bytes with these names, red, green and blue the first three, in ``crs`` as a Cloud Optimized
+    GeoTIFF; all or nothing. 0 stands for no data.
+
+    ``tiles`` are windows of the grid with their values (rows, columns, bands), in any order and of any size; cells in
+    none of them have no data. Raises as ``write_cog_rgba`` does.
+    """
+
+    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        _check_tile(path, grid, window, values.shape, (len(names),))
+        return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
+
+    kind = {"count": len(names), "dtype": "uint8", "nodata": 0, "photometric": "rgb", "interleave": "pixel"}
+    look = {"compress": "deflate", "predictor": "standard", "level": "1", "overview_resampling": "average"}
+    band = _Band(tuple(names), note=note)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
+
+
 def _check_tile(path: Path, grid: MapGrid, window: Window, shape: tuple[int, ...], bands: tuple[int, ...] = ()) -> None:
     if shape != (*window.shape, *bands):
         raise ValueError(f"{path}: values of shape {shape} do not fit {window}")

@@ -1,5 +1,5 @@
 """The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif` with its
-rim and its seams."""
+rim and its seams, and the bands of companions beside it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.files.npz_json import read_json, write_json
 from photogram.grid import MapGrid, Window
+from photogram.pipeline.stages.bands.band_orthophoto import make_bands
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_HEIGHT,
@@ -33,6 +34,7 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
+from photogram.project.rigs.entries import without_products
 from photogram.surface.dsm import MEASURED
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import (
@@ -126,6 +128,9 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
                 progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
         write_cog_rgba(folder / "orthophoto.tif", grid, site.plan, counted(), note=site.note)
+        if without_products(run.project.rigs):
+            progress(0, 0, "bands")
+            make_bands(run, folder, site, surface, orthophoto, sides, pixels_of)
     polygons = seam_polygons(seams.label, blocks, rim)
     write_seams(folder / OUTLINE_FILE, rim, [NamedPolygon(names[p.view], p.polygon) for p in polygons], site.plan)
     write_json(folder / "grid.json", grid)

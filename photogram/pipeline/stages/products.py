@@ -31,6 +31,7 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
+from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.surface import OWN_SIGMA_FILE, RELATIVE_SIGMA_FILE, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
@@ -79,7 +80,7 @@ PRODUCTS = {
         PLANE,
     ),
     "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
-    "orthophoto": ("orthophoto.tif", "outline.gpkg"),
+    "orthophoto": ("orthophoto.tif", BANDS_FILE, "outline.gpkg"),
 }
 """Files of results by the stage that makes them; those that a project does not ask for are not there."""
 

@@ -25,6 +25,7 @@ from photogram.files.npz_json import read_json, write_record
 from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stages.bands.band_orthophoto import band_records
 from photogram.pipeline.stages.mark_pictures import mark_pictures
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
@@ -291,7 +292,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["constraints"] = constraint_numbers(outcome.whole, run.block())
         numbers["marked_points"] = marked_points(outcome.whole)
     if run.project.rigs:
-        numbers["rigs"] = rig_numbers(outcome.whole, run.block())
+        numbers["rigs"] = rig_numbers(outcome.whole, run.block(), band_records(run))
     if surface.orthophoto is not None:
         numbers["orthophoto"] = surface.orthophoto
     if surface.dense is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -58,12 +58,13 @@ class SurfaceFrame:
         """Return what rasters say of their coordinates, nothing on the map."""
         return "" if self.plane is None else PLANE_NOTE
 
-    def block(self) -> Block:
+    def block(self, only: Collection[int] | None = None) -> Block:
         """Return the adjusted block, in the frame of the plane where there is one; companions of which no products are
-        made have no pose in it."""
+        made have no pose in it, or with ``only`` all photographs but those of these numbers."""
         block, hidden = self.run.adjusted_block(), without_products(self.run.project.rigs)
-        if hidden:
-            poses = tuple(None if i in hidden else pose for i, pose in enumerate(block.poses))
+        if only is not None or hidden:
+            kept = [i not in hidden if only is None else i in only for i in range(len(block.poses))]
+            poses = tuple(pose if keep else None for pose, keep in zip(block.poses, kept, strict=True))
             block = replace(block, poses=poses)
         return block if self.plane is None else block_on_plane(block, self.plane)
 

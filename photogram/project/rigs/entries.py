@@ -134,13 +134,16 @@ def _companion(entry: CompanionEntry) -> ProjectCompanion:
     return ProjectCompanion(entry.camera or "", given, sigma, entry.products)
 
 
-def without_products(rigs: Sequence[ProjectRig]) -> frozenset[int]:
-    """Return the numbers of the photographs of a project of which no surface and no orthophoto is made."""
-    return frozenset(
-        i
+def bands_of(rigs: Sequence[ProjectRig]) -> dict[str, frozenset[int]]:
+    """Return the companions of which no surface and no colours are made, with the numbers of their photographs."""
+    return {
+        companion.camera: frozenset(i for i, camera in enumerate(rig.cameras) if camera == companion.camera)
         for rig in rigs
         for companion in rig.companions
         if not companion.products
-        for i, camera in enumerate(rig.cameras)
-        if camera == companion.camera
-    )
+    }
+
+
+def without_products(rigs: Sequence[ProjectRig]) -> frozenset[int]:
+    """Return the numbers of the photographs of a project of which no surface and no colours are made."""
+    return frozenset().union(*bands_of(rigs).values())

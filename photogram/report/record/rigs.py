@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from functools import cache
+from typing import Annotated, NotRequired
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from photogram.report.record.units import Count, Degrees, Metres
+from photogram.report.record.units import Count, Degrees, Metres, Pixels
 
 _Offset = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 _Turn = Annotated[list[Degrees], Field(min_length=3, max_length=3)]
+
+
+class BandRecord(TypedDict):
+    """How a band lies on the master's colours in `orthophoto_bands.tif`: the mean shift, east and north, and the root
+    mean square per axis of its patches, in pixels of the orthophoto; null without patches that tell."""
+
+    patches: Count
+    mean_px: Annotated[list[Pixels], Field(min_length=2, max_length=2)] | None
+    rms_px: Pixels | None
+
+
+@cache
+def band_records_type() -> TypeAdapter[dict[str, BandRecord]]:
+    """Return what reads the registration of bands by camera."""
+    return TypeAdapter(dict[str, BandRecord])
 
 
 class RigRecord(TypedDict):
@@ -34,3 +50,4 @@ class RigRecord(TypedDict):
     offset_mdb_m: Metres | None
     rotation_mdb_deg: Degrees | None
     largest_w: float | None
+    registration: NotRequired[BandRecord]

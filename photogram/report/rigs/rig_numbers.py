@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
 from photogram.arrays import FloatArray
-from photogram.report.record.rigs import RigRecord
+from photogram.report.record.rigs import BandRecord, RigRecord
 from photogram.results import Adjustment
 from photogram.survey import Block
 
+NO_BANDS: Mapping[str, BandRecord] = MappingProxyType({})
 _ROTATION, _OFFSET = slice(0, 3), slice(3, 6)
 
 
@@ -28,8 +30,9 @@ def _rejected(exposures: Sequence[tuple[str, str]], sigma: FloatArray) -> list[s
     return [name for (name, _), own in zip(exposures, sigma, strict=True) if not np.isfinite(own).all()]
 
 
-def rig_numbers(result: Adjustment, measured: Block) -> list[RigRecord]:
-    """Return the relative poses of a block as it was ``measured``, beside what is adjusted."""
+def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRecord] = NO_BANDS) -> list[RigRecord]:
+    """Return the relative poses of a block as it was ``measured``, beside what is adjusted, with how the ``bands`` of
+    companions lie on their masters, by camera."""
     records = []
     for k, (rig, stated, found) in enumerate(
         zip(result.block.rigs, measured.rigs, rig_reliabilities(result), strict=True)
@@ -58,5 +61,7 @@ def rig_numbers(result: Adjustment, measured: Block) -> list[RigRecord]:
             "rotation_mdb_deg": _one(float(np.rad2deg(found.detectable[_ROTATION].max()))),
             "largest_w": _one(float(found.largest_w.max())),
         }
+        if rig.name in bands:
+            record["registration"] = bands[rig.name]
         records.append(record)
     return records

@@ -46,26 +46,36 @@ class Bands:
         count = len(self.poses) // len(self.cameras)
         X, off = self.place_world_m, list[FloatArray]()
         for exposure in range(count):
-            plan = [self._on_terrain(result, camera, exposure + count * camera, X) for camera in (0, band)]
+            plan = [
+                on_terrain(
+                    (self.cameras[camera], self.poses[exposure + count * camera]),
+                    (result.block.cameras[camera], result.block.poses[exposure + count * camera]),
+                    X,
+                )
+                for camera in (0, band)
+            ]
             both = plan[1] - plan[0]
             off.append(both[np.isfinite(both).all(axis=1)])
         gsd_m = float(np.median([p.position_world_m[2] for p in self.poses]) / self.cameras[band].focal_px)
         return np.concatenate(off) / gsd_m
 
-    def _on_terrain(self, result: Adjustment, camera: int, photograph: int, X: FloatArray) -> FloatArray:
-        """Return where (P, 2) the image of places (P, 3) meets their heights, NaN outside of the photograph."""
-        true, adjusted = self.cameras[camera], result.block.cameras[camera]
-        pixel = project(true, self.poses[photograph], X)
-        size = np.array([true.width_px, true.height_px]) - 1.0
-        inside = np.isfinite(pixel).all(axis=1) & (pixel >= 0.0).all(axis=1) & (pixel <= size).all(axis=1)
-        pose, plan = result.block.poses[photograph], np.full((len(X), 2), np.nan)
-        if pose is None or not inside.any():
-            return plan
-        ideal = image_plane(adjusted, pixel[inside])
-        ray = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation_world_from_camera.T
-        far = (X[inside, 2] - pose.position_world_m[2]) / ray[:, 2]
-        plan[inside] = pose.position_world_m[:2] + far[:, None] * ray[:, :2]
+
+def on_terrain(
+    true: tuple[Camera, Pose], adjusted: tuple[Camera, Pose | None], place_world_m: FloatArray
+) -> FloatArray:
+    """Return where (P, 2) the image that a true camera has of places (P, 3) is put at their heights by the adjusted
+    one, NaN outside of the photograph."""
+    (camera, pose), (known, found) = true, adjusted
+    pixel, plan = project(camera, pose, place_world_m), np.full((len(place_world_m), 2), np.nan)
+    size = np.array([camera.width_px, camera.height_px]) - 1.0
+    inside = np.isfinite(pixel).all(axis=1) & (pixel >= 0.0).all(axis=1) & (pixel <= size).all(axis=1)
+    if found is None or not inside.any():
         return plan
+    ideal = image_plane(known, pixel[inside])
+    ray = np.column_stack([ideal, np.ones(len(ideal))]) @ found.rotation_world_from_camera.T
+    far = (place_world_m[inside, 2] - found.position_world_m[2]) / ray[:, 2]
+    plan[inside] = found.position_world_m[:2] + far[:, None] * ray[:, :2]
+    return plan
 
 
 def _band_ties(

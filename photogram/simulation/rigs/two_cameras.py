@@ -3,7 +3,7 @@ and set off by a relative pose that scatters from exposure to exposure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,6 +66,21 @@ def companion_camera(
     return true, replace(known, sigmas=approximate.sigmas)
 
 
+def rigid_poses(
+    master: Sequence[Pose], relative: RelativePose, scatter: FloatArray, late_m: Mapping[int, float] | None = None
+) -> tuple[Pose, ...]:
+    """Return the poses of a companion whose relative pose scatters (N, 6), rad and m; of the exposures ``late_m`` it
+    was triggered when the body was so much farther."""
+    rotation = np.array([pose.rotation_world_from_camera for pose in master])
+    R, X = relative.companions(rotation, np.array([pose.position_world_m for pose in master]))
+    X = X + np.einsum("nij,nj->ni", rotation, scatter[:, 3:])
+    R = turned(R, scatter[:, :3])
+    velocity = [pose.velocity_world_m_s for pose in master]
+    for exposure, distance_m in (late_m or {}).items():
+        X[exposure] += distance_m * velocity[exposure] / np.linalg.norm(velocity[exposure])
+    return tuple(Pose(r, x, v) for r, x, v in zip(R, X, velocity, strict=True))
+
+
 def companion_flight(
     master: Flight,
     relative: RelativePose,
@@ -76,15 +91,9 @@ def companion_flight(
 ) -> Flight:
     """Return the flight of the companion ``number``; of the exposures ``late_m`` it was triggered when the body was so
     much farther."""
-    R, X = relative.companions(master.rotations, master.centres)
-    X = X + np.einsum("nij,nj->ni", master.rotations, scatter[:, 3:])
-    R = turned(R, scatter[:, :3])
-    velocity = [pose.velocity_world_m_s for pose in master.poses]
-    for exposure, distance_m in late_m.items():
-        X[exposure] += distance_m * velocity[exposure] / np.linalg.norm(velocity[exposure])
+    poses = rigid_poses(master.poses, relative, scatter, late_m)
     ending = f"_{chr(ord('A') + number)}.JPG"
     photographs = tuple(replace(p, name=p.name.replace(".JPG", ending), camera=number) for p in master.photographs)
-    poses = tuple(Pose(r, x, v) for r, x, v in zip(R, X, velocity, strict=True))
     return replace(master, camera=cameras[0], approximate=cameras[1], poses=poses, photographs=photographs)
 
 

@@ -1,0 +1,77 @@
+"""Bands of a multispectral camera on the orthophoto of their master: rendered surveys against simulated truth.
+
+    python benchmarks/bands.py [--seeds 3]
+
+A colour camera and four bands on one body, 2 × 4 exposures from 50 m, each band with a grey function (two of them turn
+bright and dark round), a lens and a place of its own; lenses known as a laboratory calibrates them, relative poses as
+on a drawing (0.3°, 5 mm). Run to the orthophoto. `measured` is what the stage reports of a band, root mean square per
+axis of its patches in pixels of the orthophoto; `true` how far the adjusted cameras and poses put the image of a place
+on the terrain from where the master's put theirs, in the same pixels, to the edges of all photographs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.simulation.rigs.band_survey import BandSurvey, write_band_survey
+from photogram.simulation.rigs.bands import on_terrain
+from photogram.simulation.survey_plan import SurveyPlan
+from photogram.survey import Block
+
+PLAN = SurveyPlan(
+    strips=2, photographs_per_strip=4, width_px=640, height_px=500, focal_px=760.0, flying_height_m=50.0,
+    control_points=6, check_points=2, control_marks_per_photograph=0, gnss_sigma_m=(0.015, 0.015, 0.03),
+    gnss_offset_sigma_m=(0.02, 0.02, 0.03),
+    calibration_sigmas=(0.5, 0.5, 0.5, 5e-4, 5e-4, 0.0, 0.0, 5e-5, 5e-5, 0.0, 0.0),
+)  # fmt: skip
+PLACES, EXTENT_M = 4000, 30.0
+
+
+def true_px(made: BandSurvey, block: Block, band: int, cell_m: float, seed: int) -> float:
+    """Return how far a band (from 0) lies off the master on the terrain, root mean square per axis, in pixels."""
+    rng, survey = np.random.default_rng([seed, 23]), made.survey
+    xy = rng.uniform(-EXTENT_M, EXTENT_M, (PLACES, 2))
+    X = np.column_stack([xy, survey.scene.height(xy)])
+    count, off = len(survey.truth.poses), []
+    for i, pose in enumerate(survey.truth.poses):
+        own = i + count * (band + 1)
+        master = on_terrain((survey.truth.camera, pose), (block.cameras[0], block.poses[i]), X)
+        other = on_terrain((made.cameras[band], made.poses[band][i]), (block.cameras[band + 1], block.poses[own]), X)
+        off.append((other - master)[np.isfinite(other - master).all(axis=1)])
+    return float(np.sqrt(np.mean(np.concatenate(off) ** 2))) / cell_m
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=3)
+    print("simulated survey, band     patches   mean east, north px   measured RMS px   true RMS px")
+    for seed in range(parser.parse_args().seeds):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            made = write_band_survey(folder, PLAN, seed + 1)
+            project = load_project(folder / "project.yaml")
+            run_pipeline(project, until="orthophoto")
+            stage = folder / "work" / "orthophoto.stage"
+            measured = json.loads((stage / "bands.json").read_text(encoding="utf-8"))
+            cell_m = json.loads((stage / "grid.json").read_text(encoding="utf-8"))["cell_m"]
+            with open_run(project) as run:
+                block = run.adjusted_block()
+            for band, camera in enumerate(made.names):
+                found = measured[camera]
+                east, north = found["mean_px"]
+                print(
+                    f"{seed + 1:6} {camera:12}{found['patches']:14}{east:14.2f}{north:8.2f}{found['rms_px']:16.2f}"
+                    f"{true_px(made, block, band, cell_m, seed):14.2f}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
