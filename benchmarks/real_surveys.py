@@ -20,14 +20,12 @@ from typing import Any
 
 import numpy as np
 from lib import dbat
+from lib.other_clouds import height_differences_m, nmad
 from lib.shared_data import SHARED_DATA
-from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
 from photogram.files.clouds.points import read_cloud
 from photogram.quality.prediction_test import predicted_against_achieved
-
-NEIGHBOURS, REACH_M = 8, 0.3  # points of the other cloud that make a height, and how near they must be
 
 
 def run(folder: Path, *init: str) -> dict[str, Any]:
@@ -40,14 +38,6 @@ def run(folder: Path, *init: str) -> dict[str, Any]:
         subprocess.run([sys.executable, "-m", "photogram.cli.main", *arguments], check=True, stdout=subprocess.DEVNULL)
     report: dict[str, Any] = json.loads((folder / "results" / "report.json").read_text(encoding="utf-8"))
     return report
-
-
-def height_differences_m(cloud: Path, reference: Path) -> FloatArray:
-    """Return heights (N,) of a cloud over the median height of the nearest points of another one, near in plan."""
-    own, other = read_cloud(cloud).position_map_m, read_cloud(reference).position_map_m
-    distance, index = cKDTree(other[:, :2]).query(own[:, :2], k=NEIGHBOURS)
-    near = np.asarray(distance)[:, -1] < REACH_M
-    return np.asarray((own[:, 2] - np.median(other[index][..., 2], axis=1))[near])
 
 
 def show(title: str, rows: dict[str, str]) -> None:
@@ -85,12 +75,14 @@ def brighton_beach(data: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         report = run(folder, str(data / "images"))
-        difference = height_differences_m(folder / "results/points_adjusted.laz", data / "model.laz")
-        nmad = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
+        clouds = (folder / "results/points_adjusted.laz", data / "model.laz")
+        _, difference = height_differences_m(*(read_cloud(path).position_map_m for path in clouds))
         rows = block_rows(report)
         datum, sigma = report["dsm"]["datum_sigma_m"], report["dsm"]["sigma_m"]["median"]
         rows["sigma of all heights together, of one (median)"] = f"{datum['height']:.2f}, {sigma:.2f} m"
-        rows["heights over the other cloud: mean (a datum), NMAD"] = f"{difference.mean():.2f}, {nmad:.3f} m"
+        rows["heights over the other cloud: mean (a datum), NMAD"] = (
+            f"{difference.mean():.2f}, {nmad(difference):.3f} m"
+        )
         for camera in report["cameras"].values():
             for parameter, reason in camera["held"].items():
                 rows[f"held: {parameter}"] = reason

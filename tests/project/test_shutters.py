@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
+import numpy as np
+from makers import SharedData
+
+from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
 from photogram.project.draft.shutters import HELD_AT_ONCE, READOUT_MS, UNKNOWN_S, shutter_of
@@ -46,3 +51,28 @@ def test_without_motion_the_affinity_stands_in_its_place() -> None:
         assert camera is not None
         assert all((camera.sigmas[k] > 0.0) == free for k in affinity)
         assert (camera.shutter is None) == free
+
+
+def real_tags(folder: Path) -> list[PhotographTags]:
+    return [read_tags(path) for path in sorted(folder.glob("*.JPG"))]
+
+
+def test_real_photographs_of_a_global_shutter_have_none(shared_data: SharedData) -> None:
+    tags = real_tags(shared_data("p4m_rtk_xmp"))
+    shutter = shutter_of(tags)
+    assert {t.model for t in tags} == {"FC6360"}
+    assert shutter is not None
+    assert (shutter.readout_s, shutter.sigma_s) == (0.0, 0.0)
+    camera = tagged_camera("c", tags, None)
+    assert camera is not None
+    assert not any(camera.sigmas[k] for k, name in enumerate(SIGMA_NAMES) if name in ("b1", "b2"))
+
+
+def test_real_photographs_of_a_rolling_shutter_tell_that_the_drone_nearly_stopped(shared_data: SharedData) -> None:
+    tags = real_tags(shared_data("brighton_beach/images"))
+    shutter = shutter_of(tags)
+    assert shutter is not None
+    assert (shutter.readout_s, round(shutter.sigma_s, 4)) == (0.033, 0.0116)
+    speeds = [np.hypot(*t.velocity_m_s[:2]) for t in tags if t.velocity_m_s is not None]
+    assert len(speeds) == 18
+    assert max(speeds) <= 0.5
