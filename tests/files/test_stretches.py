@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from deep_files import write_tiff
@@ -13,8 +16,10 @@ from PIL import Image
 
 from photogram.errors import ImageError
 from photogram.files.photographs import stretches
+from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.stretches import MIXED_REMEDY, SAMPLED, camera_stretches, find_stretch, mixed_depths
+from photogram.files.photographs.tags import PhotographTags
 
 
 def uniform(low: int, high: int, seed: int = 1, shape: tuple[int, ...] = (200, 250)) -> np.ndarray:
@@ -113,3 +118,16 @@ def test_photographs_of_other_depth_are_named(tmp_path: Path) -> None:
     ]
     assert mixed_depths([], []) == mixed_depths(["a", "b"], [12, 12]) == ""
     assert mixed_depths(list("abcd"), [16, 8, 16, 12]).startswith("2 photographs of 4 (b, d) have 8 or 12 bits")
+
+
+def test_copies_are_found_among_deep_photographs(tmp_path: Path) -> None:
+    """Saved anew with other bytes, of the same moment; the next exposure looks different, an 8-bit one is no copy."""
+    tags = PhotographTags(time=datetime(2025, 5, 4, 10), longitude_deg=9.0, latitude_deg=48.0, bits=16)
+    smooth = cv2.GaussianBlur(uniform(0, 65535, 3), (0, 0), 15.0)
+    for name, values in (("a.tif", smooth), ("b.tif", smooth + 1), ("c.tif", smooth[::-1])):
+        write_tiff(tmp_path / name, values.astype(np.uint16))
+    Image.fromarray((smooth // 256).astype(np.uint8)).save(tmp_path / "d.tif")
+    paths = [tmp_path / f"{name}.tif" for name in "abcd"]
+    with ThreadPoolExecutor(2) as executor:
+        found = find_copies(paths, [tags, tags, tags, replace(tags, bits=8)], [0] * 4, executor)
+    assert found == [(0, 1)]
