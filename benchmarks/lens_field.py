@@ -1,7 +1,7 @@
 """Simulated blocks whose lens no camera model describes: does a lens field take the pattern, its dome and its false
 sigmas away, and does it stay off where there is no pattern?
 
-    python benchmarks/lens_field.py [BLOCKS]                  default: 100, some forty minutes
+    python benchmarks/lens_field.py [BLOCKS]                  default: 100, about an hour
 
 Simulated observations of photographs straight down in parallel strips, no rendered pictures, no control points: GNSS
 positions of RTK alone. Focal length from EXIF to 3 %, every other term of the calibration estimated. To the pixels of
