@@ -47,7 +47,7 @@ def test_a_process_that_is_lost_is_replaced() -> None:
     with ProcessPool(2) as pool:
         first = pool.submit(os.getpid).result()
         assert first != os.getpid()
-        killed = [pool.submit(os.kill, first, signal.SIGKILL), pool.submit(time.sleep, 5)]
+        killed = [pool.submit(time.sleep, 5), pool.submit(os.kill, first, signal.SIGKILL)]
         with pytest.raises(BrokenProcessPool) as lost:
             sum(future.result() or 0 for future in killed)
         assert pool.was_lost(lost.value)

@@ -102,7 +102,7 @@ class ProcessPool:
         if self._executor is not None:
             try:
                 return self._executor.submit(work, *values)
-            except BrokenProcessPool:
+            except (BrokenProcessPool, ValueError, OSError):  # of another that is started while one is lost
                 self._end(at_once=True)
         self._context = _Spawning()
         self._executor = ProcessPoolExecutor(self.size, self._context, _begin)
@@ -124,7 +124,8 @@ class ProcessPool:
             return
         if at_once:
             for process in self._context.made:
-                process.kill()
+                if process.pid is not None:
+                    process.kill()
         self._executor.shutdown(wait=True, cancel_futures=True)
         self._executor = None
 
