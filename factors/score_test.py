@@ -57,6 +57,22 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
     return Step(score / left, float(1.0 / np.sqrt(left)))
 
 
+def least_statistic(problem: Problem, state: State, camera: int, parameter: int) -> float:
+    """Return a bound from below of Rao's statistic s² / K of a ``parameter`` of a camera that is held, χ² with one
+    degree of freedom, at the solution ``state``: with the tie points following, and no other unknown, the score is the
+    same and K is larger. No covariances are needed."""
+    rays, X = problem.tie, state.tie_point
+    own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
+    cameras, nothing = len(state.cameras.model), np.zeros(0)
+    information, score = _score(
+        first_observations(rays.point, len(X)), rays.photograph, rays.pixel, rays.sigma_px, state.cameras, X,
+        np.zeros((len(X), 3, 3)), own, parameter, np.full(len(state.position), -1, dtype=np.int64),
+        np.zeros((cameras, 3), dtype=np.int64), np.zeros_like(state.cameras.parameters), 0, KINDS[problem.robust_loss],
+        problem.robust_threshold, nothing,
+    )  # fmt: skip
+    return float(score**2 / information) if information > 0.0 else 0.0
+
+
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def _score(
     first: IntArray, photograph: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras,

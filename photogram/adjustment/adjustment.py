@@ -22,7 +22,15 @@ from photogram.adjustment.ground_points import ground_points, mark_residuals_px,
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
-from photogram.adjustment.rolling_shutter import Readouts, looked_for, readouts, shown, with_readouts, without_rolling
+from photogram.adjustment.rolling_shutter import (
+    Readouts,
+    looked_for,
+    readouts,
+    shown,
+    surely_shown,
+    with_readouts,
+    without_rolling,
+)
 from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.solvability import UnheldError, undetermined, weak_parts
 from photogram.adjustment.stochastic_model.assumed_gnss import gnss_steady, gnss_table, with_gnss_factors
@@ -35,10 +43,11 @@ from photogram.adjustment.stochastic_model.estimated_sigmas import (
     with_gnss_sigmas,
 )
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import calibration_sigmas
+from photogram.camera import Pose, calibration_sigmas
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
 from photogram.factors.free_network import relative_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
@@ -170,6 +179,21 @@ class _Ended:
     unknowns: _Unknowns
 
 
+@dataclass(frozen=True, eq=False)
+class _Rolling:
+    """Where an adjustment was when cameras ``there`` (C,) turned out to have rolling shutters."""
+
+    there: BoolArray
+    poses: tuple[Pose, ...]
+    parameters: FloatArray
+
+    @staticmethod
+    def at(state: State, there: BoolArray) -> _Rolling:
+        """Return what to start from again at a state."""
+        poses = zip(state.rotation, state.position, state.velocity, strict=True)
+        return _Rolling(there, tuple(Pose(R, C, v) for R, C, v in poses), state.parameters)
+
+
 def _adjust_oriented(
     block: Block,
     settings: AdjustmentSettings,
@@ -181,13 +205,12 @@ def _adjust_oriented(
     zero until the photographs show one, and again where it comes out as none."""
     asked = looked_for(block.cameras)
     ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked)
-    if asked.any():
-        there, found = _shown(ended.assessment, asked)
-        if not there.any():
-            return with_readouts(_judged(ended, settings), found)
+    if isinstance(ended, _Rolling):
         progress("rolling shutter: the read-out time is estimated")
-        again = replace(without_rolling(block, asked & ~there), poses=ended.assessment.block.poses)
-        ended = _adjust_block(again, settings, progress, ended.assessment.state.parameters, sigmas)
+        rolling = replace(without_rolling(block, asked & ~ended.there), poses=ended.poses)
+        ended = _adjusted_block(rolling, settings, progress, ended.parameters, sigmas)
+    elif asked.any():
+        return with_readouts(_judged(ended, settings), _shown(ended.assessment, asked)[1])
     found = readouts(ended.assessment.problem, ended.assessment.state, ended.assessment.held)
     none = np.isfinite(found.estimate_s) & ~found.significant
     if none.any():
@@ -198,8 +221,21 @@ def _adjust_oriented(
             0.0,
             ended.assessment.state.parameters,
         )
-        ended = _adjust_block(again, settings, progress, parameters, sigmas)
+        ended = _adjusted_block(again, settings, progress, parameters, sigmas)
     return with_readouts(_judged(ended, settings), found)
+
+
+def _adjusted_block(
+    block: Block,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    start: Sequence[FloatArray] | FloatArray,
+    sigmas: EstimatedSigmas | None,
+) -> _Ended:
+    """Adjust a block of which no read-out time is looked for."""
+    ended = _adjust_block(block, settings, progress, start, sigmas, np.zeros(len(block.cameras), dtype=bool))
+    assert isinstance(ended, _Ended)
+    return ended
 
 
 def _adjust_block(
@@ -208,13 +244,14 @@ def _adjust_block(
     progress: Progress,
     start: Sequence[FloatArray] | FloatArray,
     sigmas: EstimatedSigmas | None,
-    asked: BoolArray | None = None,
-) -> _Ended:
-    """Adjust a block with the unknowns that it has, and find its common errors and sigmas; these are not looked for
-    where one of the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done again with it."""
+    asked: BoolArray,
+) -> _Ended | _Rolling:
+    """Adjust a block with the unknowns that it has, and find its common errors and sigmas; no longer than until one of
+    the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done again with it."""
     estimating = settings.estimate_sigmas and sigmas is None
     used = None if estimating else sigmas or EstimatedSigmas.none()
     whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
+    stop = (lambda problem, state: bool(surely_shown(problem, state, asked).any())) if asked.any() else None
     try:
         first = start_state(whole.block, whole.flights)
         if len(start):
@@ -222,11 +259,13 @@ def _adjust_block(
             given = np.array(start)[:, : moved.shape[1]]
             moved[:, : given.shape[1]] = np.where(free[:, : given.shape[1]], given, moved[:, : given.shape[1]])
             first = replace(first, cameras=recalibrated(first.cameras, moved))
-        solved = solve_rounds(whole, first, settings, progress, used)
+        solved = solve_rounds(whole, first, settings, progress, used, stop)
+        if solved.stopped:
+            return _Rolling.at(solved.minimum.state, surely_shown(solved.problem, solved.minimum.state, asked))
         progress("covariances")
         assessment = assessed(solved, block, settings)
-        if asked is not None and asked.any() and _shown(assessment, asked)[0].any():
-            return _Ended(block, whole, solved, assessment, _Unknowns())
+        if asked.any() and (there := _shown(assessment, asked)[0]).any():
+            return _Rolling.at(assessment.state, there)
         ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
         return _Ended(block, whole, *ended)
     except IndeterminateError as fault:

@@ -27,7 +27,7 @@ from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.score_test import one_step
+from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block
@@ -35,6 +35,9 @@ from photogram.survey import Block
 COARSE_VELOCITY = 0.03
 """Relative error of a velocity from times in whole seconds, beyond which it is not used: what each photograph's own is
 off by would pass for a shorter read-out time (errors in variables attenuate)."""
+
+SURE = 100.0
+"""Bound of Rao's statistic from which a read-out time is there, whatever is found meanwhile: ten standard errors."""
 
 
 def rolling(cameras: Sequence[Camera]) -> BoolArray:
@@ -103,6 +106,14 @@ def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) 
         estimate[c], sigma[c] = one_step(problem, moved, found, c, READOUT)
     significant = _significant(estimate, sigma)
     return significant, Readouts(estimate, sigma, significant, np.ones(len(asked)))
+
+
+def surely_shown(problem: Problem, state: State, asked: BoolArray) -> BoolArray:
+    """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time already between the rounds of
+    an adjustment, as ``shown`` would say at its end. For those that are not among them one may still come out then."""
+    moved = replace(state, cameras=moving(problem.block, state.cameras))
+    there = [bool(asked[c]) and least_statistic(problem, moved, c, READOUT) > SURE for c in range(len(asked))]
+    return np.array(there, dtype=bool)
 
 
 def _significant(estimate: FloatArray, sigma: FloatArray) -> BoolArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +47,7 @@ _LOG = logging.getLogger(__name__)
 class Solved:
     """The end of the outlier rounds: the ``whole`` problem with the sigmas that were used, the ``problem`` of the
     observations that took part, and its minimum. ``limit_px`` (N,) bounded the residuals, ``factors`` multiply stated
-    sigmas by ``groups``."""
+    sigmas by ``groups``; ``stopped`` before they had settled."""
 
     whole: Problem
     problem: Problem
@@ -57,6 +58,7 @@ class Solved:
     factors: Factors
     rounds: int
     iterations: int
+    stopped: bool = False
 
 
 def _with_cameras_held(block: Block) -> Block:
@@ -70,10 +72,16 @@ def _with_cameras_held(block: Block) -> Block:
 
 
 def solve_rounds(
-    stated: Problem, state: State, settings: AdjustmentSettings, progress: Progress, sigmas: EstimatedSigmas | None
+    stated: Problem,
+    state: State,
+    settings: AdjustmentSettings,
+    progress: Progress,
+    sigmas: EstimatedSigmas | None,
+    stop: Callable[[Problem, State], bool] | None = None,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
-    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated."""
+    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. From the second
+    round on, when mismatches are out, ``stop`` may end them."""
     groups, estimating = tie_groups(stated.block), sigmas is None
     factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
     whole, steady = weighted(stated, groups, factors), not estimating
@@ -95,6 +103,8 @@ def solve_rounds(
         iterations += minimum.iterations
         if last:
             break
+        if stop is not None and number > 1 and stop(problem, minimum.state):
+            return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)
         state = replace(minimum.state, cameras=in_motion(whole.block, minimum.state.cameras))
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
             found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))

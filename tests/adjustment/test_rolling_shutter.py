@@ -10,7 +10,14 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.rolling_shutter import in_motion, looked_for, unmoved, weighed_anew
+from photogram.adjustment.rolling_shutter import (
+    in_motion,
+    looked_for,
+    surely_shown,
+    unmoved,
+    weighed_anew,
+    without_rolling,
+)
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.arrays import FloatArray
 from photogram.factors.graph import cost, ground_graph
@@ -65,6 +72,15 @@ def test_check_points_are_as_good_as_under_a_global_shutter() -> None:
     rms = [float(np.sqrt(np.mean(e**2))) for e in (rolling, plain, blind)]
     assert rms[0] < 1.15 * rms[1]
     assert rms[2] > 2.0 * rms[1], "without it the block is strained"
+
+
+@pytest.mark.parametrize(("plan", "there"), [(ROLLING, True), (GLOBAL, False)])
+def test_a_rolling_shutter_is_seen_between_the_rounds(plan: SurveyPlan, there: bool) -> None:
+    asked = np.array([True])
+    problem = make_problem(without_rolling(simulated(plan, 1).block, asked), SETTINGS)
+    state = minimise(problem, start_state(problem.block, problem.flights), SETTINGS).state
+    assert surely_shown(problem, state, asked).tolist() == [there]
+    assert surely_shown(problem, state, ~asked).tolist() == [False]
 
 
 @pytest.mark.parametrize("stated", [0.0, 0.033])

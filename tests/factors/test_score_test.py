@@ -9,7 +9,7 @@ import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.factors.covariance import covariances
-from photogram.factors.score_test import one_step
+from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import B1, K2, READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
@@ -39,6 +39,7 @@ def test_one_step_is_that_of_the_whole_system_with_the_parameter_free(parameter:
     sigma = np.sqrt(covariances(free, solved).calibration(0)[parameter, parameter])
     assert found.sigma == pytest.approx(sigma, rel=0.01)
     assert found.value == pytest.approx(change, abs=0.05 * sigma + 0.01 * abs(change))
+    assert 0.0 < least_statistic(held, state, 0, parameter) < (found.value / found.sigma) ** 2
 
 
 def test_what_nothing_tells_has_no_step() -> None:
@@ -47,3 +48,4 @@ def test_what_nothing_tells_has_no_step() -> None:
     state = start_state(problem.block, problem.flights)
     step = one_step(problem, state, covariances(problem, state), 0, READOUT)
     assert np.isnan([step.value, step.sigma]).all(), "nothing moved"
+    assert least_statistic(problem, state, 0, READOUT) == 0.0
