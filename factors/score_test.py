@@ -58,9 +58,9 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
 
 
 def least_statistic(problem: Problem, state: State, camera: int, parameter: int) -> float:
-    """Return a bound from below of Rao's statistic s² / K of a ``parameter`` of a camera that is held, χ² with one
-    degree of freedom, at the solution ``state``: with the tie points following, and no other unknown, the score is the
-    same and K is larger. No covariances are needed."""
+    """Return Rao's statistic s² / K of a ``parameter`` of a camera that is held, χ² with one degree of freedom, at the
+    solution ``state``, from the rays of tie points, which follow, as if nothing else were unknown. With all unknowns
+    the score is the same and K smaller: where this is significant, the whole is. No covariances are needed."""
     rays, X = problem.tie, state.tie_point
     own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
     cameras, nothing = len(state.cameras.model), np.zeros(0)
