@@ -40,6 +40,18 @@ PHANTOM = Camera(
 )
 """A camera like that of a Phantom 4."""
 
+WIDE = Camera(
+    "wide",
+    4000,
+    3000,
+    2900.0,
+    np.array([2010.0, 1490.0]),
+    radial=np.array([-0.05, 0.02, -0.004, 0.0]),
+    tangential=np.array([4e-4, -3e-4]),
+    affinity=np.array([1.5, -0.8]),
+)
+"""A camera of which every term is there."""
+
 LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0, estimate_sigmas=False)
 """Of everything, with the sigmas as stated: no loss, nothing rejected."""
 
@@ -82,6 +94,15 @@ def small_problem(seed: int = 1, sigmas: tuple[float, ...] = FREE, *, mismatches
     )  # fmt: skip
     problem, state = problem_of(made.block)
     return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
+
+
+def gtsam_marginals(problem: Problem, state: State) -> gtsam.Marginals:
+    """Return GTSAM's own marginals of the whole linear graph at a state."""
+    system = linearise_all(problem, ground_graph(problem), state)
+    zero = gtsam.VectorValues()
+    for variable in system.variables:
+        zero.insert(variable, np.zeros(len(system.diagonal[variable])))
+    return gtsam.Marginals(system.graph, zero)
 
 
 def whole_normal_equations(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, dict[int, slice]]:

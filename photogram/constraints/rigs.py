@@ -11,10 +11,15 @@ from collections.abc import Container, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
+from photogram.arrays import FloatArray
+
+MOST_COMPARED = 50
+"""Exposures that are looked at as the middle of the others: with half of them gross, one of them still is not."""
+
+SCALING = 4.0
+"""Standard deviations of an offset, beyond which its length says how long a metre is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +77,6 @@ def middle_of(rotation: FloatArray, offset_m: FloatArray) -> RelativePose:
     nearest = turns[int(np.argmin(apart))]
     turn = np.median((nearest.inv() * turns).as_rotvec(), axis=0)
     return RelativePose(np.median(offset_m, axis=0), (nearest * Rotation.from_rotvec(turn)).as_matrix())
-
-
-MOST_COMPARED = 50
-"""Exposures that are looked at as the middle of the others: with half of them gross, one of them still is not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +145,6 @@ def give_scale(rigs: Sequence[Companion]) -> bool:
         and bool(np.linalg.norm(rig.given.offset_m) > SCALING * np.linalg.norm(rig.sigma[3:]))
         for rig in rigs
     )
-
-
-SCALING = 4.0
-"""Standard deviations of an offset, beyond which its length says how long a metre is."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from makers import WIDE
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
@@ -11,22 +12,12 @@ from photogram.camera import Camera, Pose, distort, image_plane, project, unproj
 from photogram.lens.field_basis import FieldBasis, attitude_slopes, field_basis, interior_slopes
 from photogram.projection import READOUT
 
-CAMERA = Camera(
-    "wide",
-    4000,
-    3000,
-    2900.0,
-    np.array([2010.0, 1490.0]),
-    radial=np.array([-0.05, 0.02, -0.004, 0.0]),
-    tangential=np.array([4e-4, -3e-4]),
-    affinity=np.array([1.5, -0.8]),
-)
-FISHEYE = replace(CAMERA, model="fisheye", tangential=np.zeros(2))
+FISHEYE = replace(WIDE, model="fisheye", tangential=np.zeros(2))
 
 
 @pytest.fixture(scope="module")
 def basis() -> FieldBasis:
-    return field_basis(CAMERA, 6)
+    return field_basis(WIDE, 6)
 
 
 def _lattice() -> FloatArray:
@@ -34,7 +25,7 @@ def _lattice() -> FloatArray:
     return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, FISHEYE], ids=lambda camera: camera.model)
+@pytest.mark.parametrize("camera", [WIDE, FISHEYE], ids=lambda camera: camera.model)
 def test_interior_slopes_are_those_of_the_camera(camera: Camera) -> None:
     pixel = _lattice()[::997]
     ideal = image_plane(camera, pixel)
@@ -52,7 +43,7 @@ def test_interior_slopes_are_those_of_the_camera(camera: Camera) -> None:
         np.testing.assert_allclose(slopes[:, :, parameter], numerical, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, FISHEYE], ids=lambda camera: camera.model)
+@pytest.mark.parametrize("camera", [WIDE, FISHEYE], ids=lambda camera: camera.model)
 def test_attitude_slopes_are_those_of_turned_poses(camera: Camera) -> None:
     pixel = _lattice()[::997]
     points = 50.0 * unproject(camera, pixel)
@@ -69,7 +60,7 @@ def test_the_functions_are_orthonormal_and_free_of_the_camera(basis: FieldBasis)
     functions = basis.at(pixel).reshape(-1, len(basis))
     mean = functions.T @ functions / len(functions)
     np.testing.assert_allclose(mean, np.eye(len(basis)), atol=2e-3)
-    known = np.concatenate([interior_slopes(CAMERA, pixel), attitude_slopes(CAMERA, pixel)], axis=2)
+    known = np.concatenate([interior_slopes(WIDE, pixel), attitude_slopes(WIDE, pixel)], axis=2)
     slopes = known.reshape(len(functions), -1)
     slopes /= np.sqrt(np.mean(slopes**2, axis=0))
     assert np.abs(functions.T @ slopes / len(functions)).max() < 2e-3
@@ -79,7 +70,7 @@ def test_functions_and_camera_describe_every_product_up_to_the_degree(basis: Fie
     u, v = (2.0 * _lattice()[::53] + 1.0).T / np.array([[4000], [3000]]) - 1.0
     field = np.stack([u**3 * v**2 - 0.5 * u * v**3, 0.7 * u**4 - v**5], axis=-1).reshape(-1)
     pixel = _lattice()[::53]
-    parts = basis.at(pixel), interior_slopes(CAMERA, pixel), attitude_slopes(CAMERA, pixel)
+    parts = basis.at(pixel), interior_slopes(WIDE, pixel), attitude_slopes(WIDE, pixel)
     columns = np.hstack([part.reshape(len(field), -1) for part in parts])
     columns /= np.linalg.norm(columns, axis=0)
     rest = field - columns @ np.linalg.lstsq(columns, field, rcond=None)[0]
@@ -89,9 +80,9 @@ def test_functions_and_camera_describe_every_product_up_to_the_degree(basis: Fie
 def test_degrees_ascend_and_their_number_is_that_of_the_products_less_the_camera(basis: FieldBasis) -> None:
     assert np.all(np.diff(basis.degree) >= 0)
     assert 56 - 14 <= len(basis) <= 56 - 10
-    assert len(field_basis(CAMERA, 0)) == 0
+    assert len(field_basis(WIDE, 0)) == 0
 
 
 def test_a_degree_beyond_the_quadrature_is_refused() -> None:
     with pytest.raises(ValueError, match="degree of 0 to 15"):
-        field_basis(CAMERA, 16)
+        field_basis(WIDE, 16)

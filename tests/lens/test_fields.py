@@ -2,10 +2,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES, simulated
+from makers import LEAST_SQUARES, WIDE, gtsam_marginals, simulated
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import make_problem, minimise, start_state
@@ -25,23 +24,13 @@ from photogram.camera import (
 )
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations, linearise, residuals
-from photogram.factors.graph import Problem, ground_graph, linearise_all
+from photogram.factors.graph import Problem
 from photogram.factors.variables import CALIBRATION, POSE, TIE_POINT, key
 from photogram.lens.fields import COLUMNS, ROWS, free_field, nodes_px, rms_px, rms_sigma_px
 from photogram.projection import PARAMETERS
 from photogram.simulation.simulated_survey import SimulatedBlock
 from photogram.simulation.survey_plan import SurveyPlan
 
-CAMERA = Camera(
-    "wide",
-    4000,
-    3000,
-    2900.0,
-    np.array([2010.0, 1490.0]),
-    radial=np.array([-0.05, 0.02, -0.004, 0.0]),
-    tangential=np.array([4e-4, -3e-4]),
-    affinity=np.array([1.5, -0.8]),
-)
 POSE_ABOVE = Pose(np.diag([1.0, -1.0, -1.0]), np.array([3.0, 4.0, 60.0]))
 
 
@@ -57,7 +46,7 @@ def anywhere(camera: Camera, count: int = 500, seed: int = 3) -> FloatArray:
 
 
 def test_a_field_has_the_rms_of_its_coefficients_and_is_bilinear_between_its_nodes() -> None:
-    camera = with_field(CAMERA)
+    camera = with_field(WIDE)
     assert camera.field is not None
     nodes = nodes_px(camera)
     at_nodes = field_at(camera, nodes.reshape(-1, 2)).reshape(ROWS, COLUMNS, 2)
@@ -73,7 +62,7 @@ def test_a_field_has_the_rms_of_its_coefficients_and_is_bilinear_between_its_nod
 
 
 def test_a_point_is_shown_where_the_measured_pixel_less_the_field_is_its_projection() -> None:
-    camera = with_field(CAMERA)
+    camera = with_field(WIDE)
     bare, pixel = replace(camera, field=None), anywhere(camera)
     ray = unproject(camera, pixel)
     points = POSE_ABOVE.world_from_camera(50.0 * ray / ray[:, 2:])
@@ -84,20 +73,20 @@ def test_a_point_is_shown_where_the_measured_pixel_less_the_field_is_its_project
 
 
 def test_a_fixed_field_of_zero_changes_no_bit() -> None:
-    field = free_field(CAMERA, 0.3)
-    zero = replace(CAMERA, field=field.held)
-    pixel = anywhere(CAMERA)
-    ray = unproject(CAMERA, pixel)
+    field = free_field(WIDE, 0.3)
+    zero = replace(WIDE, field=field.held)
+    pixel = anywhere(WIDE)
+    ray = unproject(WIDE, pixel)
     points = POSE_ABOVE.world_from_camera(50.0 * ray)
-    np.testing.assert_array_equal(project(zero, POSE_ABOVE, points), project(CAMERA, POSE_ABOVE, points))
-    np.testing.assert_array_equal(undistort(zero, pixel), undistort(CAMERA, pixel))
+    np.testing.assert_array_equal(project(zero, POSE_ABOVE, points), project(WIDE, POSE_ABOVE, points))
+    np.testing.assert_array_equal(undistort(zero, pixel), undistort(WIDE, pixel))
 
 
 def test_residuals_are_linear_in_the_coefficients_and_their_jacobian_is_that_of_differences() -> None:
-    camera = with_field(CAMERA)
+    camera = with_field(WIDE)
     assert camera.field is not None
     pixel = anywhere(camera, 30)
-    points = POSE_ABOVE.world_from_camera(50.0 * unproject(CAMERA, pixel))
+    points = POSE_ABOVE.world_from_camera(50.0 * unproject(WIDE, pixel))
     zero = np.zeros(30, dtype=np.int64)
     observed = Observations(zero, np.arange(30), pixel, np.full(30, 0.5))
 
@@ -114,7 +103,7 @@ def test_residuals_are_linear_in_the_coefficients_and_their_jacobian_is_that_of_
 
 
 def test_parameters_of_cameras_with_and_without_a_field_stand_in_one_table() -> None:
-    cameras = with_field(CAMERA), replace(CAMERA, name="other")
+    cameras = with_field(WIDE), replace(WIDE, name="other")
     assert cameras[0].field is not None
     table, sigmas = calibrations(cameras), calibration_sigmas(cameras)
     count = len(cameras[0].field.coefficients)
@@ -194,11 +183,7 @@ def test_covariances_with_a_field_are_gtsams_marginals() -> None:
     problem, _, _ = small(2, 60)
     state = minimise(problem, start_state(problem.block, problem.flights), LEAST_SQUARES).state
     found = covariances(problem, state)
-    system = linearise_all(problem, ground_graph(problem), state)
-    zero = gtsam.VectorValues()
-    for variable in system.variables:
-        zero.insert(variable, np.zeros(len(system.diagonal[variable])))
-    marginals = gtsam.Marginals(system.graph, zero)
+    marginals = gtsam_marginals(problem, state)
     free, unit = problem.free[0], problem.scale[0]
     lens = marginals.marginalCovariance(key(CALIBRATION, 0)) * np.outer(unit[free], unit[free])
     assert len(free) > 20

@@ -7,14 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from photogram.arrays import FloatArray
-from photogram.grid import Window
-from photogram.surface.ortho.registration import (
-    PATCH_CELLS,
-    Registration,
-    shift_of,
-    shifts_in,
-    tiles_for_patches,
-)
+from photogram.grid import MapGrid
+from photogram.surface.ortho.orthophoto import TILE_CELLS
+from photogram.surface.ortho.registration import PATCH_CELLS, Registration, shift_of, shifts_in
 
 
 def edges(seed: int = 1, size: int = 3 * PATCH_CELLS) -> FloatArray:
@@ -71,10 +66,10 @@ def test_without_patches_nothing_is_known() -> None:
     assert np.isnan(none.rms_cells)
 
 
-def test_tiles_cover_the_grid_once_and_begin_at_patches() -> None:
+def test_tiles_of_an_orthophoto_begin_at_patches_and_cover_it_once() -> None:
     covered = np.zeros((700, 530), dtype=int)
-    for window in tiles_for_patches(700, 530, 4 * PATCH_CELLS):
+    for window in MapGrid(0.0, 0.0, 0.1, 700, 530).tiles(TILE_CELLS):
         covered[window.slices] += 1
         assert window.row % PATCH_CELLS == window.column % PATCH_CELLS == 0
     assert np.all(covered == 1)
-    assert list(tiles_for_patches(3, 2, PATCH_CELLS)) == [Window(0, 0, 3, 2)]
+    assert [w.shape for w in MapGrid(0.0, 0.0, 0.1, 3, 2).tiles(TILE_CELLS)] == [(3, 2)]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from makers import gtsam_marginals
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
@@ -19,7 +20,7 @@ from photogram.camera import Camera, Pose, oriented_by, project
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.kernels import CALIBRATION, linearise_point, point_cost
 from photogram.factors.elimination.reprojection import linearise
-from photogram.factors.graph import cost, ground_graph, linearise_all
+from photogram.factors.graph import cost, ground_graph
 from photogram.factors.variables import CALIBRATION as CALIBRATION_KIND
 from photogram.factors.variables import POSE, TIE_POINT, key
 from photogram.projection import (
@@ -122,11 +123,7 @@ def test_covariances_are_gtsams_marginals(name: str) -> None:
     problem = make_problem(block, AdjustmentSettings(robust_loss="none"))
     state = minimise(problem, start_state(problem.block, problem.flights), AdjustmentSettings(robust_loss="none")).state
     found = covariances(problem, state)
-    system = linearise_all(problem, ground_graph(problem), state)
-    zero = gtsam.VectorValues()
-    for variable in system.variables:
-        zero.insert(variable, np.zeros(len(system.diagonal[variable])))
-    marginals = gtsam.Marginals(system.graph, zero)
+    marginals = gtsam_marginals(problem, state)
     free, scale = problem.free[0], problem.scale[0]
     expected = marginals.marginalCovariance(key(CALIBRATION_KIND, 0)) * np.outer(scale[free], scale[free])
     calibration = found.calibration(0)

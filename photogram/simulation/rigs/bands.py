@@ -13,9 +13,8 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, image_plane, project
 from photogram.constraints.rigs import Companion, RelativePose
 from photogram.results import Adjustment
-from photogram.simulation.flight import Flight, candidates, fly, footprints, measure_control, observe, place_control
-from photogram.simulation.rigs.two_cameras import companion_camera, companion_flight
-from photogram.simulation.scene import terrain_height
+from photogram.simulation.flight import Flight, fly, observe
+from photogram.simulation.rigs.two_cameras import companion_camera, companion_flight, ground_of
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block, TiePoints
 
@@ -120,14 +119,7 @@ def simulate_bands(plan: SurveyPlan, seed: int, *, tie_points: int = 300, sigma_
         scatter = SYNCHRONOUS * rng.standard_normal((count, 6))
         flights.append(companion_flight(master, pose, scatter, {}, cameras[-1], number))
 
-    def on_terrain(place: FloatArray) -> FloatArray:
-        return np.column_stack([place, terrain_height(seed, plan.relief_m, place)])
-
-    candidate = on_terrain(candidates(master, rng))
-    ground = place_control(plan, candidate, observe(master, candidate, 25.0).table(count, len(candidate)))
-    control = measure_control(master, ground, observe(master, ground, 5 * plan.stated_mark_sigma_px), rng)
-    corners = footprints(master, 0.0).reshape(-1, 2)
-    points = on_terrain(rng.uniform(corners.min(axis=0), corners.max(axis=0), (3 * tie_points, 2)))
+    control, points = ground_of(plan, seed, master, 3 * tie_points, rng)
     ties = _band_ties(flights, points, tie_points, sigma_px, rng)
     names = [[p.name for p in flight.photographs] for flight in flights]
     rigs = tuple(

@@ -26,7 +26,7 @@ from photogram.simulation.flight import (
 )
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import SurveyPlan
-from photogram.survey import Block, TiePoints
+from photogram.survey import Block, ControlPoints, TiePoints
 
 TRUE = RelativePose(
     np.array([0.12, -0.05, 0.02]), Rotation.from_euler("xyz", [-6.0, 4.0, 2.0], degrees=True).as_matrix()
@@ -97,6 +97,23 @@ def companion_flight(
     return replace(master, camera=cameras[0], approximate=cameras[1], poses=poses, photographs=photographs)
 
 
+def ground_of(
+    plan: SurveyPlan, seed: int, master: Flight, points: int, rng: np.random.Generator
+) -> tuple[ControlPoints, FloatArray]:
+    """Return the ground points of a plan, marked in the master's photographs, and places (``points``, 3) on the terrain
+    under them."""
+
+    def on_terrain(place: FloatArray) -> FloatArray:
+        return np.column_stack([place, terrain_height(seed, plan.relief_m, place)])
+
+    candidate = on_terrain(candidates(master, rng))
+    seen = observe(master, candidate, 25.0).table(len(master.poses), len(candidate))
+    ground = place_control(plan, candidate, seen)
+    control = measure_control(master, ground, observe(master, ground, 5 * plan.stated_mark_sigma_px), rng)
+    corners = footprints(master, 0.0).reshape(-1, 2)
+    return control, on_terrain(rng.uniform(corners.min(axis=0), corners.max(axis=0), (points, 2)))
+
+
 def _sightings(flights: tuple[Flight, Flight], points: FloatArray, margin_px: float) -> Sightings:
     """Return which photographs of both flights show points (P, 3), sorted by point, then photograph."""
     first, second = (observe(flight, points, margin_px) for flight in flights)
@@ -154,14 +171,7 @@ def simulate_two_cameras(
     scatter = exposure_sigma * rng.standard_normal((count, 6))
     flights = master, companion_flight(master, relative, scatter, late_m or {}, cameras)
 
-    def on_terrain(place: FloatArray) -> FloatArray:
-        return np.column_stack([place, terrain_height(seed, plan.relief_m, place)])
-
-    candidate = on_terrain(candidates(master, rng))
-    ground = place_control(plan, candidate, observe(master, candidate, 25.0).table(count, len(candidate)))
-    control = measure_control(master, ground, observe(master, ground, 5 * plan.stated_mark_sigma_px), rng)
-    corners = footprints(master, 0.0).reshape(-1, 2)
-    points = on_terrain(rng.uniform(corners.min(axis=0), corners.max(axis=0), (3 * tie_points, 2)))
+    control, points = ground_of(plan, seed, master, 3 * tie_points, rng)
     seen, place = _tie_points(flights, points, tie_points, sigma_px, matched)
     n, colour = len(seen.point), np.full((len(place), 3), 128, np.uint8)
     ties = TiePoints(

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray
-from photogram.grid import Window
 
 PATCH_CELLS = 128
 """Side of a patch."""
@@ -89,10 +88,3 @@ def shifts_in(first: FloatArray, second: FloatArray, shown: BoolArray) -> FloatA
         if shown[patch].all() and (shift := shift_of(first[patch], second[patch])) is not None
     ]
     return np.array(found).reshape(-1, 2)
-
-
-def tiles_for_patches(rows: int, columns: int, side: int) -> Iterator[Window]:
-    """Yield the windows of ``side`` × ``side`` cells, a multiple of PATCH_CELLS, of a grid, row after row."""
-    for row in range(0, rows, side):
-        for column in range(0, columns, side):
-            yield Window(row, column, min(row + side, rows), min(column + side, columns))

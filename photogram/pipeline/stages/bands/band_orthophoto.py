@@ -24,7 +24,7 @@ from photogram.project.rigs.entries import bands_of
 from photogram.report.record.rigs import BandRecord, band_records_type
 from photogram.surface.ortho.orthophoto import ONLY_MASKED, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside
-from photogram.surface.ortho.registration import Registration, shifts_in, tiles_for_patches
+from photogram.surface.ortho.registration import Registration, shifts_in
 from photogram.surface.ortho.visibility import Surface
 from photogram.surface.views import Views
 
@@ -77,7 +77,7 @@ def make_bands(
     grid = master.grid
 
     def tiles() -> Iterator[tuple[Window, ByteArray]]:
-        for window in tiles_for_patches(grid.rows, grid.columns, TILE_CELLS):
+        for window in grid.tiles(TILE_CELLS):
             colours = master.tile(window, pixels_of)
             shown = (colours[..., 3] > ONLY_MASKED) & cells_inside(sides, grid, window)
             layers = [colours[..., k] for k in range(3)]
