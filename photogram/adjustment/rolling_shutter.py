@@ -109,8 +109,8 @@ def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) 
 
 
 def surely_shown(problem: Problem, state: State, asked: BoolArray) -> BoolArray:
-    """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time already between the rounds of
-    an adjustment, as ``shown`` would say at its end. For those that are not among them one may still come out then."""
+    """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time before the rounds of an
+    adjustment have settled, as ``shown`` would say at its end. Of the others one may still come out then."""
     moved = replace(state, cameras=moving(problem.block, state.cameras))
     there = [bool(asked[c]) and least_statistic(problem, moved, c, READOUT) > SURE for c in range(len(asked))]
     return np.array(there, dtype=bool)

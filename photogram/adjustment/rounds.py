@@ -80,8 +80,8 @@ def solve_rounds(
     stop: Callable[[Problem, State], bool] | None = None,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
-    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. From the second
-    round on, when mismatches are out, ``stop`` may end them."""
+    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. After the
+    second round, when mismatches are out, ``stop`` may end them."""
     groups, estimating = tie_groups(stated.block), sigmas is None
     factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
     whole, steady = weighted(stated, groups, factors), not estimating
@@ -103,7 +103,7 @@ def solve_rounds(
         iterations += minimum.iterations
         if last:
             break
-        if stop is not None and number > 1 and stop(problem, minimum.state):
+        if stop is not None and number == 2 and stop(problem, minimum.state):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)
         state = replace(minimum.state, cameras=in_motion(whole.block, minimum.state.cameras))
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
