@@ -21,7 +21,7 @@ from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
-from photogram.projection import OrientedCameras, project_point_jacobians
+from photogram.projection import PARAMETERS, OrientedCameras, fill_field_slopes, project_point_jacobians, without_fields
 
 
 class Step(NamedTuple):
@@ -46,8 +46,9 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
         (apart.select(order), state.control, surveyed, KINDS["none"], 1.0),
     ):  # fmt: skip
         own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
+        bare = without_fields(state.cameras, rays.photograph, rays.pixel)
         more = _score(
-            first_observations(rays.point, len(X)), rays.photograph, rays.pixel, rays.sigma_px, state.cameras, X,
+            first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, state.cameras, X,
             known, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns, loss, threshold, L,
         )  # fmt: skip
         information, score = information + more[0], score + more[1]
@@ -64,8 +65,9 @@ def least_statistic(problem: Problem, state: State, camera: int, parameter: int)
     rays, X = problem.tie, state.tie_point
     own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
     cameras, nothing = len(state.cameras.model), np.zeros(0)
+    bare = without_fields(state.cameras, rays.photograph, rays.pixel)
     information, score = _score(
-        first_observations(rays.point, len(X)), rays.photograph, rays.pixel, rays.sigma_px, state.cameras, X,
+        first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, state.cameras, X,
         np.zeros((len(X), 3, 3)), own, parameter, np.full(len(state.position), -1, dtype=np.int64),
         np.zeros((cameras, 3), dtype=np.int64), np.zeros_like(state.cameras.parameters), 0, KINDS[problem.robust_loss],
         problem.robust_threshold, nothing,
@@ -75,9 +77,9 @@ def least_statistic(problem: Problem, state: State, camera: int, parameter: int)
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def _score(
-    first: IntArray, photograph: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras,
-    X: FloatArray, known: FloatArray, own: FloatArray, parameter: int, place_of: IntArray, free_of: IntArray,
-    unit: FloatArray, columns: int, loss: int, threshold: float, L: FloatArray,
+    first: IntArray, photograph: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
+    cameras: OrientedCameras, X: FloatArray, known: FloatArray, own: FloatArray, parameter: int, place_of: IntArray,
+    free_of: IntArray, unit: FloatArray, columns: int, loss: int, threshold: float, L: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
     """Add AᵀJ of all points to L (6 free + border); returns JᵀJ and −Jᵀ r. ``known`` (P, 3, 3) is what is known of
     points beside their rays, ``own`` (N,) 1 for rays of the camera, else 0."""
@@ -86,7 +88,7 @@ def _score(
         longest = max(longest, first[p + 1] - first[p])
     A, C, B = np.zeros((longest, 2, 6)), np.zeros((longest, 2, unit.shape[1])), np.zeros((longest, 2, 3))
     J, r, V, M = np.zeros((longest, 2)), np.zeros((longest, 2)), np.zeros(12), np.zeros(6)
-    information, score = 0.0, 0.0
+    information, score, coefficients = 0.0, 0.0, cameras.functions.shape[4]
     for p in range(len(first) - 1):
         V[:] = 0.0
         for a in range(3):
@@ -95,14 +97,15 @@ def _score(
         count = first[p + 1] - first[p]
         for n in range(count):
             i = first[p] + n
-            u, v, depth = project_point_jacobians(
-                cameras, photograph[i], X[p], pixel[i, 0], pixel[i, 1], A[n], C[n], B[n]
-            )
+            u, v, depth = project_point_jacobians(cameras, photograph[i], X[p], pixel[i, 1], A[n], C[n], B[n])
             J[n], r[n] = 0.0, 0.0
             if not depth > 0.0:
                 B[n] = 0.0
                 continue
-            du, dv = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+            if coefficients:
+                c = cameras.camera[photograph[i]]
+                fill_field_slopes(cameras, c, pixel[i, 0], pixel[i, 1], 1.0, coefficients, C[n], 0, PARAMETERS)
+            du, dv = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
             s = np.sqrt(robust(du * du + dv * dv, loss, threshold)[1])
             for k in range(2):
                 r[n, k] = s * (du if k == 0 else dv)

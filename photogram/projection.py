@@ -420,6 +420,24 @@ def without_field(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple
     return u - du, v - dv
 
 
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+def _without_fields(cameras: OrientedCameras, photograph: IntArray, measured: FloatArray) -> FloatArray:
+    bare = measured.copy()
+    for i in range(len(bare)):
+        c = cameras.camera[photograph[i]]
+        bare[i, 0], bare[i, 1] = without_field(cameras, c, measured[i, 0], measured[i, 1])
+    return bare
+
+
+def without_fields(cameras: OrientedCameras, photograph: IntArray, measured: FloatArray) -> FloatArray:
+    """Return measurements (N, 2 or more), u and v first, px, in photographs (N,) less the lens fields of their cameras;
+    the array itself where no camera has one, so that loops over such blocks know nothing of fields."""
+    if cameras.shift.shape[1] < 2:
+        return measured
+    bare: FloatArray = _without_fields(cameras, photograph, measured)
+    return bare
+
+
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
 def fill_field_slopes(
     cameras: OrientedCameras, c: int, u: float, v: float, weight: float, count: int, J: FloatArray, row: int,
@@ -505,22 +523,16 @@ def centre_at_row(cameras: OrientedCameras, p: int, v: float) -> tuple[float, fl
 
 
 @njit(inline="always")  # type: ignore[misc, unused-ignore]
-def project_where_measured(
-    cameras: OrientedCameras, p: int, X: FloatArray, u: float, v: float
-) -> tuple[float, float, float]:
-    """Project X (3,) as ``project_point``, with the projection centre of row ``v`` and the lens field at (u, v), where
-    the point was measured."""
+def project_at_row(cameras: OrientedCameras, p: int, X: FloatArray, v: float) -> tuple[float, float, float]:
+    """Project X (3,) as ``project_point``, with the projection centre of row ``v``, where the point was measured, and
+    by the parameters alone: what it is compared with is the measurement less the lens field, ``without_fields``."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
-    S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
-    model, q = cameras.model[c], lens_of(cameras.parameters, c)
+    height_px, model, q = cameras.size_px[c, 1], cameras.model[c], lens_of(cameras.parameters, c)
     px, py, pz = in_camera_at_row(cameras, i, q[READOUT], height_px, v, X[0], X[1], X[2])
     if pz <= 0.0:
         return np.nan, np.nan, pz
     x, y = pixel_in_front(model, q, px, py, pz)
-    if S.shape[1] > 1:
-        du, dv = shift_called(S, c, width_px, height_px, u, v)
-        x, y = x + du, y + dv
     return x, y, pz
 
 
@@ -567,14 +579,13 @@ def project_point_jacobians(
     cameras: OrientedCameras,
     p: int,
     X: FloatArray,
-    u_px: float,
     v_px: float,
     J_pose: FloatArray,
     J_camera: FloatArray,
     J_point: FloatArray,
 ) -> tuple[float, float, float]:
-    """Project as project_where_measured, at (``u_px``, ``v_px``), and fill the Jacobians of (u, v): pose (2, 6), see
-    ``slopes_of_pose``, interior orientation and lens field (2, 12 + K) and point (2, 3)."""
+    """Project as project_at_row, at ``v_px``, and fill the Jacobians of (u, v): pose (2, 6), see ``slopes_of_pose``,
+    interior orientation (2, 12 or more), without lens fields, which ``fill_field_slopes`` adds, and point (2, 3)."""
     i = np.uint64(p)
     c = np.uint64(cameras.camera[i])
     model, q, height_px = cameras.model[c], lens_of(cameras.parameters, c), cameras.size_px[c, 1]
@@ -597,11 +608,8 @@ def project_point_jacobians(
         J_point[row, 0], J_point[row, 1], J_point[row, 2] = slopes_in_world(cameras, i, g0, g1, g2)
         J_camera[row, READOUT] = g0 * mx + g1 * my + g2 * mz
     fill_parameter_slopes(q, _ONES, 1.0, x, y, xd, yd, J_camera, 0, 0)
-    if cameras.functions.shape[1] > 1:
-        fill_field_slopes(cameras, c, u_px, v_px, 1.0, cameras.functions.shape[4], J_camera, 0, PARAMETERS)
     u, v = pixel_of(q, xd, yd)
-    du, dv = shift_at(cameras, c, u_px, v_px)
-    return u + du, v + dv, pz
+    return u, v, pz
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]

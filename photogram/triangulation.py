@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.projection import OrientedCameras, centre_at_row, project_where_measured
+from photogram.projection import OrientedCameras, centre_at_row, project_at_row, without_fields
 from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
@@ -159,6 +159,7 @@ def _consensus(
     end: int,
     photograph: IntArray,
     pixel: FloatArray,
+    bare: FloatArray,
     ideal: FloatArray,
     limit: FloatArray,
     cameras: OrientedCameras,
@@ -182,8 +183,8 @@ def _consensus(
                 continue
             support, cost = 0, 0.0
             for k in range(begin, end):
-                u, v, depth = project_where_measured(cameras, photograph[k], X, pixel[k, 0], pixel[k, 1])
-                error = ((u - pixel[k, 0]) ** 2 + (v - pixel[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
+                u, v, depth = project_at_row(cameras, photograph[k], X, pixel[k, 1])
+                error = ((u - bare[k, 0]) ** 2 + (v - bare[k, 1]) ** 2) / limit[k] ** 2 if depth > 0.0 else np.inf
                 inlier[k - begin] = error < 1.0
                 if error < 1.0:
                     support += 1
@@ -196,6 +197,37 @@ def _consensus(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _consensus_of_all(
+    first: IntArray,
+    photograph: IntArray,
+    pixel: FloatArray,
+    bare: FloatArray,
+    ideal: FloatArray,
+    limit_px: FloatArray,
+    cameras: OrientedCameras,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    count = len(first) - 1
+    points = np.full((count, 3), np.nan)
+    inlier = np.zeros(len(photograph), dtype=np.bool_)
+    for p in range(count):
+        support = _consensus(
+            first[p],
+            first[p + 1],
+            photograph,
+            pixel,
+            bare,
+            ideal,
+            limit_px,
+            cameras,
+            points[p],
+            inlier,
+        )
+        if support < 2:
+            points[p] = np.nan
+            inlier[first[p] : first[p + 1]] = False
+    return points, inlier
+
+
 def consensus_intersections(
     first: IntArray,
     photograph: IntArray,
@@ -211,22 +243,8 @@ def consensus_intersections(
     of them up to MANY_PAIRS, evenly spread ones of a longer track (RANSAC without the randomness; Fischler & Bolles
     1981).
     """
-    count = len(first) - 1
-    points = np.full((count, 3), np.nan)
-    inlier = np.zeros(len(photograph), dtype=np.bool_)
-    for p in range(count):
-        support = _consensus(
-            first[p],
-            first[p + 1],
-            photograph,
-            pixel,
-            ideal,
-            limit_px,
-            cameras,
-            points[p],
-            inlier,
-        )
-        if support < 2:
-            points[p] = np.nan
-            inlier[first[p] : first[p + 1]] = False
-    return points, inlier
+    bare = without_fields(cameras, photograph, pixel)
+    found: tuple[FloatArray, NDArray[np.bool_]] = _consensus_of_all(
+        first, photograph, pixel, bare, ideal, limit_px, cameras
+    )
+    return found

@@ -69,10 +69,9 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
-    cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray, free_of: IntArray, loss: int,
-    threshold: float,
-    least: float, prior: FloatArray, stride: int, inverse: FloatArray, own: FloatArray, T: FloatArray,
-    border: FloatArray, result: FloatArray,
+    bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
+    free_of: IntArray, loss: int, threshold: float, least: float, prior: FloatArray, stride: int, inverse: FloatArray,
+    own: FloatArray, T: FloatArray, border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
     """Fill the covariances (P, 3, 3) of a range of points; returns the first that is singular, −1 when none is.
 
@@ -87,8 +86,8 @@ def covariances_of_points(
         for k in range(12):
             V[k] = prior[index[p], k] if len(prior) else 0.0
         linearise_point(
-            first[p], first[p + 1], photograph, measured, cameras, unit, X, index[p], free_of, loss, threshold, least,
-            J, V,
+            first[p], first[p + 1], photograph, measured, bare, cameras, unit, X, index[p], free_of, loss, threshold,
+            least, J, V,
         )  # fmt: skip
         if not inverse_factor(V, 0.0, M):
             return int(index[p])

@@ -24,7 +24,7 @@ from photogram.factors.elimination.kernels import accumulate, cost_of_points, su
 from photogram.factors.elimination.loss import Loss
 from photogram.factors.elimination.reduced import Layout, NormalEquations
 from photogram.factors.elimination.reprojection import Observations
-from photogram.projection import OrientedCameras
+from photogram.projection import OrientedCameras, without_fields
 
 MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
 CHUNKS = 4
@@ -114,13 +114,13 @@ def eliminate(
     that cannot be intersected, −1 when all can.
     """
     layout, whole = normal.layout, len(rays.chunks) == 1
-    free_of = layout.free_of
+    free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
         origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
         part = normal if whole else normal.part(origin, last)
         failed = accumulate(
-            begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
             points.prior, origin, layout.stride, part.A, part.Q.reshape(-1), part.H,
         )  # fmt: skip
@@ -142,11 +142,12 @@ def observation_cost(
     pool: ThreadPoolExecutor | None = None,
 ) -> float:
     """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
+    bare = without_fields(cameras, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> float:
         return float(
             cost_of_points(
-                begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, position, loss.kind,
+                begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, position, loss.kind,
                 loss.threshold,
             )
         )  # fmt: skip
@@ -179,13 +180,14 @@ def substitute(
     damping of the cameras and everything that is known of them but for the observations.
     """
     result = points.position.copy()
-    free_of = layout.free_of
+    free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
+    moved_bare = without_fields(moved, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> tuple[float, float]:
         found: tuple[float, float] = substitute_points(
-            begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
-            points.prior, *step, moved, result,
+            points.prior, *step, moved, moved_bare, result,
         )  # fmt: skip
         return found
 
@@ -213,12 +215,12 @@ def point_covariances(
     own = inverse[low * layout.stride + high].reshape(-1)
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
-    free_of = layout.free_of
+    free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> int:
         return int(
             covariances_of_points(
-                begin, end, rays.first, rays.index, rays.photograph, rays.measured, cameras, layout.unit,
+                begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
                 points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature,
                 points.prior, layout.stride, inverse, own, turned, border, result,
             )

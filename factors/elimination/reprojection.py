@@ -22,9 +22,11 @@ from photogram.projection import (
     READOUT,
     TANGENTIAL,
     OrientedCameras,
+    fill_field_slopes,
+    project_at_row,
     project_point,
     project_point_jacobians,
-    project_where_measured,
+    without_fields,
 )
 
 
@@ -59,13 +61,14 @@ class Linearisation:
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _residuals(
-    photograph: IntArray, point: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras, X: FloatArray
-) -> FloatArray:
+    photograph: IntArray, point: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
+    cameras: OrientedCameras, X: FloatArray,
+) -> FloatArray:  # fmt: skip
     residual = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
-        u, v, depth = project_where_measured(cameras, photograph[i], X[point[i]], pixel[i, 0], pixel[i, 1])
+        u, v, depth = project_at_row(cameras, photograph[i], X[point[i]], pixel[i, 1])
         if depth > 0.0:
-            residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+            residual[i, 0], residual[i, 1] = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
         else:
             residual[i] = np.inf
     return residual
@@ -73,19 +76,23 @@ def _residuals(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _linearise(
-    photograph: IntArray, point: IntArray, pixel: FloatArray, sigma: FloatArray, cameras: OrientedCameras, X: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    count = len(photograph)
+    photograph: IntArray, point: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
+    cameras: OrientedCameras, X: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    count, coefficients = len(photograph), cameras.functions.shape[4]
     residual, J_pose = np.empty((count, 2)), np.empty((count, 2, 6))
     J_camera, J_point = np.empty((count, 2, cameras.parameters.shape[1])), np.empty((count, 2, 3))
     for i in range(count):
         u, v, depth = project_point_jacobians(
-            cameras, photograph[i], X[point[i]], pixel[i, 0], pixel[i, 1], J_pose[i], J_camera[i], J_point[i]
+            cameras, photograph[i], X[point[i]], pixel[i, 1], J_pose[i], J_camera[i], J_point[i]
         )
         if depth > 0.0:
-            residual[i, 0], residual[i, 1] = (u - pixel[i, 0]) / sigma[i], (v - pixel[i, 1]) / sigma[i]
+            residual[i, 0], residual[i, 1] = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
         else:
             residual[i] = 0.0
+        if coefficients and depth > 0.0:
+            c = cameras.camera[photograph[i]]
+            fill_field_slopes(cameras, c, pixel[i, 0], pixel[i, 1], 1.0, coefficients, J_camera[i], 0, PARAMETERS)
         J_pose[i] /= sigma[i]
         J_camera[i] /= sigma[i]
         J_point[i] /= sigma[i]
@@ -110,8 +117,8 @@ def predicted(photograph: IntArray, point: IntArray, cameras: OrientedCameras, X
 def residuals(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     """Return whitened residuals (N, 2) of points X (P, 3) in the world, m; infinite for points at or behind the
     projection centre."""
-    o = observations
-    result: FloatArray = _residuals(o.photograph, o.point, o.pixel, o.sigma_px, cameras, X)
+    o, bare = observations, without_fields(cameras, observations.photograph, observations.pixel)
+    result: FloatArray = _residuals(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
     return result
 
 
@@ -120,8 +127,8 @@ def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArra
 
     Points at or behind the projection centre pull at nothing: theirs are zero.
     """
-    o = observations
-    residual, pose, calibration, point = _linearise(o.photograph, o.point, o.pixel, o.sigma_px, cameras, X)
+    o, bare = observations, without_fields(cameras, observations.photograph, observations.pixel)
+    residual, pose, calibration, point = _linearise(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
     return Linearisation(residual, pose, calibration, point, cameras.camera[o.photograph])
 
 

@@ -24,8 +24,8 @@ from photogram.projection import (
     SIGMA_KEYS,
     TANGENTIAL,
     centre_at_row,
+    project_at_row,
     project_point,
-    project_where_measured,
     seen_at,
 )
 
@@ -104,7 +104,7 @@ def test_a_rolling_shutter_shows_a_point_from_where_the_camera_is_when_it_reads_
         share = v / (ROLLING.height_px - 1.0) - 0.5
         there = replace(FAST, position_world_m=FAST.position_world_m + 0.05 * share * FAST.velocity_world_m_s)
         np.testing.assert_allclose(project(plain, there, X[None])[0], [u, v], atol=1e-3)
-        np.testing.assert_allclose(project_where_measured(cameras, 0, X, u, v)[:2], [u, v], atol=1e-3)
+        np.testing.assert_allclose(project_at_row(cameras, 0, X, v)[:2], [u, v], atol=1e-3)
         np.testing.assert_allclose(centre_at_row(cameras, 0, v), there.position_world_m, rtol=1e-12)
         np.testing.assert_array_equal(seen_at(cameras, 0, X)[:2], [u, v])
 

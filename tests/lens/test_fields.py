@@ -27,7 +27,7 @@ from photogram.factors.elimination.reprojection import Observations, linearise, 
 from photogram.factors.graph import Problem
 from photogram.factors.variables import CALIBRATION, POSE, TIE_POINT, key
 from photogram.lens.fields import COLUMNS, ROWS, free_field, nodes_px, rms_px, rms_sigma_px
-from photogram.projection import PARAMETERS
+from photogram.projection import PARAMETERS, without_fields
 from photogram.simulation.simulated_survey import SimulatedBlock
 from photogram.simulation.survey_plan import SurveyPlan
 
@@ -70,6 +70,18 @@ def test_a_point_is_shown_where_the_measured_pixel_less_the_field_is_its_project
     np.testing.assert_allclose(project(bare, POSE_ABOVE, points), pixel - field_at(camera, pixel), atol=1e-8)
     np.testing.assert_allclose(distort(camera, undistort(camera, pixel)), pixel, atol=2e-5)
     assert np.abs(field_at(camera, pixel)).max() > 0.3
+
+
+def test_measurements_less_the_fields_of_their_cameras() -> None:
+    cameras, pixel = [WIDE, with_field(WIDE)], anywhere(WIDE, 40)
+    measured, photograph = np.column_stack([pixel, np.full(40, 2.0)]), np.arange(40) % 2
+    shown = oriented_by(cameras, np.array([0, 1]), [POSE_ABOVE, POSE_ABOVE])
+    expected = pixel - np.where(photograph[:, None] == 1, field_at(cameras[1], pixel), 0.0)
+    found = without_fields(shown, photograph, measured)
+    np.testing.assert_array_equal(found[:, :2], expected)
+    np.testing.assert_array_equal(found[:, 2], 2.0)
+    without = oriented_by(cameras[:1], np.zeros(2, np.int64), [POSE_ABOVE, POSE_ABOVE])
+    assert without_fields(without, photograph, measured) is measured
 
 
 def test_a_fixed_field_of_zero_changes_no_bit() -> None:

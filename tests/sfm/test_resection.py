@@ -171,7 +171,6 @@ def jacobian(points: np.ndarray) -> np.ndarray:
             0,
             X,
             0.0,
-            0.0,
             J,
             J_camera,
             J_point,

@@ -87,13 +87,13 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
     cameras = oriented_by([camera], np.zeros(1, np.int64), [Pose(R, C, np.array([0.8, -0.5, 0.1]))])
     u, v = 0.0, 0.0
     for _ in range(20):  # the row at which it is measured decides where the camera was
-        u, v, _ = project_point_jacobians(cameras, 0, X, u, v + 4.0, J_pose, J_camera, J_point)
+        u, v, _ = project_point_jacobians(cameras, 0, X, v + 4.0, J_pose, J_camera, J_point)
     chosen, unit = np.flatnonzero(free), np.linspace(0.5, 1.5, PARAMETERS)
     free_of = np.zeros((1, 3 + PARAMETERS), np.int64)
     free_of[0, 1], free_of[0, 3 : 3 + len(chosen)] = len(chosen), chosen
     measured = np.array([[u - 3.0, v + 4.0, 2.0]])
     J, V = np.zeros((2, CALIBRATION + PARAMETERS)), np.zeros(12)
-    ray, of_free = (0, 1, np.zeros(1, np.int64), measured, cameras), np.where(free, unit, 0.0)[None]
+    ray, of_free = (0, 1, np.zeros(1, np.int64), measured, measured, cameras), np.where(free, unit, 0.0)[None]
     assert linearise_point(*ray, of_free, X[None], 0, free_of, 0, 1.0, 1.0, J, V) == 0
     np.testing.assert_allclose(J[:, 9], [6.0, -8.0], rtol=1e-9)
     assert point_cost(*ray, X[None], 0, 0, 1.0) == (pytest.approx(50.0), 0)
