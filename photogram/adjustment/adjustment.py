@@ -22,7 +22,8 @@ from photogram.adjustment.ground_points import ground_points, mark_residuals_px,
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
-from photogram.adjustment.rolling_shutter import (
+from photogram.adjustment.rounds import Solved, solve_rounds
+from photogram.adjustment.shutters.rolling_shutter import (
     Readouts,
     looked_for,
     readouts,
@@ -31,7 +32,6 @@ from photogram.adjustment.rolling_shutter import (
     with_readouts,
     without_rolling,
 )
-from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.solvability import UnheldError, undetermined, weak_parts
 from photogram.adjustment.stochastic_model.assumed_gnss import gnss_steady, gnss_table, with_gnss_factors
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
@@ -232,8 +232,9 @@ def _adjusted_block(
     start: Sequence[FloatArray] | FloatArray,
     sigmas: EstimatedSigmas | None,
 ) -> _Ended:
-    """Adjust a block of which no read-out time is looked for."""
-    ended = _adjust_block(block, settings, progress, start, sigmas, np.zeros(len(block.cameras), dtype=bool))
+    """Adjust a block of which no read-out time is looked for any more, from where an adjustment has brought it."""
+    nothing = np.zeros(len(block.cameras), dtype=bool)
+    ended = _adjust_block(block, settings, progress, start, sigmas, nothing, again=True)
     assert isinstance(ended, _Ended)
     return ended
 
@@ -245,9 +246,11 @@ def _adjust_block(
     start: Sequence[FloatArray] | FloatArray,
     sigmas: EstimatedSigmas | None,
     asked: BoolArray,
+    *,
+    again: bool = False,
 ) -> _Ended | _Rolling:
     """Adjust a block with the unknowns that it has, and find its common errors and sigmas; no longer than until one of
-    the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done again with it."""
+    the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done ``again`` with it."""
     estimating = settings.estimate_sigmas and sigmas is None
     used = None if estimating else sigmas or EstimatedSigmas.none()
     whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
@@ -259,7 +262,7 @@ def _adjust_block(
             given = np.array(start)[:, : moved.shape[1]]
             moved[:, : given.shape[1]] = np.where(free[:, : given.shape[1]], given, moved[:, : given.shape[1]])
             first = replace(first, cameras=recalibrated(first.cameras, moved))
-        solved = solve_rounds(whole, first, settings, progress, used, stop)
+        solved = solve_rounds(whole, first, settings, progress, used, stop, 2 if again else 1)
         if solved.stopped:
             return _Rolling.at(solved.minimum.state, surely_shown(solved.problem, solved.minimum.state, asked))
         progress("covariances")

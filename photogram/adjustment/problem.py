@@ -11,7 +11,7 @@ import numpy as np
 from photogram.adjustment.common_errors import with_attitude_errors
 from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
-from photogram.adjustment.rolling_shutter import in_motion
+from photogram.adjustment.shutters.rolling_shutter import in_motion
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import labels
 from photogram.errors import AdjustmentError, check_range

@@ -19,7 +19,7 @@ from photogram.adjustment.outliers import (
     without_narrow,
 )
 from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
-from photogram.adjustment.rolling_shutter import in_motion
+from photogram.adjustment.shutters.rolling_shutter import renewed
 from photogram.adjustment.solvability import check_determined, check_in_front
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     Factors,
@@ -78,10 +78,12 @@ def solve_rounds(
     progress: Progress,
     sigmas: EstimatedSigmas | None,
     stop: Callable[[Problem, State], bool] | None = None,
+    first_round: int = 1,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
     choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. After the
-    second round, when mismatches are out, ``stop`` may end them."""
+    second round, when mismatches are out, ``stop`` may end them; ``first_round`` is 2 where others have been before, so
+    that ``state`` is near."""
     groups, estimating = tie_groups(stated.block), sigmas is None
     factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
     whole, steady = weighted(stated, groups, factors), not estimating
@@ -90,7 +92,7 @@ def solve_rounds(
     used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
     limit_px = np.full(len(whole.tie), first)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
-    for number in range(1, settings.maximum_rounds + 1):
+    for number in range(first_round, settings.maximum_rounds + 1):
         last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))
@@ -105,7 +107,7 @@ def solve_rounds(
             break
         if stop is not None and number == 2 and stop(problem, minimum.state):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)
-        state = replace(minimum.state, cameras=in_motion(whole.block, minimum.state.cameras))
+        state = renewed(problem, minimum.state)
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
             found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
             better = factors if found is None else improved(found, factors, groups)

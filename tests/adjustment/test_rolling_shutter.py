@@ -10,7 +10,8 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.rolling_shutter import (
+from photogram.adjustment.self_calibration import held_parameters
+from photogram.adjustment.shutters.rolling_shutter import (
     in_motion,
     looked_for,
     surely_shown,
@@ -18,7 +19,6 @@ from photogram.adjustment.rolling_shutter import (
     weighed_anew,
     without_rolling,
 )
-from photogram.adjustment.self_calibration import held_parameters
 from photogram.arrays import FloatArray
 from photogram.factors.graph import cost, ground_graph
 from photogram.projection import B1, B2, FOCAL, READOUT

@@ -1,10 +1,10 @@
 """Rolling shutters: how photographs moved while they were read, and whether a read-out time is there at all.
 
 The velocity of a photograph stands in its tags, or follows from the adjusted positions of its neighbours in time, so
-that neither the noise of GNSS nor its absence matters. Tags come first: many drones all but stop for an exposure. The
-read-out time of a camera is one more parameter of its interior orientation. In photographs that look straight down
-along the flight it is an affinity to within relief and changes of speed, so it is to be estimated in place of b1 and
-b2, not beside them.
+that neither the noise of GNSS nor its absence matters, and from the photograph itself (``own_velocities``). Tags come
+first: many drones all but stop for an exposure. The read-out time of a camera is one more parameter of its interior
+orientation. In photographs that look straight down along the flight it is an affinity to within relief and changes of
+speed, so it is to be estimated in place of b1 and b2, not beside them.
 
 A global shutter has none. Where no source states a read-out time it is held at zero until one step from there would
 give it another value (photogram.factors.score_test); an estimate that is zero to within its standard deviation,
@@ -14,12 +14,14 @@ source that claims otherwise is outvoted.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from photogram.adjustment.shutters.own_velocities import own_velocities
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
@@ -31,6 +33,8 @@ from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block
+
+_LOG = logging.getLogger(__name__)
 
 COARSE_VELOCITY = 0.03
 """Relative error of a velocity from times in whole seconds, beyond which it is not used: what each photograph's own is
@@ -53,20 +57,37 @@ def in_motion(block: Block, cameras: OrientedCameras) -> OrientedCameras:
 
 def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     """Return the photographs of a block with their velocities, as ``in_motion``, whatever their shutters."""
-    told = _told(block, cameras)
+    told, _ = _told(block, cameras)
     return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
 
 
-def _told(block: Block, cameras: OrientedCameras) -> FloatArray:
-    """Return the velocities (N, 3) that tags, else positions and times, tell; NaN where neither does. Tags that are
-    zero throughout were never filled in."""
+def renewed(problem: Problem, state: State) -> State:
+    """Return the state at the end of a round with the velocities that follow from it: as ``in_motion``, and those that
+    positions and times give as the photographs show them."""
+    block = problem.block
+    cameras = in_motion(block, state.cameras)
+    if not np.any(cameras.parameters[:, READOUT] != 0.0):
+        return replace(state, cameras=cameras)
+    told, from_positions = _told(block, cameras)
+    free = from_positions & np.isfinite(told).all(axis=1)
+    if free.any():
+        velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
+        _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", sigma)
+        cameras = cameras._replace(velocity=velocity)
+    return replace(state, cameras=cameras)
+
+
+def _told(block: Block, cameras: OrientedCameras) -> tuple[FloatArray, BoolArray]:
+    """Return the velocities (N, 3) that tags, else positions and times, tell, NaN where neither does, and which (N,)
+    come from positions. Tags that are zero throughout were never filled in."""
     found = velocities(block.photographs, cameras.position, COARSE_VELOCITY)
     nothing = np.full(3, np.nan)
     tags = [nothing if p.velocity_world_m_s is None else p.velocity_world_m_s for p in block.photographs]
     tagged = np.array(tags).reshape(-1, 3)
     # the lengths of a free network may have a unit of their own, and its axes any direction
     believed = not block.is_free and bool(np.any(np.nan_to_num(tagged) != 0.0))
-    return np.where(np.isfinite(tagged) & believed, tagged, found)
+    tells = np.isfinite(tagged) & believed
+    return np.where(tells, tagged, found), ~tells.all(axis=1)
 
 
 def unmoved(block: Block) -> tuple[str, ...]:
@@ -75,7 +96,7 @@ def unmoved(block: Block) -> tuple[str, ...]:
     said = list[str]()
     if not rolling(block.cameras).any():
         return ()
-    told = np.isfinite(_told(block, block.oriented_cameras())).all(axis=1)
+    told = np.isfinite(_told(block, block.oriented_cameras())[0]).all(axis=1)
     for c in np.flatnonzero(rolling(block.cameras)).tolist():
         camera, own = block.cameras[c], block.camera_of == c
         without = int(np.count_nonzero(own & ~told))
@@ -140,7 +161,8 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     Such an error is common to all points of a photograph. A change of the read-out time by its unit changes residuals
     by J, everything else following; the covariance takes the sum of Jᵀ r over a photograph for one of independent r,
     of the variance Σ JᵀJ. What the sums of all photographs scatter by takes its place (the sandwich estimator with
-    clusters: Cameron & Miller 2015, eq. 11).
+    clusters: Cameron & Miller 2015, eq. 11). Residuals are those by the neighbours' velocities: what photographs were
+    given of their own takes the scatter out of the residuals, and leaves what it does to the read-out time.
     """
     layout, tie = found.layout, problem.tie
     owner, parameter = layout.free_parameters
@@ -149,7 +171,7 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     unit[column] = 1.0
     change = found.solve(unit)[:, 0]
     change /= change[column]
-    linear = linearise(tie, state.cameras, state.tie_point)
+    linear = linearise(tie, moving(problem.block, state.cameras), state.tie_point)
     place = layout.place[tie.photograph]
     pose = np.where(place[:, None] >= 0, change[6 * place[:, None] + np.arange(6)], 0.0)
     calibration = np.zeros_like(layout.unit)
