@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -67,9 +68,22 @@ def lies_beside(mark: Mark, found: Snapped) -> bool:
     return float(np.hypot(*np.subtract(mark.pixel, found.pixel))) > BESIDE_SIGMAS * isotropic_px(mark)
 
 
-def marked_block(block: Block, state: MarkState, roles: Mapping[str, PointRole], numbers: Mapping[str, int]) -> Block:
+def doubted_px(mark: Mark, meant: Snapped | None) -> float:
+    """Return the standard deviation of a mark along each axis among the others: a click that lies well beside a target
+    is as uncertain as that, so that it has no other mark accused in its place."""
+    stated = isotropic_px(mark)
+    return stated if meant is None else float(np.hypot(stated, np.hypot(*np.subtract(mark.pixel, meant.pixel))))
+
+
+def marked_block(
+    block: Block,
+    state: MarkState,
+    roles: Mapping[str, PointRole],
+    numbers: Mapping[str, int],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+) -> Block:
     """Return a block with the points and marks of a state, in the order of ``roles``; ``numbers`` are those of the
-    photographs."""
+    photographs, ``beside`` what clicks lie well beside (``lies_beside``)."""
     given, names = block.control_points, tuple(roles)
     at = {name: g for g, name in enumerate(given.name)}
     position, sigma = np.full((len(names), 3), np.nan), np.full((len(names), 3), np.inf)
@@ -87,7 +101,7 @@ def marked_block(block: Block, state: MarkState, roles: Mapping[str, PointRole],
         (m for m in state.marks.values() if m.point in own and m.photograph in numbers),
         key=lambda m: (own[m.point], numbers[m.photograph]),
     )
-    as_one = [isotropic_px(m) for m in marks]
+    as_one = [doubted_px(m, beside.get(m.place)) for m in marks]
     of_block: tuple[Role, ...] = tuple("control" if roles[name] == "control" else "check" for name in names)
     points = ControlPoints(
         names,
@@ -102,9 +116,15 @@ def marked_block(block: Block, state: MarkState, roles: Mapping[str, PointRole],
     return replace(block, control_points=points)
 
 
-def reckoned(block: Block, state: MarkState, roles: Mapping[str, PointRole], numbers: Mapping[str, int]) -> Outlook:
-    """Return what the marks of a state say, on a tagged or an adjusted block."""
-    block = marked_block(block, state, roles, numbers)
+def reckoned(
+    block: Block,
+    state: MarkState,
+    roles: Mapping[str, PointRole],
+    numbers: Mapping[str, int],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+) -> Outlook:
+    """Return what the marks of a state say, on a tagged or an adjusted block; ``beside`` as in ``marked_block``."""
+    block = marked_block(block, state, roles, numbers, beside)
     points, names = block.control_points, [p.name for p in block.photographs]
     settings = AdjustmentSettings(estimate_sigmas=False)
     places: PredictedPlaces | None = None
@@ -124,7 +144,7 @@ def reckoned(block: Block, state: MarkState, roles: Mapping[str, PointRole], num
         (points.name[points.mark_point[one.mark]], names[points.mark_photograph[one.mark]]): one
         for one in (comparison.marks if comparison else ())
     }
-    return Outlook(state.marks, points.name, places, comparison, compared, problem, _positions(block))
+    return Outlook(state.marks, points.name, places, comparison, compared, problem, _positions(block), beside=beside)
 
 
 def agreeing_proposals(
@@ -133,10 +153,12 @@ def agreeing_proposals(
     roles: Mapping[str, PointRole],
     numbers: Mapping[str, int],
     proposals: Mapping[Place, Proposal],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
 ) -> frozenset[Place]:
-    """Return the proposals that agree with the marks and with each other, of points with LEAST_MARKS of both."""
+    """Return the proposals that agree with the marks and with each other, of points with LEAST_MARKS of both; the rest
+    as in ``marked_block``."""
     marks = {place: proposal.mark for place, proposal in proposals.items() if place[0] in roles}
-    whole = reckoned(block, replace(state, marks={**marks, **state.marks}), roles, numbers)
+    whole = reckoned(block, replace(state, marks={**marks, **state.marks}), roles, numbers, beside)
     counts = Counter(point for point, _ in whole.marks)
     return frozenset(
         place

@@ -438,11 +438,18 @@ class MarkingSession:
             state, known, roles = self._state, self._known, self.roles
             proposals = self._open_proposals()
             self._is_stale, self._is_reckoning = False, True
-        outlook = reckoned(known, state, roles, self.numbers)
-        if proposals:
-            outlook = replace(outlook, agreeing=agreeing_proposals(known, state, roles, self.numbers, proposals))
+
+        def all_told(beside: Mapping[Place, Snapped]) -> Outlook:
+            outlook = reckoned(known, state, roles, self.numbers, beside)
+            if not proposals:
+                return outlook
+            agreeing = agreeing_proposals(known, state, roles, self.numbers, proposals, beside)
+            return replace(outlook, agreeing=agreeing)
+
+        outlook = all_told({})
         self._publish(outlook, is_reckoning=True)
-        self._publish(replace(outlook, beside=self._beside(state)), is_reckoning=False)
+        beside = self._beside(state)
+        self._publish(all_told(beside) if beside else outlook, is_reckoning=False)
 
     def _publish(self, outlook: Outlook, is_reckoning: bool) -> None:
         with self._changed:

@@ -181,6 +181,22 @@ def test_a_mark_that_contradicts_the_others_is_rejected(whole: Block, numbers: d
     assert any(wrong[1] in str(blunder) for blunder in said.comparison.blunders)
 
 
+def test_a_click_beside_a_target_has_no_other_mark_accused(whole: Block, numbers: dict[str, int]) -> None:
+    """With five marks in a photograph that tags place to 2 m, another explains 5 px of one nearly as well."""
+    marks, place = marks_of_points(whole, range(16)), ("G10", "sim_0018.JPG")
+    assert sum(photograph == place[1] for _, photograph in marks) == 5
+    meant = {place: Snapped(marks[place].pixel, 0.01 * np.eye(2), "quartered")}
+    accused = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False).tolist():
+        u, v = marks[place].pixel + 5.0 * np.array([np.cos(angle), np.sin(angle)])
+        state = state_of({**marks, place: replace(marks[place], pixel=(u, v), sigma_px=None, kind="raw")})
+        alone, said = (reckoned(whole, state, roles_of(whole), numbers, beside) for beside in ({}, meant))
+        accused += [at for at, one in alone.compared.items() if one.rejected and at != place]
+        assert not any(one.rejected for at, one in said.compared.items() if at != place)
+        assert said.beside == meant
+    assert accused, "or the test shows nothing"
+
+
 def test_where_marks_cannot_be_compared_the_block_without_them_says_the_places(
     whole: Block, numbers: dict[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
