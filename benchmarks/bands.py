@@ -2,7 +2,7 @@
 
     python benchmarks/bands.py [--seeds 3]
 
-A colour camera and four bands on one body, 2 × 4 exposures from 50 m, each band with a grey function (two of them turn
+A colour camera and four bands on one body, 1280 × 960 pixels each, 2 × 5 exposures from 60 m, each band with a grey function (two of them turn
 bright and dark round), a lens and a place of its own; lenses known as a laboratory calibrates them, relative poses as
 on a drawing (0.3°, 5 mm). Run to the orthophoto. `measured` is what the stage reports of a band, root mean square per
 axis of its patches in pixels of the orthophoto; `true` how far the adjusted cameras and poses put the image of a place
@@ -25,12 +25,12 @@ from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 
 PLAN = SurveyPlan(
-    strips=2, photographs_per_strip=4, width_px=640, height_px=500, focal_px=760.0, flying_height_m=50.0,
+    strips=2, photographs_per_strip=5, width_px=1280, height_px=960, focal_px=1440.0, flying_height_m=60.0,
     control_points=6, check_points=2, control_marks_per_photograph=0, gnss_sigma_m=(0.015, 0.015, 0.03),
     gnss_offset_sigma_m=(0.02, 0.02, 0.03),
     calibration_sigmas=(0.5, 0.5, 0.5, 5e-4, 5e-4, 0.0, 0.0, 5e-5, 5e-5, 0.0, 0.0),
 )  # fmt: skip
-PLACES, EXTENT_M = 4000, 30.0
+PLACES, EXTENT_M = 4000, 35.0
 
 
 def true_px(made: BandSurvey, block: Block, band: int, cell_m: float, seed: int) -> float:

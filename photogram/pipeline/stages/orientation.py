@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,11 +22,13 @@ from photogram.pipeline.store.run import AUTOMATIC_MASKS, PLACED_BY, Run, mask_f
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
+from photogram.project.rigs.entries import bands_of
 from photogram.sfm.known_poses import KnownPoses
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.rig_poses import carried_by_masters
 from photogram.sfm.sky import find_sky, shows_above_horizon
+from photogram.sfm.tie_points.band_matching import found_in_band
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
@@ -109,6 +111,8 @@ class _Transfer:
     patches: Patches
     cameras: Sequence[Camera]
     poses: Sequence[Pose | None]
+    master_of: Mapping[int, int]
+    """The master's photograph of the same exposure, of each photograph of a band."""
 
     @staticmethod
     def of(
@@ -119,7 +123,7 @@ class _Transfer:
         position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
         patches = patches or cut_patches(tie_points, position, run.grey, lambda index: _used(run, folder, index))
         cameras = [calibrated[p.camera] for p in run.project.photographs]
-        return _Transfer(run, folder, tie_points, patches, cameras, orientation.poses)
+        return _Transfer(run, folder, tie_points, patches, cameras, orientation.poses, _masters_of_bands(run))
 
     def write(self, folder: Path) -> None:
         """Write what cannot be read from earlier stages, for other processes."""
@@ -138,13 +142,27 @@ class _Transfer:
 _WINDOWS = "windows"
 
 
+def _masters_of_bands(run: Run) -> dict[int, int]:
+    """Return the number of the master's photograph of the same exposure, of each photograph of a band."""
+    bands, number = bands_of(run.project.rigs), {name: i for i, name in enumerate(run.names)}
+    pairs = [exposure for rig in run.block().rigs if rig.name in bands for exposure in rig.exposures]
+    return {number[band]: number[master] for band, master in pairs if band in number and master in number}
+
+
 def _search(transfer: _Transfer, index: int) -> Found:
-    """Search one photograph."""
-    run = transfer.run
-    return transfer_to(
-        index, transfer.tie_points, transfer.patches, transfer.cameras, transfer.poses, run.grey(index),
-        transfer_thresholds(run.project), _used(run, transfer.folder, index),
+    """Search one photograph, and that of a band for what its master shows beside it."""
+    run, tie, folder = transfer.run, transfer.tie_points, transfer.folder
+    settings, grey, used = transfer_thresholds(run.project), run.grey(index), _used(run, folder, index)
+    found = transfer_to(index, tie, transfer.patches, transfer.cameras, transfer.poses, grey, settings, used)
+    master = transfer.master_of.get(index)
+    if master is None:
+        return found
+    known = np.concatenate([tie.point[tie.photograph == index], found.point])
+    beside = found_in_band(
+        (master, index), tie, known, transfer.cameras, transfer.poses, (run.grey(master), grey), settings,
+        (_used(run, folder, master), used),
     )  # fmt: skip
+    return Found(np.concatenate([found.point, beside.point]), np.concatenate([found.pixel, beside.pixel]))
 
 
 _SEARCHED = Kind(_Transfer.read, _search)

@@ -150,7 +150,7 @@ def _peak(before: float, here: float, after: float) -> float:
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _transfer(
+def search_patches(
     picture: ByteArray, grey: ByteArray, centre: FloatArray, warp: FloatArray, predicted: FloatArray,
     half: int, search: int, least: float, contrast: float, pixel: FloatArray,
 ) -> None:  # fmt: skip
@@ -180,7 +180,7 @@ def _transfer(
         pixel[k, 1] = v - search + at_v + _peak(score[at_v - 1, at_u], best, score[at_v + 1, at_u])
 
 
-def _ground_jacobians(camera: Camera, pose: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def ground_jacobians(camera: Camera, pose: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return pixels (K, 2) of points, and their derivatives (K, 2, 2) by steps east and north on level ground."""
     step = 1e-3 * np.linalg.norm(points - pose.position_world_m, axis=1)
     pixel = project(camera, pose, points)
@@ -222,18 +222,18 @@ def transfer_to(
         return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     near = _candidates(tie, seen, camera, pose)
     near = near[(patches.source[near] >= 0) & ~np.isin(near, seen)]
-    pixel, here = _ground_jacobians(camera, pose, tie.position_world_m[near])
+    pixel, here = ground_jacobians(camera, pose, tie.position_world_m[near])
     there = np.zeros((len(near), 2, 2))
     for source in np.unique(patches.source[near]).tolist():
         own = patches.source[near] == source
         from_pose = poses[source]
         if from_pose is not None:
-            there[own] = _ground_jacobians(cameras[source], from_pose, tie.position_world_m[near[own]])[1]
+            there[own] = ground_jacobians(cameras[source], from_pose, tie.position_world_m[near[own]])[1]
     usable = np.abs(np.linalg.det(here)) > 1e-9
     near, pixel, here, there = near[usable], pixel[usable], here[usable], there[usable]
     warp = there @ np.linalg.inv(here)
     found = np.empty((len(near), 2))
-    _transfer(
+    search_patches(
         np.ascontiguousarray(picture), patches.grey[near], patches.centre_px[near], np.ascontiguousarray(warp),
         np.ascontiguousarray(pixel), settings.half_window_px, settings.search_px, settings.correlation,
         settings.least_contrast, found,

@@ -2,8 +2,9 @@
 
 Bands show the same edges in other grey values, brighter or darker, so that grey values themselves do not correlate; the
 magnitudes of their gradients do. The shift of a patch is that of the largest correlation coefficient (ECC: Evangelidis
-& Psarakis 2008), begun at the peak of the phase correlation of both (Kuglin & Hines 1975). Patches without enough
-structure, and those that correlate badly wherever they are shifted, say nothing.
+& Psarakis 2008), begun at the peak of the phase correlation of both (Kuglin & Hines 1975) and at no shift. Patches
+without enough structure, those that correlate badly wherever they are shifted, and those that correlate nearly as well
+in two places say nothing.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ LEAST_CORRELATION = 0.5
 """Least correlation coefficient of the gradients of two patches."""
 LEAST_STRUCTURE = 2.0
 """Least standard deviation of the gradients of a patch, grey values per cell."""
+SAME_CELLS = 0.1
+"""Between tops of the correlation from two starts that are one."""
+CLEARLY = 0.1
+"""By how much the better of two tops must correlate better to be the shift."""
 FARTHEST_CELLS = 10.0
 """Shift beyond which a peak is no registration of two bands, but chance."""
 _SMOOTH = 0.7
@@ -61,16 +66,25 @@ def shift_of(first: FloatArray, second: FloatArray) -> FloatArray | None:
         return None
     own, other = gradients
     taper = cv2.createHanningWindow((own.shape[1], own.shape[0]), cv2.CV_32F)
-    (right, down), _ = cv2.phaseCorrelate(own - own.mean(), other - other.mean(), taper)
+    peak, _ = cv2.phaseCorrelate(own - own.mean(), other - other.mean(), taper)
+    tops = [top for start in (peak, (0.0, 0.0)) if (top := _top_near(own, other, *start)) is not None]
+    if not tops:
+        return None
+    correlation, right, down = max(tops)
+    rivals = [top for top in tops if np.hypot(top[1] - right, top[2] - down) > SAME_CELLS]
+    if correlation < LEAST_CORRELATION or any(correlation - top[0] < CLEARLY for top in rivals):
+        return None
+    return None if np.hypot(right, down) > FARTHEST_CELLS else np.array([right, -down])
+
+
+def _top_near(own: Float32Array, other: Float32Array, right: float, down: float) -> tuple[float, float, float] | None:
+    """Return the largest correlation of two pictures near a shift, and its shift; None where there is none."""
     warp = np.array([[1.0, 0.0, right], [0.0, 1.0, down]], dtype=np.float32)
     try:
         correlation, warp = cv2.findTransformECC(own, other, warp, cv2.MOTION_TRANSLATION, _ENOUGH, None, 1)
     except cv2.error:
         return None  # no shift correlates better than its neighbours
-    right, down = float(warp[0, 2]), float(warp[1, 2])
-    if correlation < LEAST_CORRELATION or np.hypot(right, down) > FARTHEST_CELLS:
-        return None
-    return np.array([right, -down])
+    return float(correlation), float(warp[0, 2]), float(warp[1, 2])
 
 
 def _patches(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:

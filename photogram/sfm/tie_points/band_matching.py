@@ -1,0 +1,105 @@
+"""Tie points of a master measured in the bands beside it, by the correlation of gradients.
+
+Bands show the same edges brighter or darker, so that neither their key points nor their grey values match; the
+magnitudes of their gradients do. The window around a tie point in the master's photograph is searched for in the band's
+of the same exposure, which sees the ground from a hand's breadth beside: warped as a level piece of it is, around the
+place that the orientation predicts, by normalised cross-correlation (as ``guided_matching``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from photogram.camera import Camera, Pose
+from photogram.sfm.tie_points.guided_matching import (
+    Found,
+    TransferSettings,
+    cut_patches,
+    ground_jacobians,
+    search_patches,
+)
+from photogram.sfm.tie_points.masked import are_clear, clear_px
+from photogram.survey import TiePoints
+
+LEAST_CORRELATION = 0.6
+"""Of the gradients of two bands: half of what moves the one's edges may be of its own."""
+HALF_WINDOW_PX = 10
+SEARCH_PX = 12
+"""Around the predicted place: what a relative pose from a drawing is off by."""
+SMOOTH_PX = 1.0
+STRONG = 99.0
+"""Percentile of the gradients of a picture that becomes STRONG_BYTE: the contrast of bands differs."""
+STRONG_BYTE = 180.0
+
+
+def gradients(grey: ByteArray) -> ByteArray:
+    """Return the magnitudes of the gradients of a picture (H, W), scaled to bytes by its own contrast."""
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX)
+    magnitude = np.hypot(cv2.Scharr(smooth, cv2.CV_32F, 1, 0), cv2.Scharr(smooth, cv2.CV_32F, 0, 1))
+    strong = float(np.percentile(magnitude, STRONG))
+    if strong == 0.0:
+        return np.zeros(grey.shape, dtype=np.uint8)
+    return np.asarray(np.minimum(magnitude * (STRONG_BYTE / strong), 255.0), dtype=np.uint8)
+
+
+def _shown_by(tie: TiePoints, photograph: int) -> tuple[TiePoints, IntArray]:
+    """Return the tie points that a photograph shows, with its observations alone, and their numbers."""
+    own = np.flatnonzero(tie.photograph == photograph)
+    own = own[np.unique(tie.point[own], return_index=True)[1]]
+    number = tie.point[own]
+    shown = TiePoints(
+        tie.photograph[own], np.arange(len(own), dtype=np.int64), tie.feature[own], tie.pixel[own], tie.sigma_px[own],
+        tie.position_world_m[number], tie.colour[number],
+    )  # fmt: skip
+    return shown, number
+
+
+def found_in_band(
+    photographs: tuple[int, int],
+    tie: TiePoints,
+    known: IntArray,
+    cameras: Sequence[Camera],
+    poses: Sequence[Pose | None],
+    pictures: tuple[ByteArray, ByteArray],
+    settings: TransferSettings,
+    used: tuple[BoolArray | None, BoolArray | None] = (None, None),
+) -> Found:
+    """Find the tie points of a master's photograph in the band's of the same exposure.
+
+    ``photographs``, ``pictures`` (H, W) and ``used`` (H, W), what masks leave, are of the master and the band;
+    ``known`` are the tie points that the band has observations of, ``cameras`` and ``poses`` those of every photograph
+    (N). Positions of the tie points are in the frame of the poses.
+    """
+    master, band = photographs
+    nothing = Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    of_master, of_band = poses[master], poses[band]
+    shown, number = _shown_by(tie, master)
+    if of_master is None or of_band is None or not len(number):
+        return nothing
+    patches = cut_patches(shown, np.zeros((len(cameras), 3)), lambda _: gradients(pictures[0]), lambda _: used[0])
+    pixel, here = ground_jacobians(cameras[band], of_band, shown.position_world_m)
+    _, there = ground_jacobians(cameras[master], of_master, shown.position_world_m)
+    near = np.flatnonzero(
+        (patches.source >= 0)
+        & ~np.isin(number, known)
+        & np.isfinite(pixel).all(axis=1)
+        & (np.abs(np.nan_to_num(np.linalg.det(here))) > 1e-9)
+        & np.isfinite(there).all(axis=(1, 2))
+    )
+    if not len(near):
+        return nothing
+    found: FloatArray = np.empty((len(near), 2))
+    search_patches(
+        gradients(pictures[1]), patches.grey[near], patches.centre_px[near],
+        np.ascontiguousarray(there[near] @ np.linalg.inv(here[near])), np.ascontiguousarray(pixel[near]),
+        HALF_WINDOW_PX, max(SEARCH_PX, settings.search_px), min(LEAST_CORRELATION, settings.correlation),
+        settings.least_contrast, found,
+    )  # fmt: skip
+    good = np.isfinite(found[:, 0])
+    if used[1] is not None:
+        good[good] = are_clear(clear_px(used[1]), found[good], HALF_WINDOW_PX)
+    return Found(number[near[good]], found[good])
