@@ -41,7 +41,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/lint-imports
 
 test: lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --durations 30
 
 # all rooms and the modules of the ground floor, but not the command line
 API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
