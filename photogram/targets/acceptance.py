@@ -41,7 +41,7 @@ BLOB_PX, MOST_BLOBS = 2.0, 0.9
 """Blur under which blobs are taken, and the share of the ground where they are weaker than the usual strongest."""
 LEAST_EXPLAINED, LEAST_CONTRAST_DN, LEAST_OVER_BLOBS = 0.91, 25.0, 12.0
 """Wide limits of what a target of any pattern must show."""
-UNEXPECTED = 1.0
+UNEXPECTED = 1.25
 """By how much the score of a target that nobody expects must be larger: it is looked for in many more places."""
 SMALL, SMALL_PX = 4.0, 4.5
 """By how much the score of a circle must be larger that is no wider than this: the inside of a ring, or a pebble."""
