@@ -88,6 +88,20 @@ def test_edges_are_found_where_the_band_shows_them_although_its_relative_pose_is
     assert np.linalg.norm(predicted - true, axis=1).min() > 4.0
 
 
+def test_a_band_that_is_far_off_is_found_where_all_of_it_is_off_alike(pictures: tuple[ByteArray, ByteArray]) -> None:
+    tie = tie_points(600)
+    turn = Rotation.from_rotvec([0.05, 0.03, 0.0]).as_matrix()  # 20 px down and 12 px across
+    drawn = replace(BESIDE, rotation_world_from_camera=BESIDE.rotation_world_from_camera @ turn)
+    cameras, poses = [CAMERA, BAND], [ABOVE, drawn]
+    near = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS)
+    assert len(near.point) < 0.05 * len(tie)
+    far = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS, reach_px=35.0)
+    off = far.pixel - project(BAND, BESIDE, tie.position_world_m)[far.point]
+    assert len(far.point) > 0.4 * len(tie)
+    assert np.median(np.abs(off)) < 0.15
+    assert np.mean(np.linalg.norm(off, axis=1) > 2.0) < 0.02
+
+
 def test_grey_values_say_nothing_of_such_a_band(pictures: tuple[ByteArray, ByteArray]) -> None:
     tie, poses = tie_points(), [ABOVE, BESIDE]
     shown = replace(

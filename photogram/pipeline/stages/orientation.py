@@ -23,6 +23,7 @@ from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.project.rigs.entries import bands_of
+from photogram.projection import CX
 from photogram.sfm.known_poses import KnownPoses
 from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
@@ -111,8 +112,9 @@ class _Transfer:
     patches: Patches
     cameras: Sequence[Camera]
     poses: Sequence[Pose | None]
-    master_of: Mapping[int, int]
-    """The master's photograph of the same exposure, of each photograph of a band."""
+    master_of: Mapping[int, tuple[int, float]]
+    """The master's photograph of the same exposure, of each photograph of a band, and how far from its predicted places
+    the band may show the ground, px."""
 
     @staticmethod
     def of(
@@ -123,7 +125,7 @@ class _Transfer:
         position = np.array([np.zeros(3) if p is None else p.position_world_m for p in orientation.poses])
         patches = patches or cut_patches(tie_points, position, run.grey, lambda index: _used(run, folder, index))
         cameras = [calibrated[p.camera] for p in run.project.photographs]
-        return _Transfer(run, folder, tie_points, patches, cameras, orientation.poses, _masters_of_bands(run))
+        return _Transfer(run, folder, tie_points, patches, cameras, orientation.poses, _masters_of_bands(run, cameras))
 
     def write(self, folder: Path) -> None:
         """Write what cannot be read from earlier stages, for other processes."""
@@ -142,11 +144,20 @@ class _Transfer:
 _WINDOWS = "windows"
 
 
-def _masters_of_bands(run: Run) -> dict[int, int]:
-    """Return the number of the master's photograph of the same exposure, of each photograph of a band."""
+def _masters_of_bands(run: Run, cameras: Sequence[Camera]) -> dict[int, tuple[int, float]]:
+    """Return what ``_Transfer.master_of`` holds: the reach is three standard deviations of a relative rotation that is
+    given, and of the principal point."""
     bands, number = bands_of(run.project.rigs), {name: i for i, name in enumerate(run.names)}
-    pairs = [exposure for rig in run.block().rigs if rig.name in bands for exposure in rig.exposures]
-    return {number[band]: number[master] for band, master in pairs if band in number and master in number}
+    masters = dict[int, tuple[int, float]]()
+    for rig in run.block().rigs:
+        if rig.name not in bands:
+            continue
+        for band, master in rig.exposures:
+            if band in number and master in number:
+                camera, turn = cameras[number[band]], float(rig.sigma[:3].max())
+                reach = 3.0 * float(np.hypot(turn * camera.focal_px, camera.sigmas[CX])) if np.isfinite(turn) else 0.0
+                masters[number[band]] = number[master], reach
+    return masters
 
 
 def _search(transfer: _Transfer, index: int) -> Found:
@@ -154,13 +165,13 @@ def _search(transfer: _Transfer, index: int) -> Found:
     run, tie, folder = transfer.run, transfer.tie_points, transfer.folder
     settings, grey, used = transfer_thresholds(run.project), run.grey(index), _used(run, folder, index)
     found = transfer_to(index, tie, transfer.patches, transfer.cameras, transfer.poses, grey, settings, used)
-    master = transfer.master_of.get(index)
-    if master is None:
+    if index not in transfer.master_of:
         return found
+    master, reach_px = transfer.master_of[index]
     known = np.concatenate([tie.point[tie.photograph == index], found.point])
     beside = found_in_band(
         (master, index), tie, known, transfer.cameras, transfer.poses, (run.grey(master), grey), settings,
-        (_used(run, folder, master), used),
+        (_used(run, folder, master), used), reach_px,
     )  # fmt: skip
     return Found(np.concatenate([found.point, beside.point]), np.concatenate([found.pixel, beside.pixel]))
 

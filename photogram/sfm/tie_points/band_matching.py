@@ -29,7 +29,11 @@ LEAST_CORRELATION = 0.6
 """Of the gradients of two bands: half of what moves the one's edges may be of its own."""
 HALF_WINDOW_PX = 10
 SEARCH_PX = 12
-"""Around the predicted place: what a relative pose from a drawing is off by."""
+"""Around the place that is predicted once what all have in common is known."""
+FARTHEST_PX = 48
+"""How far away what all have in common is looked for at most."""
+TRIED, LEAST_ALIKE, ALIKE_PX = 150, 8, 4.0
+"""Tie points that are looked for farther away, and how many of them must be off by the same to within how much."""
 SMOOTH_PX = 1.0
 STRONG = 99.0
 """Percentile of the gradients of a picture that becomes STRONG_BYTE: the contrast of bands differs."""
@@ -58,6 +62,15 @@ def _shown_by(tie: TiePoints, photograph: int) -> tuple[TiePoints, IntArray]:
     return shown, number
 
 
+def _common_shift(off_px: FloatArray) -> FloatArray:
+    """Return the shift (2,) that most of the places (N, 2) found are off by alike, zero where few are."""
+    alike = np.linalg.norm(off_px[:, None] - off_px, axis=2) < ALIKE_PX
+    count = alike.sum(axis=1)
+    if not len(off_px) or count.max() < LEAST_ALIKE:
+        return np.zeros(2)
+    return np.asarray(off_px[alike[int(np.argmax(count))]].mean(axis=0))
+
+
 def found_in_band(
     photographs: tuple[int, int],
     tie: TiePoints,
@@ -67,12 +80,14 @@ def found_in_band(
     pictures: tuple[ByteArray, ByteArray],
     settings: TransferSettings,
     used: tuple[BoolArray | None, BoolArray | None] = (None, None),
+    reach_px: float = 0.0,
 ) -> Found:
     """Find the tie points of a master's photograph in the band's of the same exposure.
 
     ``photographs``, ``pictures`` (H, W) and ``used`` (H, W), what masks leave, are of the master and the band;
     ``known`` are the tie points that the band has observations of, ``cameras`` and ``poses`` those of every photograph
-    (N). Positions of the tie points are in the frame of the poses.
+    (N). ``reach_px`` is how far all places may be off alike, by what relative pose and lens are uncertain. Positions of
+    the tie points are in the frame of the poses.
     """
     master, band = photographs
     nothing = Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
@@ -92,13 +107,24 @@ def found_in_band(
     )
     if not len(near):
         return nothing
-    found: FloatArray = np.empty((len(near), 2))
-    search_patches(
-        gradients(pictures[1]), patches.grey[near], patches.centre_px[near],
-        np.ascontiguousarray(there[near] @ np.linalg.inv(here[near])), np.ascontiguousarray(pixel[near]),
-        HALF_WINDOW_PX, max(SEARCH_PX, settings.search_px), min(LEAST_CORRELATION, settings.correlation),
-        settings.least_contrast, found,
-    )  # fmt: skip
+    picture, warp = gradients(pictures[1]), np.ascontiguousarray(there[near] @ np.linalg.inv(here[near]))
+    predicted, search = pixel[near], max(SEARCH_PX, settings.search_px)
+
+    def found_from(tried: IntArray, shift_px: FloatArray, search_px: int) -> FloatArray:
+        found: FloatArray = np.empty((len(tried), 2))
+        search_patches(
+            picture, patches.grey[near[tried]], patches.centre_px[near[tried]], warp[tried],
+            predicted[tried] + shift_px, HALF_WINDOW_PX, search_px, min(LEAST_CORRELATION, settings.correlation),
+            settings.least_contrast, found,
+        )  # fmt: skip
+        return found
+
+    shift, every = np.zeros(2), np.arange(len(near))
+    if reach_px > search:
+        some = np.unique(np.linspace(0, len(near) - 1, TRIED).astype(np.int64))
+        off = found_from(some, shift, int(min(np.ceil(reach_px), FARTHEST_PX))) - predicted[some]
+        shift = _common_shift(off[np.isfinite(off[:, 0])])
+    found = found_from(every, shift, search)
     good = np.isfinite(found[:, 0])
     if used[1] is not None:
         good[good] = are_clear(clear_px(used[1]), found[good], HALF_WINDOW_PX)
