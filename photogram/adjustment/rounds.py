@@ -92,7 +92,7 @@ def solve_rounds(
     used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
     limit_px = np.full(len(whole.tie), first)
     draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
-    for number in range(first_round, settings.maximum_rounds + 1):
+    for number in range(min(first_round, settings.maximum_rounds), settings.maximum_rounds + 1):
         last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
         used = chosen
         problem = whole.with_tie_observations(whole.tie.select(used))

@@ -190,3 +190,8 @@ def test_a_prior_counts_for_more_where_photographs_scatter_more_than_their_covar
         assert found_sigma[k] == pytest.approx(float(N[0, 0] ** -0.5), rel=1e-9)
     assert found[2] == pytest.approx(adjusted_s[2], rel=1e-9), "nothing changes where nothing is inflated"
     assert (found_sigma[:2] > 3.0 * sigma[:2]).all()
+
+
+def test_one_round_is_enough_for_a_read_out_time() -> None:
+    found = adjust(simulated(ROLLING, 1).block, replace(SETTINGS, maximum_rounds=1))
+    assert found.block.cameras[0].readout_s == pytest.approx(0.033, abs=0.001)
