@@ -446,10 +446,11 @@ class MarkingSession:
             agreeing = agreeing_proposals(known, state, roles, self.numbers, proposals, beside)
             return replace(outlook, agreeing=agreeing)
 
-        outlook = all_told({})
+        known_beside = self._known_beside(state)
+        outlook = all_told(known_beside)
         self._publish(outlook, is_reckoning=True)
         beside = self._beside(state)
-        self._publish(all_told(beside) if beside else outlook, is_reckoning=False)
+        self._publish(outlook if beside == known_beside else all_told(beside), is_reckoning=False)
 
     def _publish(self, outlook: Outlook, is_reckoning: bool) -> None:
         with self._changed:
@@ -461,8 +462,12 @@ class MarkingSession:
         """Return what clicks that were taken as they are lie beside; each is looked at once."""
         own = [m for m in state.marks.values() if m.kind == RAW and m.photograph in self.numbers]
         self._meant = {mark: self._meant[mark] if mark in self._meant else self._measured(mark) for mark in own}
-        found = {mark: there for mark, there in self._meant.items() if there is not None}
-        return {mark.place: there for mark, there in found.items() if lies_beside(mark, there)}
+        return self._known_beside(state)
+
+    def _known_beside(self, state: MarkState) -> dict[Place, Snapped]:
+        """Return what clicks lie beside, as far as they have been looked at."""
+        looked = ((mark, self._meant.get(mark)) for mark in state.marks.values())
+        return {mark.place: there for mark, there in looked if there is not None and lies_beside(mark, there)}
 
     def _measured(self, mark: Mark) -> Snapped | None:
         if self._snap is None:
