@@ -60,6 +60,23 @@ def test_patches_without_edges_or_of_other_places_say_nothing() -> None:
     assert sum(found is not None for found in elsewhere) <= 2
 
 
+def test_what_repeats_itself_says_nothing() -> None:
+    """Rows of a crop match a row farther as well as their own place."""
+    column = np.arange(PATCH_CELLS)
+    rows = np.tile(120.0 + 80.0 * np.sin(2.0 * np.pi * column / 7.0), (PATCH_CELLS, 1))
+    noise = np.random.default_rng(4).normal(0.0, 2.0, (2, *rows.shape))
+    assert shift_of(rows + noise[0], np.roll(rows, 2, axis=1) + noise[1]) is None
+    lone = edges(3, PATCH_CELLS)
+    assert shift_of(lone, other_band(lone)) is not None
+
+
+def test_a_shift_beyond_reach_is_none() -> None:
+    first = edges(4, PATCH_CELLS + 40)
+    assert shift_of(first[20:-20, 20:-20], first[20:-20, 2:-38]) is None
+    found = shift_of(first[20:-20, 20:-20], first[20:-20, 12:-28])
+    np.testing.assert_allclose(found, [8.0, 0.0], atol=0.05)
+
+
 def test_without_patches_nothing_is_known() -> None:
     none = Registration.of(np.zeros((0, 2)))
     assert none.patches == 0

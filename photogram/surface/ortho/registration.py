@@ -1,10 +1,10 @@
 """How well one band of an orthophoto lies on another: shifts of patches by the correlation of their gradients.
 
 Bands show the same edges in other grey values, brighter or darker, so that grey values themselves do not correlate; the
-magnitudes of their gradients do. The shift of a patch is that of the largest correlation coefficient (ECC: Evangelidis
-& Psarakis 2008), begun at the peak of the phase correlation of both (Kuglin & Hines 1975) and at no shift. Patches
-without enough structure, those that correlate badly wherever they are shifted, and those that correlate nearly as well
-in two places say nothing.
+magnitudes of their gradients do. The shift of a patch is that of the largest correlation coefficient: whole cells by
+looking at all within reach, then refined (ECC: Evangelidis & Psarakis 2008). Patches without enough structure, those
+that correlate badly wherever they are shifted, and those that correlate nearly as well at another shift, as rows of a
+crop do, say nothing.
 """
 
 from __future__ import annotations
@@ -23,12 +23,10 @@ LEAST_CORRELATION = 0.5
 """Least correlation coefficient of the gradients of two patches."""
 LEAST_STRUCTURE = 2.0
 """Least standard deviation of the gradients of a patch, grey values per cell."""
-SAME_CELLS = 0.1
-"""Between tops of the correlation from two starts that are one."""
 CLEARLY = 0.1
-"""By how much the better of two tops must correlate better to be the shift."""
-FARTHEST_CELLS = 10.0
-"""Shift beyond which a peak is no registration of two bands, but chance."""
+"""By how much the best shift must correlate better than any other top."""
+FARTHEST_CELLS = 10
+"""Shift along an axis up to which bands are looked for: what matches farther away is no registration, but chance."""
 _SMOOTH = 0.7
 _ENOUGH = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
 
@@ -61,30 +59,38 @@ def _gradient(grey: FloatArray) -> Float32Array:
 def shift_of(first: FloatArray, second: FloatArray) -> FloatArray | None:
     """Return by how much the second of two patches (rows, columns) lies farther east and north (2,), in cells; None
     where they do not tell."""
-    gradients = [_gradient(patch) for patch in (first, second)]
-    if min(float(g.std()) for g in gradients) < LEAST_STRUCTURE:
+    own, other = (_gradient(patch) for patch in (first, second))
+    if min(float(own.std()), float(other.std())) < LEAST_STRUCTURE:
         return None
-    own, other = gradients
-    taper = cv2.createHanningWindow((own.shape[1], own.shape[0]), cv2.CV_32F)
-    peak, _ = cv2.phaseCorrelate(own - own.mean(), other - other.mean(), taper)
-    tops = [top for start in (peak, (0.0, 0.0)) if (top := _top_near(own, other, *start)) is not None]
-    if not tops:
+    start = _only_top(own, other)
+    if start is None:
         return None
-    correlation, right, down = max(tops)
-    rivals = [top for top in tops if np.hypot(top[1] - right, top[2] - down) > SAME_CELLS]
-    if correlation < LEAST_CORRELATION or any(correlation - top[0] < CLEARLY for top in rivals):
-        return None
-    return None if np.hypot(right, down) > FARTHEST_CELLS else np.array([right, -down])
-
-
-def _top_near(own: Float32Array, other: Float32Array, right: float, down: float) -> tuple[float, float, float] | None:
-    """Return the largest correlation of two pictures near a shift, and its shift; None where there is none."""
-    warp = np.array([[1.0, 0.0, right], [0.0, 1.0, down]], dtype=np.float32)
+    warp = np.array([[1.0, 0.0, start[0]], [0.0, 1.0, start[1]]], dtype=np.float32)
     try:
         correlation, warp = cv2.findTransformECC(own, other, warp, cv2.MOTION_TRANSLATION, _ENOUGH, None, 1)
     except cv2.error:
         return None  # no shift correlates better than its neighbours
-    return float(correlation), float(warp[0, 2]), float(warp[1, 2])
+    right, down = float(warp[0, 2]), float(warp[1, 2])
+    is_there = max(abs(right - start[0]), abs(down - start[1])) <= 1.0
+    return np.array([right, -down]) if is_there and correlation >= LEAST_CORRELATION else None
+
+
+def _only_top(own: Float32Array, other: Float32Array) -> tuple[int, int] | None:
+    """Return the whole shift, right and down, at which two pictures correlate clearly better than at any other top of
+    the correlation within reach; None where there is none."""
+    inner = own[FARTHEST_CELLS:-FARTHEST_CELLS, FARTHEST_CELLS:-FARTHEST_CELLS]
+    correlation = cv2.matchTemplate(other, inner, cv2.TM_CCOEFF_NORMED)
+    around = cv2.dilate(correlation, np.ones((3, 3), dtype=np.uint8))
+    tops = np.argwhere(correlation == around)
+    heights = correlation[tops[:, 0], tops[:, 1]]
+    best = int(heights.argmax())
+    rivals = np.delete(heights, best)
+    if heights[best] < LEAST_CORRELATION or np.any(heights[best] - rivals < CLEARLY):
+        return None
+    row, column = (int(k) for k in tops[best])
+    if not (0 < row < 2 * FARTHEST_CELLS and 0 < column < 2 * FARTHEST_CELLS):
+        return None  # it may be higher beyond
+    return column - FARTHEST_CELLS, row - FARTHEST_CELLS
 
 
 def _patches(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
