@@ -11,7 +11,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,16 +47,13 @@ PRODUCTS = {
 }
 
 KILLED_AT = """
-import json, os, signal, sys
+import os, signal, sys
 from pathlib import Path
 from threading import Lock
-from photogram.cli.commands import adjust
-from photogram.cli.commands import compare
-from photogram.cli.commands import demo
-from photogram.cli.commands import study
 from photogram.cli.main import main
+from photogram.cli.work import adjust  # all that a run needs, so that the forks need not
 
-project, *moments = sys.argv[1:]
+project = sys.argv[1]
 folder = Path(project).parent
 
 def kill_at(place, number):
@@ -71,25 +69,36 @@ def kill_at(place, number):
             rename(source, target)
     os.replace = counted
 
-ends = []
-for moment in moments:
+for moment in sys.stdin:
     child = os.fork()
     if child == 0:
-        kill_at(*moment.split(":"))
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        kill_at(*moment.strip().split(":"))
         sys.argv = ["photogram", "adjust", project]
         main()
         os._exit(0)
-    ends.append(os.waitpid(child, 0)[1])
-print(json.dumps(ends), file=sys.stderr)
+    print(os.waitpid(child, 0)[1], flush=True)
 """
 
 
-def killed_at(survey: Path, *moments: str) -> None:
-    """Run `photogram adjust` once for each moment, killed at it: the n-th file that a folder gets, or its renaming."""
-    command = [sys.executable, "-c", KILLED_AT, str(survey / "project.yaml"), *moments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stderr.splitlines()[-1]) == [signal.SIGKILL] * len(moments), done.stderr
+@contextmanager
+def killing(survey: Path) -> Iterator[Callable[..., None]]:
+    """Give what runs `photogram adjust` once for each moment, killed at it: the n-th file that a folder gets, or its
+    renaming. Each run is a fork of one process."""
+    command = [sys.executable, "-c", KILLED_AT, str(survey / "project.yaml")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        orders, ends = process.stdin, process.stdout
+        assert orders is not None
+        assert ends is not None
+
+        def killed_at(*moments: str) -> None:
+            for moment in moments:
+                orders.write(f"{moment}\n")
+                orders.flush()
+                assert ends.readline() == f"{signal.SIGKILL:d}\n", moment
+
+        yield killed_at
+    assert process.returncode == 0
 
 
 def without_seconds(value: Any) -> Any:
@@ -160,16 +169,17 @@ def stages_run(survey: Path, **options: Any) -> list[str]:
 def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: Run) -> None:
     """One chain of runs: each goes on from the last one's kill and is killed in turn, to the end."""
     work = survey / "work"
-    killed_at(survey, *(f"work/photographs.stage.partial:{moment}" for moment in ("1", "2", "rename")))
-    killed_at(survey, "work/features.stage.partial:4")
-    features = times(work / "features.stage.partial")
-    assert len(features) == 2
-    killed_at(survey, "work/features.stage.partial:2", "work/pairs.stage.partial:2", "work/matches.stage.partial:4")
-    assert features.items() <= times(work / "features.stage").items()
-    matches = times(work / "matches.stage.partial")
-    assert len(matches) == 2
-    killed_at(survey, *(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
-    killed_at(survey, "results:3", "results/pictures:4", "work/results.stage.partial:rename")
+    with killing(survey) as killed_at:
+        killed_at(*(f"work/photographs.stage.partial:{moment}" for moment in ("1", "2", "rename")))
+        killed_at("work/features.stage.partial:4")
+        features = times(work / "features.stage.partial")
+        assert len(features) == 2
+        killed_at("work/features.stage.partial:2", "work/pairs.stage.partial:2", "work/matches.stage.partial:4")
+        assert features.items() <= times(work / "features.stage").items()
+        matches = times(work / "matches.stage.partial")
+        assert len(matches) == 2
+        killed_at(*(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
+        killed_at("results:3", "results/pictures:4", "work/results.stage.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
     assert matches.items() <= times(work / "matches.stage").items()
@@ -193,7 +203,7 @@ def test_killed_from_outside_at_random_moments(survey: Path, finished_survey: Pa
     for share in (0.1, 0.3, 0.5, 0.8):
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
             while finished_files(survey / "work") < share * whole and process.poll() is None:
-                time.sleep(0.001)
+                time.sleep(0.01)
             time.sleep(0.02 * rng.random())
             process.kill()
             ends.append(process.wait())
@@ -210,7 +220,8 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
 ) -> None:
     """The old surface is gone, the new one is not yet in place: the next run makes it, with the new setting."""
     edit(adjusted_survey / "project.yaml", lambda v: v.update(surface={"cell_m": 0.5}))
-    killed_at(adjusted_survey, "work/surface.stage.partial:rename")
+    with killing(adjusted_survey) as killed_at:
+        killed_at("work/surface.stage.partial:rename")
     assert not (adjusted_survey / "work/surface.stage").exists()
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
     assert json.loads((adjusted_survey / "work/surface.stage/stage.json").read_text())["cell_m"] == 0.5
