@@ -22,6 +22,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from makers import SharedData
 from pyproj import Transformer
+from threadpoolctl import threadpool_limits
 
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.cli.main import main
@@ -72,11 +73,27 @@ SEED = 3
 SHARED_DATA = Path(os.environ.get("PHOTOGRAM_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data")).resolve()
 
 
+FIRST = ("surveys/test_resume.py", "cli/test_packaging.py", "files/", "surveys/", "report/test_viewer_in_browser.py")
+"""Files and folders of tests in the order in which workers take them, before all others.
+
+The first one has the adjusted survey made, which compiles most kernels: two minutes where none is kept. What another
+worker does meanwhile needs neither. Then what takes longest, so that no worker is left with it at the end.
+"""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that need data from outside of the repository."""
+    """Mark the tests that need data from outside of the repository; for several workers put the files in order."""
     for item in items:
         if "shared_data" in getattr(item, "fixturenames", ()):
             item.add_marker("shared_data")
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    """Return which of FIRST a test belongs to."""
+    name = item.nodeid.removeprefix("tests/")
+    return next((turn for turn, first in enumerate(FIRST) if name.startswith(first)), len(FIRST))
 
 
 @pytest.fixture(scope="session")
@@ -269,7 +286,8 @@ def finished_survey(pristine_survey: Path, tmp_path_factory: pytest.TempPathFact
     with _made_once(tmp_path_factory, "finished") as (folder, missing):
         if missing:
             shutil.copytree(pristine_survey, folder)
-            run_pipeline(load_project(folder / "project.yaml"))
+            with threadpool_limits(2, "blas"):  # what tests compare with it is made by one thread of BLAS
+                run_pipeline(load_project(folder / "project.yaml"))
     return folder
 
 

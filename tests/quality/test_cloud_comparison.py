@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from makers import SharedData
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
@@ -227,6 +227,7 @@ def test_the_triangles_are_solved_by_one_thread(monkeypatch: pytest.MonkeyPatch)
             return super().__call__(*place)
 
     monkeypatch.setattr(comparison, "LinearNDInterpolator", Counting)
-    cloud_to_surface(PointCloud(random_points(50, 2)), PointCloud(random_points(400, 1)))
+    with threadpool_limits(2, "blas"):
+        cloud_to_surface(PointCloud(random_points(50, 2)), PointCloud(random_points(400, 1)))
     assert threads
     assert set(threads) == {1}
