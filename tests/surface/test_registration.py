@@ -74,6 +74,7 @@ def test_a_shift_beyond_reach_is_none() -> None:
     first = edges(4, PATCH_CELLS + 40)
     assert shift_of(first[20:-20, 20:-20], first[20:-20, 2:-38]) is None
     found = shift_of(first[20:-20, 20:-20], first[20:-20, 12:-28])
+    assert found is not None
     np.testing.assert_allclose(found, [8.0, 0.0], atol=0.05)
 
 
