@@ -20,7 +20,7 @@ import yaml
 from hypothesis import settings
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
-from makers import SharedData
+from makers import SharedData, undrawing
 from pyproj import Transformer
 from threadpoolctl import threadpool_limits
 
@@ -307,6 +307,13 @@ def adjusted_survey(finished_survey: Path, tmp_path: Path) -> Path:
 def edit() -> Callable[[Path, Callable[[dict[str, Any]], object]], None]:
     """Change the values of a project file: ``edit(project, lambda values: …)``."""
     return _edit
+
+
+@pytest.fixture
+def undrawn() -> Iterator[None]:
+    """An empty picture stands for every figure: see `makers.undrawing`."""
+    with undrawing():
+        yield
 
 
 @pytest.fixture

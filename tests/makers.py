@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import gtsam
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
@@ -58,6 +63,36 @@ LEAST_SQUARES = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0, 
 SMALL = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2, flights=2)
 FREE = (5.0, 3.0, 3.0, 0.004, 0.0, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0)
 """Sigmas of a calibration of which some parameters are held, some known and one is free."""
+
+
+def _grey_picture(kind: str) -> bytes:
+    stream = io.BytesIO()
+    Image.new("RGB", (8, 8), (128, 128, 128)).save(stream, kind)
+    return stream.getvalue()
+
+
+EMPTY_PICTURES = {
+    "svg": b'<svg xmlns="http://www.w3.org/2000/svg"/>',
+    "png": _grey_picture("PNG"),
+    "jpeg": _grey_picture("JPEG"),
+}
+
+
+@contextmanager
+def undrawing() -> Iterator[None]:
+    """Make figures but do not draw them, which takes most of the time of a small survey's last stage: an empty picture
+    stands for each. For whole surveys of which a test looks at no picture, and others draw the same figures."""
+
+    def save(_: Figure, target: str | Path | BinaryIO, *, format: str, **options: object) -> None:  # noqa: ARG001
+        content = EMPTY_PICTURES[format]
+        if isinstance(target, str | Path):
+            Path(target).write_bytes(content)
+        else:
+            target.write(content)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
+        yield
 
 
 def read_json(path: Path) -> Json:

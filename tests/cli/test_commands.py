@@ -142,6 +142,7 @@ def test_photographs_may_lie_in_another_folder(adjusted_survey: Path, photogram:
     assert photogram("adjust", project, "--photographs", adjusted_survey / "nowhere").code == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_adjust_prints_the_essentials_of_the_report(adjusted_survey: Path, photogram: Run) -> None:
     outcome = photogram("adjust", adjusted_survey / "project.yaml")
     assert outcome.code == 0, outcome.err

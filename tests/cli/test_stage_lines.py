@@ -78,6 +78,7 @@ def test_every_stage_of_a_real_run_has_its_sentence(finished_survey: Path) -> No
             assert not re.search(r"True|False|None|_|\d\.\d{6}", words), words
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_adjust_ends_with_the_report_and_the_words_for_the_view(
     adjusted_survey: Path, photogram: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def events_of(out: str) -> list[dict[str, Any]]:
     return events
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_every_stage_is_told_and_the_verdict_comes_last(adjusted_survey: Path, photogram: Run) -> None:
     outcome = photogram("adjust", adjusted_survey / "project.yaml", "--from", "comparison", "--json")
     assert outcome.code == 0
@@ -48,6 +49,7 @@ def test_every_stage_is_told_and_the_verdict_comes_last(adjusted_survey: Path, p
         assert any(warning["sentence"] in text for text in warned) == (warning["severity"] != "note")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_quiet_prints_warnings_and_one_line(adjusted_survey: Path, photogram: Run) -> None:
     outcome = photogram("adjust", adjusted_survey / "project.yaml", "--quiet")
     assert outcome.code == 0

@@ -138,6 +138,7 @@ def with_tables(survey: Path, edit: Edit, kinds: Callable[[int], str]) -> int:
     return len(marks) - 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_kinds_come_from_the_table_of_marks_to_the_report(adjusted_survey: Path, edit: Edit) -> None:
     kinds = ("circle", "quartered", "")
     total = with_tables(adjusted_survey, edit, lambda n: kinds[n % 3])

@@ -8,6 +8,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from photogram.files.atomic import replacing
 from photogram.pipeline.store.results_record import (
     CHECKSUMS,
@@ -110,6 +112,7 @@ def test_another_program_reads_the_record(finished_survey: Path) -> None:
     assert set(read_record(results)) | {CHECKSUMS} == set(names(results))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_work_within_the_results_is_none_of_them(survey: Path, photogram: Run, edit: Edit) -> None:
     def sparse(values: dict[str, Any]) -> None:
         values |= {"work": "results/work", "dense": {"enabled": False}, "orthophoto": {"enabled": False}}

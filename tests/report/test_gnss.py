@@ -140,6 +140,7 @@ def test_report_of_a_survey(finished_survey: Path) -> None:
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_a_table_of_the_antenna_with_an_arm_gives_the_same_survey(adjusted_survey: Path, edit: Edit) -> None:
     """The tags' positions moved by an arm in the world and put into a table: with the arm given, nothing changes."""
     before = json.loads((adjusted_survey / "results/report.json").read_text())

@@ -375,6 +375,7 @@ def test_photographs_that_look_sideways_make_none(pitch_deg: float, words: str) 
     assert left_out_reason([None]) == ""
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orthophoto_stage, "LEAST_DEPRESSION_DEG", 91.0)
     assert (adjusted_survey / "results/orthophoto.tif").is_file()

@@ -7,11 +7,12 @@ import json
 import os
 import random
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from makers import undrawing
 
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, write_json
@@ -84,12 +85,13 @@ DAMAGE: dict[str, Callable[[bytes, random.Random], bytes | None]] = {
 
 
 @pytest.fixture(scope="module")
-def damaged_survey(finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def damaged_survey(finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A copy of the adjusted survey which every case of this module damages and finds mended."""
     survey = tmp_path_factory.mktemp("damaged") / "survey"
     shutil.copytree(finished_survey, survey)
-    run(survey)  # its results were made in another place
-    return survey
+    with undrawing():
+        run(survey)  # its results were made in another place
+        yield survey
 
 
 def files_to_damage(stage: str, count: int) -> list[tuple[str, str]]:

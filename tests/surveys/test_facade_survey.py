@@ -283,6 +283,7 @@ def test_a_facade_without_georeference(
     assert np.allclose(world_of(tmp_path, np.eye(3), "map"), world_of(tmp_path, np.eye(3)))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_level_site_is_made_on_the_map_as_without_the_key(adjusted_survey: Path, photogram: Run, edit: Edit) -> None:
     names = ("dsm.tif", "dsm_sigma.tif", "orthophoto.tif", "contours.gpkg")
     results = adjusted_survey / "results"
@@ -301,6 +302,7 @@ def test_a_level_site_is_made_on_the_map_as_without_the_key(adjusted_survey: Pat
     assert "The surface lies on the map" in (results / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_where_no_plane_is_found_nothing_is_made_and_the_reason_is_said(
     adjusted_survey: Path, photogram: Run, edit: Edit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

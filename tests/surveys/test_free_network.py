@@ -203,6 +203,7 @@ def test_a_distance_gives_the_scale_and_control_later_a_place_without_matching_a
         assert dataset.crs.to_epsg() == CRS(survey.plan.crs).to_epsg()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_photographs_said_to_look_sideways_make_no_surface_in_plan(
     finished: Path, made: tuple[Path, SimulatedSurvey], tmp_path: Path, photogram: Run, edit: Edit
 ) -> None:

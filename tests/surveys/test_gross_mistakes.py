@@ -476,6 +476,7 @@ def sparse(values: Values) -> None:
     values["orthophoto"] = {"enabled": False}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_copy_takes_no_part_in_the_adjustment(survey: Path, edit: Run, photogram: Run) -> None:
     """The result is that of the survey without the copy; a mark in the copy counts as one in the photograph."""
 
@@ -502,6 +503,7 @@ def test_a_copy_takes_no_part_in_the_adjustment(survey: Path, edit: Run, photogr
     assert "the same photograph as sim_0002.JPG" in " ".join(outcome.out.split())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_frozen_receiver_leaves_the_block_to_control(survey: Path, edit: Run, photogram: Run) -> None:
     first = read_tags(survey / "photographs/sim_0001.JPG")
     for path in sorted((survey / "photographs").iterdir()):

@@ -30,6 +30,7 @@ def spoil(values: dict[str, Any]) -> None:
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_a_survey_with_a_wrong_mark_and_a_mistyped_height(
     adjusted_survey: Path, edit: Edit, photogram: Callable[..., Any]
 ) -> None:

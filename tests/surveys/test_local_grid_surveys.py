@@ -15,6 +15,7 @@ import pytest
 import rasterio
 import yaml
 from conftest import PLAN, SEED
+from makers import undrawing
 from pyproj import CRS, Transformer
 
 from photogram.files.npz_json import read_json
@@ -57,7 +58,8 @@ EXTRA = {"contours": {"interval_m": US_FOOT}, "terrain": {"enabled": True}}
 @pytest.fixture(scope="module")
 def in_metres(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("metres") / "site"
-    adjusted(folder, edited(simulated, folder, **EXTRA))
+    with undrawing():
+        adjusted(folder, edited(simulated, folder, **EXTRA))
     return folder
 
 

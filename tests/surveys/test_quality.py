@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from photogram.files.npz_json import read_record
 from photogram.pipeline.pipeline import load_project, run_pipeline
@@ -23,6 +24,7 @@ def test_coarseness_is_that_of_the_picture_against_full_quality() -> None:
     assert [picture_scale(12_000_000, auto, r) for r in (1, 2, 4)] == [2, 2, 4]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_half_quality_states_sigmas_twice_as_large(survey: Path, edit: Callable[..., None]) -> None:
     project = survey / "project.yaml"
     edit(project, lambda values: values.update(quality="medium", dense={"enabled": False}))

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
@@ -228,6 +229,7 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
     assert photogram("adjust", adjusted_survey / "project.yaml", "--until", "surface").out.count("up to date") == 11
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
     project, results = adjusted_survey / "project.yaml", adjusted_survey / "results"
     assert stages_run(adjusted_survey) in ([], ["results"])  # its results were made in another place

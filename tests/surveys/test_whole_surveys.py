@@ -115,6 +115,7 @@ def test_the_photographs_are_those_of_an_ordinary_survey(survey: SimulatedSurvey
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_consumer_positions_and_six_control_points(
     survey: SimulatedSurvey, pictures: Pictures, tmp_path: Path, photogram: Run
 ) -> None:
@@ -128,6 +129,7 @@ def test_consumer_positions_and_six_control_points(
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_block_without_control_keeps_its_shape(
     survey: SimulatedSurvey, pictures: Pictures, tmp_path: Path, photogram: Run
 ) -> None:
@@ -152,6 +154,7 @@ def test_block_without_control_keeps_its_shape(
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_no_positions_and_shuffled_names(pictures: Pictures, tmp_path: Path, photogram: Run) -> None:
     bare = simulate(replace(PLAN, gnss_tags=False), SEED)
     names = shuffled_names(bare)
@@ -168,6 +171,7 @@ def test_no_positions_and_shuffled_names(pictures: Pictures, tmp_path: Path, pho
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_photographs_of_another_site_are_left_out(
     survey: SimulatedSurvey, pictures: Pictures, tmp_path: Path, photogram: Run
 ) -> None:
