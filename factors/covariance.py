@@ -29,6 +29,7 @@ RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
 MEANINGLESS_SIGMA_RAD = 1.0  # an attitude known no better than this may be any
 WHOLE = 0.9  # of a change that nothing holds, that is one of the block as a whole
+MARKS_AT_ONCE = 256  # predicted together: each is a row as long as all poses
 STILL = 1e-3  # of a direction that nothing holds, up to which the cameras do not move along it
 
 
@@ -131,13 +132,21 @@ class Covariances:
 
 def _rows(observations: Observations, linear: Linearisation, layout: Layout) -> FloatArray:
     """Return the rows of linearised observations on poses and border (M, 2, 6 free + border)."""
-    owner, parameter = layout.free_parameters
     rows = np.zeros((len(observations), 2, layout.columns + layout.border))
-    for i, (p, c) in enumerate(zip(observations.photograph, linear.camera, strict=True)):
-        at, columns = 6 * layout.place[p], np.flatnonzero(owner == c)
-        rows[i, :, at : at + 6] = linear.pose[i]
-        free = linear.calibration[i][:, parameter[columns]] * layout.border_unit[columns]
-        rows[i][:, layout.columns + columns] = free
+    at = 6 * layout.place[observations.photograph][:, None] + np.arange(6)
+    np.put_along_axis(rows, np.repeat(at[:, None], 2, axis=1), linear.pose, axis=2)
+    rows[:, :, layout.columns :] = _border_rows(linear, layout)
+    return rows
+
+
+def _border_rows(linear: Linearisation, layout: Layout) -> FloatArray:
+    """Return the rows of linearised observations on the border (M, 2, border)."""
+    owner, parameter = layout.free_parameters
+    rows = np.zeros((len(linear.camera), 2, layout.border))
+    for c in np.unique(linear.camera).tolist():
+        own, columns = np.flatnonzero(linear.camera == c), np.flatnonzero(owner == c)
+        free = linear.calibration[np.ix_(own, np.arange(2), parameter[columns])] * layout.border_unit[columns]
+        rows[np.ix_(own, np.arange(2), columns)] = free
     return rows
 
 
@@ -209,11 +218,36 @@ def predicted_marks(
 ) -> tuple[FloatArray, FloatArray]:
     """Return where photographs (M,) show control points (M,), px (M, 2), NaN behind a camera, and the covariances (M,
     2, 2), px², of these places: what the block as it is adjusted says of a mark that nobody has made."""
-    asked = predicted(photograph, point, state.cameras, state.control)
-    linear = linearise(asked, state.cameras, state.control)
     _, _, inverse, turned = _control_columns(problem, state, found)
-    covariance = _projected(point, linear, _rows(asked, linear, found.layout), inverse, turned, found)
-    return asked.pixel, covariance
+    pixel, covariance = np.empty((len(point), 2)), np.empty((len(point), 2, 2))
+    in_poses = np.any(turned[: found.layout.columns], axis=(0, 2))[point]
+    numbers = np.flatnonzero(in_poses)
+    several = [numbers[k : k + MARKS_AT_ONCE] for k in range(0, len(numbers), MARKS_AT_ONCE)]
+    for part in (*several, np.flatnonzero(~in_poses)):
+        asked = predicted(photograph[part], point[part], state.cameras, state.control)
+        linear = linearise(asked, state.cameras, state.control)
+        pixel[part] = asked.pixel
+        if in_poses[part].any():
+            rows = _rows(asked, linear, found.layout)
+            covariance[part] = _projected(point[part], linear, rows, inverse, turned, found)
+        else:
+            covariance[part] = _projected_by_one(asked, linear, inverse, turned, found)
+    return pixel, covariance
+
+
+def _projected_by_one(
+    asked: Observations, linear: Linearisation, inverse: FloatArray, turned: FloatArray, found: Covariances
+) -> FloatArray:
+    """Return what ``_projected`` does of points that no photograph has marked: each of their images depends on one
+    pose and the border."""
+    layout, i, g = found.layout, asked.photograph, asked.point
+    A = linear.pose
+    B = _border_rows(linear, layout) - linear.point @ turned[layout.columns :, g].transpose(1, 2, 0)
+    T = found.T[6 * layout.place[i][:, None] + np.arange(6)]
+    cross = A @ -T @ found.border @ B.transpose(0, 2, 1)
+    own = linear.point @ inverse[g] @ linear.point.transpose(0, 2, 1)
+    own += A @ found.poses[i] @ A.transpose(0, 2, 1) + B @ found.border @ B.transpose(0, 2, 1)
+    return np.asarray(own + cross + cross.transpose(0, 2, 1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,6 @@ from photogram.factors.graph import IndeterminateError
 from photogram.marking.tagged_block import with_all_points
 from photogram.survey import Block
 
-AT_ONCE = 256
-"""Places whose covariances are computed together: each is a row as long as all poses."""
-
 SURE = float(-2.0 * np.log(0.05))
 """Square of the radius of the ellipse, in standard deviations, that holds a place in 95 of 100."""
 
@@ -81,10 +78,7 @@ def predicted_places(block: Block, settings: AdjustmentSettings | None = None) -
     cameras = [c.with_parameters(q) for c, q in zip(known.cameras, state.parameters, strict=True)]
     poses = [Pose(R, C, v) for R, C, v in zip(state.rotation, state.position, state.velocity, strict=True)]
     photograph, point, inside = _pairs(known, cameras, poses, state.control)
-    pixel, covariance = np.empty((len(point), 2)), np.empty((len(point), 2, 2))
-    for first in range(0, len(point), AT_ONCE):
-        part = slice(first, first + AT_ONCE)
-        pixel[part], covariance[part] = predicted_marks(problem, state, found, photograph[part], point[part])
+    pixel, covariance = predicted_marks(problem, state, found, photograph, point)
     whole = np.array([numbers[name] for name in known.control_points.name], dtype=np.int64)
     return PredictedPlaces(whole[point], kept[photograph], pixel, covariance, inside)
 
