@@ -79,8 +79,9 @@ class PatchReader:
         self._regions: OrderedDict[tuple[int, int], list[_Region]] = OrderedDict()
         self._reading: dict[tuple[int, int], Lock] = {}
         self._bytes, self._lock, self._decoders = 0, Lock(), Semaphore(DECODERS)
-        self._ahead = ThreadPoolExecutor(1, "patches ahead")
+        self._ahead = ThreadPoolExecutor(DECODERS, "patches ahead")
         self._planned: list[Future[None]] = []
+        self._is_closed = False
 
     @property
     def kept_bytes(self) -> int:
@@ -130,11 +131,13 @@ class PatchReader:
         return content.tobytes()
 
     def read_ahead(self, wanted: Sequence[tuple[int, Window]]) -> None:
-        """Read what will be asked for next, one after the other and in the background, in place of what was to be read
+        """Read what will be asked for next, in this order and in the background, in place of what was to be read
         before."""
         with self._lock:
             for plan in self._planned:
                 plan.cancel()
+            if self._is_closed:
+                return
             self._planned = [self._ahead.submit(self._quietly, photograph, window) for photograph, window in wanted]
 
     def _quietly(self, photograph: int, window: Window) -> None:
@@ -145,6 +148,8 @@ class PatchReader:
 
     def close(self) -> None:
         """End reading ahead."""
+        with self._lock:
+            self._is_closed = True
         self._ahead.shutdown(wait=False, cancel_futures=True)
 
     def _kept(self, key: tuple[int, int], box: tuple[int, int, int, int]) -> _Region | None:

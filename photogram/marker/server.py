@@ -15,6 +15,7 @@ from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from threading import Thread
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from photogram.errors import ControlPointError, PhotogramError
@@ -28,6 +29,8 @@ from photogram.wording import printable, shortened
 ADDRESS = "127.0.0.1"
 MOST_BODY_BYTES = 65536
 LONGEST_WAIT_S = 10.0
+FIRST_SHOWN = (12, 300)
+"""Patches of the first point that are read before a page asks for them, and the pixels of the screen across each."""
 _HOSTS = ("127.0.0.1", "localhost")
 _TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -151,6 +154,7 @@ class MarkServer:
 
     def serve(self) -> None:
         """Answer until ``stop`` is called from another thread, or KeyboardInterrupt ends it."""
+        Thread(target=self._begin, name="first point", daemon=True).start()
         try:
             self._http.serve_forever(poll_interval=0.2)
         finally:
@@ -159,6 +163,11 @@ class MarkServer:
     def stop(self) -> None:
         """End ``serve``."""
         self._http.shutdown()
+
+    def _begin(self) -> None:
+        """Read the point that the page will begin with as soon as it is known where that is."""
+        if self.session.wait_for_outlook() and (first := self.views.state()["first"]) is not None:
+            self.read_ahead(self.views.point(first), *FIRST_SHOWN)
 
     def read_ahead(self, view: PointView, shown: int, side_px: int) -> None:
         """Read the first patches of a point before anybody asks for them."""
@@ -196,6 +205,9 @@ class _Http(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = 60.0
+    # else a body waits 40 ms for the acknowledgement of its header
+    disable_nagle_algorithm = True
+    wbufsize = 65536
     server: _Http
 
     def log_message(self, format: str, *args: object) -> None:

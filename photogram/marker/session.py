@@ -242,6 +242,12 @@ class MarkingSession:
             self._changed.wait_for(lambda: self._version != version or self._ended, seconds)
             return self._version
 
+    def wait_for_outlook(self) -> bool:
+        """Wait until something has been reckoned; returns False where the session has ended before."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._outlook is not None or self._ended)
+            return self._outlook is not None
+
     # ---- what is done --------------------------------------------------------------------------------------------
 
     def mark(

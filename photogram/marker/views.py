@@ -128,6 +128,8 @@ class StateView(TypedDict):
 
     version: int
     points: list[PointRecord]
+    first: str | None
+    """The point to begin with: the first that wants more marks, else the first of all; None without points."""
     photographs: int
     proposals: int
     agreeing: int
@@ -225,9 +227,11 @@ class Views:
         moment = self._session.moment()
         outlook = moment.outlook
         comparison = None if outlook is None else outlook.comparison
+        points = [self._point(moment, name) for name in moment.roles]
         return {
             "version": moment.version,
-            "points": [self._point(moment, name) for name in moment.roles],
+            "points": points,
+            "first": next((p["name"] for p in points if not p["enough"]), points[0]["name"] if points else None),
             "photographs": len(self._session.block.photographs),
             "proposals": len(moment.proposals),
             "agreeing": len(agreeing(moment)),

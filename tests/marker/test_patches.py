@@ -126,3 +126,10 @@ def test_what_is_read_ahead_is_there(photographs: list[Path]) -> None:
 def test_another_photograph_under_its_name_is_refused(photographs: list[Path]) -> None:
     with pytest.raises(ImageError, match="1501 × 1103 px, but its camera has 1500 × 1103"):
         PatchReader(photographs, [(1500, 1103), SIZE]).pixels(0, Window(0, 0, 10, 10))
+
+
+def test_nothing_is_read_ahead_after_the_end(photographs: list[Path]) -> None:
+    reader = PatchReader(photographs, [SIZE, SIZE])
+    reader.close()
+    reader.read_ahead([(0, Window(100, 100, 80, 80))])
+    assert reader.kept_bytes == 0

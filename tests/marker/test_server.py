@@ -6,6 +6,9 @@ import http.client
 import io
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from queue import SimpleQueue
 from threading import Thread
 from typing import Any
 
@@ -14,9 +17,10 @@ import pytest
 from makers import without_marks
 from PIL import Image
 
+from photogram.arrays import ByteArray
 from photogram.files.marks.mark_table import read_marks
-from photogram.marker.patches import PatchReader
-from photogram.marker.server import MOST_BODY_BYTES, MarkServer, scale_for
+from photogram.marker.patches import PatchReader, Window
+from photogram.marker.server import FIRST_SHOWN, MOST_BODY_BYTES, MarkServer, scale_for
 from photogram.marker.session import MarkingSession
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
@@ -24,14 +28,19 @@ from photogram.simulation.simulated_survey import simulate_block, whole_survey_p
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MarkServer]:
-    folder = tmp_path_factory.mktemp("marks")
+    with serving(tmp_path_factory.mktemp("marks")) as made:
+        yield made
+
+
+@contextmanager
+def serving(folder: Path, reader: type[PatchReader] = PatchReader) -> Iterator[MarkServer]:
     block = without_marks(tagged_block(simulate_block(whole_survey_plan(), 1).block))
     camera = block.cameras[0]
     size = camera.width_px, camera.height_px
     column, row = np.meshgrid(np.arange(size[0]) % 256, np.arange(size[1]) % 256)
     Image.fromarray(np.dstack([column, row, 0 * row]).astype(np.uint8)).save(folder / "one.png")
     count = len(block.photographs)
-    patches = PatchReader([folder / "one.png"] * count, [size] * count)
+    patches = reader([folder / "one.png"] * count, [size] * count)
     session = MarkingSession(block, folder / "journal.jsonl", folder / "marks.csv")
     server = MarkServer(session, patches, "test")
     thread = Thread(target=server.serve)
@@ -39,8 +48,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MarkServer]:
     yield server
     server.stop()
     thread.join()
-    patches.close()
     session.close()
+    patches.close()
 
 
 def asked(
@@ -157,3 +166,25 @@ def test_who_waits_is_told_of_a_change_at_once(server: MarkServer) -> None:
 
 def test_patches_are_never_reduced_below_the_screen() -> None:
     assert [scale_for(span, 240) for span in (80.0, 479.0, 480.0, 960.0, 1e5)] == [1, 1, 2, 4, 8]
+
+
+class Noting(PatchReader):
+    """Notes what is read."""
+
+    def pixels(self, photograph: int, wanted: Window) -> ByteArray:
+        """Note the photograph."""
+        noted.put(photograph)
+        return super().pixels(photograph, wanted)
+
+
+noted: SimpleQueue[int] = SimpleQueue()
+
+
+def test_the_first_point_is_read_before_anybody_asks(tmp_path: Path) -> None:
+    with serving(tmp_path, Noting) as server:
+        assert noted.empty()
+        server.session.start()
+        assert server.session.wait_for_outlook()
+        view = server.views.point(str(server.views.state()["first"]))
+        shown = [server.session.numbers[one["name"]] for one in view["photographs"][: FIRST_SHOWN[0]] if one["inside"]]
+        assert sorted(noted.get(timeout=20.0) for _ in shown) == sorted(shown)

@@ -28,6 +28,7 @@ def test_a_survey_before_between_and_after_its_marks(tmp_path: Path) -> None:
     views = Views(session)
     before = views.state()
     names = [point["name"] for point in before["points"]]
+    assert before["first"] == names[0]
     assert names == list(whole.control_points.name)
     assert before["reckoning"]
     assert views.point(names[0])["photographs"] == [], "it is not known yet, but will be"

@@ -118,7 +118,7 @@ async function refresh() {
   session = await api.state();
   version = Math.max(version, session.version);
   if (chosen === null || !session.points.some((point) => point.name === chosen)) {
-    chosen = (session.points.find((point) => !point.enough) ?? session.points[0])?.name ?? null;
+    chosen = session.first;
   }
   const asked = chosen;
   const [seen, above] = await Promise.all([asked === null ? null : api.point(asked), api.plan()]);

@@ -187,6 +187,7 @@ export class Patch {
       this.shown = shown;
       this.draw();
       this.figure.dataset.drawn = key;
+      performance.mark("drawn");
     }).catch((fault) => {
       if (fault.name === "AbortError") return;
       this.key = null;
