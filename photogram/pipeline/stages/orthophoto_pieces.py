@@ -36,7 +36,7 @@ _GRIDS, _LATTICE, _SEAMS, _BALANCE = "grids.json", "lattice.npz", "seams.npz", "
 TILES_ALONG = 4
 """Tiles along a square of them that one process makes, so that a photograph that it decodes serves several."""
 
-_WHOLE = ("block_cells", "candidate", "cost", "height_map_m", "centre_world_m", "looks")
+_WHOLE = ("block_cells", "candidate", "cost", "height_map_m", "sample_map_m", "centre_world_m", "looks")
 
 
 class HeldPhotographs:
@@ -161,8 +161,8 @@ class _Elsewhere:
 def _looks(run: Run, folder: Path) -> tuple[_Elsewhere, Looks]:
     here = _Elsewhere(run, folder)
     arrays = read_arrays(here.scratch / _LATTICE)
-    block, candidate, cost, height, centre, looks = (arrays[name] for name in _WHOLE)
-    lattice = Lattice.unseen(int(block), candidate, cost, height, centre, looks)
+    block, candidate, cost, height, sample, centre, looks = (arrays[name] for name in _WHOLE)
+    lattice = Lattice.unseen(int(block), candidate, cost, height, sample, centre, looks)
     return here, Looks.of(here.views, here.frame, here.terrain, here.grid, lattice, here.masks)
 
 

@@ -74,7 +74,7 @@ class Samples:
     colour: FloatArray
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
 def _mean_colours(
     picture: ByteArray,
     cameras: OrientedCameras,
@@ -82,12 +82,13 @@ def _mean_colours(
     X: FloatArray,
     side_m: float,
     out: FloatArray,
+    total: FloatArray,
 ) -> None:
-    """Fill the squared ideal radius and the mean colour (N, 4) of squares around places (N, 3); NaN where they reach
-    out of the picture, or hold a pixel too dark or too bright."""
+    """Fill the squared ideal radius and the mean colour (N, 4) of squares around places (N, 3); the radius NaN where
+    they reach out of the picture, or hold a pixel too dark or too bright. ``total`` (3,) is room."""
     focal, C = cameras.parameters[cameras.camera[view], FOCAL], cameras.position
-    out[:] = np.nan
     for n in range(len(X)):
+        out[n, 0] = np.nan
         u, v, depth = seen_at(cameras, view, X[n])
         if not np.isfinite(u):
             continue
@@ -95,8 +96,9 @@ def _mean_colours(
         c, r = int(np.rint(u)), int(np.rint(v))
         if c < half or r < half or c + half >= picture.shape[1] or r + half >= picture.shape[0]:
             continue
-        total = np.zeros(3)
         good = True
+        for k in range(3):
+            total[k] = 0.0
         for i in range(r - half, r + half + 1):
             for j in range(c - half, c + half + 1):
                 for k in range(3):
@@ -138,7 +140,7 @@ def colours_in(
     place = np.flatnonzero(listed.any(axis=1))
     X = lattice.centre_world_m[places.row[place], places.column[place]]
     out = np.empty((len(place), 4))
-    _mean_colours(picture, views.cameras, view, X, places.side_m, out)
+    _mean_colours(picture, views.cameras, view, X, places.side_m, out, np.empty(3))
     good = np.isfinite(out[:, 0])
     return place[good].astype(np.int64), out[good]
 

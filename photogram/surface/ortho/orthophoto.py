@@ -14,6 +14,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -198,6 +199,7 @@ class Orthophoto:
             (float(self.frame.origin_map_m[2]), vertical_nodes(self.frame, self.grid, window)),
             (self.seams.label, self.seams.candidate, self.seams.inside, self.plain),
             (self.seams.block_cells, self.feather_cells / self.seams.block_cells), over, chosen,
+            (np.empty(3), np.empty(MIXED, np.int32), np.empty(MIXED)),
         )  # fmt: skip
         colour = np.zeros((*shape, 3), np.float32)
         sides = cell_steps(self.frame, self.grid)
@@ -205,7 +207,7 @@ class Orthophoto:
             tone, picture = self.tone(view), pixels_of(view)
             add_photograph(
                 view, picture, self.views.cameras, (tone.factor, tone.per_radius2), chosen.place, sides, chosen.label,
-                chosen.weight, colour,
+                chosen.weight, colour, np.empty((4, 4)),
             )  # fmt: skip
         rgba = np.empty((*shape, 4), np.uint8)
         _rounded(colour, chosen.label, self.highlights, rgba)
@@ -328,9 +330,9 @@ def _edges(height: Float32Array, cell_m: float) -> BoolArray:
     """Return whether there is a height edge within two cells."""
     known = np.isfinite(height)
     low, high = np.where(known, height, np.float32(np.inf)), np.where(known, height, np.float32(-np.inf))
-    across = 2 * _EDGE_REACH + 1
+    around = np.ones((2 * _EDGE_REACH + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore"):
-        step = maximum_filter(high, across, mode="nearest") - minimum_filter(low, across, mode="nearest")
+        step = cv2.dilate(high, around) - cv2.erode(low, around)
     return np.asarray(step > EDGE_CELLS * cell_m)
 
 
@@ -387,7 +389,7 @@ def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
     return bool(u >= -0.5 and v >= -0.5 and u <= cameras.size_px[m, 0] - 0.5 and v <= cameras.size_px[m, 1] - 0.5)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
 def _choose(
     relief: tuple[Float32Array, BoolArray, BoolArray, ByteArray, Int32Array],
     corner: tuple[float, float, float],
@@ -399,6 +401,7 @@ def _choose(
     widths: tuple[int, float],
     over: Int32Array,
     out: _Chosen,
+    room: tuple[FloatArray, Int32Array, FloatArray],
 ) -> None:
     """Fill which photographs every cell of a window is made of, with which weights, and its place.
 
@@ -414,7 +417,7 @@ def _choose(
     block, feather = widths
     lists = candidate.shape[2]
     last_row, last_column = label.shape[0] - 1, label.shape[1] - 1
-    X, found, share = np.empty(3), np.empty(MIXED, np.int32), np.empty(MIXED)
+    X, found, share = room
     for i in range(len(north)):
         row = first[0] + i
         y = (corner[1] - north[i]) / corner[2]
@@ -467,7 +470,8 @@ def _choose(
                     out.label[i, j, 0], out.weight[i, j, 0] = n, 1.0
                     out.used[n] = True
                 else:
-                    out.masked[i, j] = (seen[:, r, c] == MASKED).any()
+                    for k in range(len(over)):
+                        out.masked[i, j] = out.masked[i, j] or seen[k, r, c] == MASKED
                 continue
             if count == 1 or feather == 0.0 or edges[r, c]:
                 out.label[i, j, 0], out.weight[i, j, 0] = found[best], 1.0

@@ -76,7 +76,7 @@ class Tone:
         return Tone(np.exp(-log_gain - falloff * radius2), per_radius2)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
 def add_photograph(
     number: int,
     picture: ByteArray,
@@ -87,17 +87,18 @@ def add_photograph(
     label: Int32Array,
     weight: NDArray[np.float32],
     out: NDArray[np.float32],
+    room: FloatArray,
 ) -> None:
     """Add to ``out`` (R, C, 3) what the photograph ``number`` contributes to each cell.
 
     Colours are multiplied by its ``tone``: factors, and how many there are per squared ideal radius. ``place`` (R, C,
     3) are the centres of the cells on the surface, ``sides`` the steps (3,) to the next cell in the east and the south;
     ``label`` and ``weight`` (R, C, 4) say which photographs a cell is made of, −1 for none. Cells that are larger than
-    a pixel are sampled at as many places as they have pixels, at the height of their centre.
+    a pixel are sampled at as many places as they have pixels, at the height of their centre. ``room`` is (4, 4).
     """
     focal, C = cameras.parameters[cameras.camera[number], FOCAL], cameras.position
     factor, per_radius2 = tone
-    X, colour, across, down = np.empty(3), np.empty(3), np.empty(4), np.empty(4)
+    X, colour, across, down = room[0, :3], room[1, :3], room[2], room[3]
     side = np.sqrt(sides[0][0] ** 2 + sides[0][1] ** 2 + sides[0][2] ** 2)
     for i in range(label.shape[0]):
         for j in range(label.shape[1]):
@@ -126,7 +127,7 @@ def add_photograph(
                 out[i, j, k] += w * colour[k] * (factor[m, k] + share * (factor[m + 1, k] - factor[m, k]))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
 def _add_cell(
     picture: ByteArray,
     cameras: OrientedCameras,
@@ -138,8 +139,15 @@ def _add_cell(
 ) -> None:
     """Add the mean over n × n places of a cell centred at X (3,); its image is taken as a parallelogram."""
     u, v, _ = seen_at(cameras, number, X)
-    du, dv, _ = seen_at(cameras, number, X + sides[0])
-    eu, ev, _ = seen_at(cameras, number, X + sides[1])
+    east, south = sides
+    for k in range(3):
+        X[k] += east[k]
+    du, dv, _ = seen_at(cameras, number, X)
+    for k in range(3):
+        X[k] += south[k] - east[k]
+    eu, ev, _ = seen_at(cameras, number, X)
+    for k in range(3):
+        X[k] -= south[k]
     if not np.isfinite(du + dv + eu + ev):
         du, dv, eu, ev = u, v, u, v
     for a in range(n):
