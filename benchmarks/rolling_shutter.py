@@ -1,6 +1,6 @@
 """What a rolling shutter does to a survey, and what is left of it once its read-out time is estimated.
 
-    python benchmarks/rolling_shutter.py [--seeds 20] [--false 100] [--ties 1500]
+    python benchmarks/rolling_shutter.py [--seeds 20] [--false 100] [--ties 1500] [--correlations 60]
 
 Simulated observations without rendering: 24 photographs straight down in four strips, every other one at right angles,
 60 m above ground at 8 m/s (a read-out of 33 ms moves the camera by 0.26 m, 6 GSD), positions and speeds that scatter
@@ -19,6 +19,10 @@ Errors are of check points against the truth, in GSD, root mean square over all 
 standard deviations; read-out: RMS error and largest, ms, and z. `found` is the share of surveys in which a read-out
 time was significant; the last line repeats it for a global shutter on `--false` surveys. `time` is that of the
 adjustment over that of the global shutter, in turn on the same machine.
+
+Correlations of the read-out time, as predicted (mean over `--correlations` surveys of 300 tie points, velocities from
+tags) and as the estimates of all surveys have them: with the focal length in one strip with six control points, and
+with a time offset of the positions, which is 0 and estimated, in two strips with a third that looks 25° forward.
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.projection import B1, B2, READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.survey import CommonError
 
 READOUT_S, PRIOR_S = 0.033, 0.03
 PLAN = SurveyPlan(
@@ -124,18 +129,46 @@ def table(title: str, control: int, seeds: range, ties: int) -> None:
         )
 
 
+def correlations(surveys: int) -> None:
+    """Print correlations of the read-out time, predicted and found among many surveys."""
+    plan = replace(
+        ROWS["stated"], crossing=False, photographs_per_strip=10, check_points=1, calibration_source="laboratory"
+    )
+    settings = AdjustmentSettings(common_errors="none", lens_field="none")
+    time_offset = CommonError("time_offset", None, 0, np.ones(1), np.zeros(1))
+    print(f"\ncorrelations of the read-out time, {surveys} surveys: predicted, found")
+    for name, own, beside in (
+        ("focal length", replace(plan, strips=1), ()),
+        ("time offset", replace(plan, strips=2, control_points=0, oblique_strip=True), (time_offset,)),
+    ):
+        found = []
+        for seed in range(1, surveys + 1):
+            block = simulate_block(own, seed, tie_points=300, sigma_px=0.4).block
+            block = replace(block, cameras=(replace(block.cameras[0], readout_s=0.03),), common_errors=beside)
+            result = adjust(block, settings)
+            if beside:
+                told, other = result.readout_time_offset_correlation, float(result.common_errors[-1].estimate[0])
+            else:
+                told, other = result.readout_focal_correlation, result.block.cameras[0].focal_px
+            found.append((float(told[0]), float(result.readout_s[0]), other))
+        predicted, T, others = np.array(found).T
+        print(f"{name:<14}{predicted.mean():6.2f} {np.corrcoef(T, others)[0, 1]:6.2f}", flush=True)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--false", type=int, default=100, help="surveys with a global shutter, for false alarms")
     parser.add_argument("--ties", type=int, default=1500, help="tie points of a survey")
+    parser.add_argument("--correlations", type=int, default=60, help="surveys for the correlations")
     given = parser.parse_args()
     table("six control points", 6, range(1, given.seeds + 1), given.ties)
     table("RTK alone", 0, range(1, given.seeds + 1), given.ties)
     plan = replace(ROWS["looked for"], control_points=0)
     found = sum(run("looked for", plan, seed, 400).significant for seed in range(1001, 1001 + given.false))
     print(f"\nglobal shutters with a significant read-out time: {found} of {given.false}")
+    correlations(given.correlations)
 
 
 if __name__ == "__main__":

@@ -414,6 +414,14 @@ class Adjustment:
     was looked for."""
     readout_sigma_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Their standard deviations (cameras,)."""
+    readout_focal_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their correlations (cameras,) with the focal length of their camera, NaN where either is held."""
+    readout_time_offset_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their correlations (cameras,) with a time offset of exposures after GNSS positions, one that is estimated or that
+    would be; NaN where the read-out time is held, or nothing tells a time offset."""
+    neighbours_scatter_m_s: float = float("nan")
+    """Standard deviation by which photographs under a rolling shutter flew at other velocities than the positions of
+    their neighbours tell, for each component; 0 where none is significant, NaN where no velocity comes from there."""
     field_covariance_px2: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     """Covariances (cameras, K, K) of the coefficients of the lens fields, zero for a camera without; (0, 0, 0) where no
     camera has one."""

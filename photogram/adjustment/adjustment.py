@@ -23,9 +23,11 @@ from photogram.adjustment.oriented_subset import registered_block, with_all_mark
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.adjustment.rounds import Solved, solve_rounds
+from photogram.adjustment.shutters.readout_correlations import correlations
 from photogram.adjustment.shutters.rolling_shutter import (
     Readouts,
     looked_for,
+    neighbours_scatter_m_s,
     readouts,
     shown,
     surely_shown,
@@ -212,6 +214,7 @@ def _adjust_oriented(
     elif asked.any():
         return with_readouts(_judged(ended, settings), _shown(ended.assessment, asked)[1])
     found = readouts(ended.assessment.problem, ended.assessment.state, ended.assessment.held)
+    told = correlations(ended.assessment.problem, ended.assessment.state, ended.assessment.covariances)
     none = np.isfinite(found.estimate_s) & ~found.significant
     if none.any():
         progress("no rolling shutter: the read-out time is held at zero")
@@ -222,7 +225,8 @@ def _adjust_oriented(
             ended.assessment.state.parameters,
         )
         ended = _adjusted_block(again, settings, progress, parameters, sigmas)
-    return with_readouts(_judged(ended, settings), found)
+    scatter_m_s = neighbours_scatter_m_s(ended.assessment.problem, ended.assessment.state)
+    return with_readouts(_judged(ended, settings), found, told, scatter_m_s)
 
 
 def _adjusted_block(

@@ -27,6 +27,7 @@ from photogram.frames import LocalFrame, map_from_geodetic
 from photogram.report.identity import VOLATILE
 from photogram.report.numbers.numbers import NOT_ADJUSTED, camera_numbers, gnss_residual_m, report_numbers
 from photogram.report.numbers.overlap import ground_overlap
+from photogram.report.numbers.traffic_lights import number
 from photogram.results import Adjustment, LensFieldDecision
 from photogram.sfm.orientation import Orientation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -93,6 +94,29 @@ def test_keys_of_lens_fields() -> None:
     assert off["lens_field"] is not None
     assert off["lens_field"]["why"] == "too few"
     assert off["lens_field"]["rms_px"] is None
+
+
+def test_keys_of_rolling_shutters() -> None:
+    plan = SurveyPlan(
+        readout_s=0.033, readout_sigma_s=0.03, speed_m_s=8.0, position_noise_m=1.0, gnss_offset_sigma_m=(0.0, 0.0, 0.0)
+    )
+    result = adjust(simulate_block(plan, 1, tie_points=400, sigma_px=0.4).block, AdjustmentSettings())
+    name = result.block.cameras[0].name
+    camera = camera_numbers(result, {}, [])[name]
+    found = camera["rolling_shutter"]
+    assert found is not None
+    assert found["estimate_s"] == camera["readout_s"] == result.readout_s[0]
+    assert found["sigma_s"] == pytest.approx(camera["sigma"]["readout_s"])
+    for key in ("focal_correlation", "time_offset_correlation"):
+        assert 0.0 < abs(number(found[key])) < 1.0, key
+    assert found["neighbours_scatter_m_s"] == result.neighbours_scatter_m_s > 0.05
+    given = replace(result, readout_s=np.full(1, np.nan), readout_sigma_s=np.full(1, np.nan),
+                    readout_focal_correlation=np.full(1, np.nan), neighbours_scatter_m_s=float("nan"))  # fmt: skip
+    fixed = camera_numbers(given, {}, [])[name]["rolling_shutter"]
+    assert fixed is not None
+    assert fixed["estimate_s"] is fixed["focal_correlation"] is fixed["neighbours_scatter_m_s"] is None
+    still = adjust(simulate_block(SurveyPlan(), 1, tie_points=60).block, AdjustmentSettings())
+    assert camera_numbers(still, {}, [])[name]["rolling_shutter"] is None
 
 
 def test_keys_of_block(report: Json, finished_survey: Path) -> None:

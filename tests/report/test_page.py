@@ -130,6 +130,24 @@ def test_everything_that_is_absent_is_said_to_be(bare: Json) -> None:
         assert what in text, what
 
 
+def test_a_read_out_time_stands_with_what_it_could_be_taken_for(bare: Json) -> None:
+    report = deepcopy(bare)
+    (camera,) = report["cameras"].values()
+    found = {"estimate_s": 0.03312, "sigma_s": 0.00014, "focal_correlation": -0.29, "time_offset_correlation": None,
+             "neighbours_scatter_m_s": 0.312}  # fmt: skip
+    camera |= {"readout_s": 0.03312, "rolling_shutter": found}
+    text = report_page(complete(report, ReportSettings()), [])
+    assert "read-out time 33.12 ± 0.14 ms; correlation with the focal length −0.29, with a time offset" in text
+    assert "GNSS positions not told. Velocities from the positions of neighbouring photographs scatter by 0.31" in text
+    camera |= {"readout_s": 0.0}
+    text = report_page(complete(report, ReportSettings()), [])
+    assert "33.12 ± 0.14 ms, not significant and held at 0" in text
+    camera |= {"readout_s": 0.033, "rolling_shutter": dict.fromkeys(found)}
+    text = report_page(complete(report, ReportSettings()), [])
+    assert "the read-out time was given." in text
+    assert "scatter by" not in text.partition("Rolling shutter:")[2].partition("</p>")[0]
+
+
 def test_control_points_that_nothing_else_determines_are_not_left_out_one_by_one(bare: Json) -> None:
     report = deepcopy(bare)
     for point in report["control_points"]:

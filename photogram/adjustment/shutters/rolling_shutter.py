@@ -22,6 +22,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.shutters.own_velocities import own_velocities
+from photogram.adjustment.shutters.readout_correlations import Correlations
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
@@ -64,17 +65,30 @@ def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
 def renewed(problem: Problem, state: State) -> State:
     """Return the state at the end of a round with the velocities that follow from it: as ``in_motion``, and those that
     positions and times give as the photographs show them."""
+    cameras, _ = _as_shown(problem, state)
+    return replace(state, cameras=cameras)
+
+
+def neighbours_scatter_m_s(problem: Problem, state: State) -> float:
+    """Return the standard deviation, m/s, by which photographs flew at other velocities than their neighbours tell, for
+    each component; zero where none is significant, NaN where no shutter rolls or no velocity comes from neighbours."""
+    return _as_shown(problem, state)[1]
+
+
+def _as_shown(problem: Problem, state: State) -> tuple[OrientedCameras, float]:
+    """Return the photographs with the velocities that follow from a state, and what the neighbours' scatter by, m/s,
+    NaN where none of them counts."""
     block = problem.block
     cameras = in_motion(block, state.cameras)
     if not np.any(cameras.parameters[:, READOUT] != 0.0):
-        return replace(state, cameras=cameras)
+        return cameras, float("nan")
     told, from_positions = _told(block, cameras)
     free = from_positions & np.isfinite(told).all(axis=1)
-    if free.any():
-        velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
-        _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", sigma)
-        cameras = cameras._replace(velocity=velocity)
-    return replace(state, cameras=cameras)
+    if not free.any():
+        return cameras, float("nan")
+    velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
+    _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", sigma)
+    return cameras._replace(velocity=velocity), sigma
 
 
 def _told(block: Block, cameras: OrientedCameras) -> tuple[FloatArray, BoolArray]:
@@ -242,9 +256,13 @@ def without_rolling(block: Block, none: BoolArray) -> Block:
     return replace(block, cameras=tuple(cameras))
 
 
-def with_readouts(result: Adjustment, found: Readouts) -> Adjustment:
+def with_readouts(
+    result: Adjustment, found: Readouts, told: Correlations | None = None, scatter_m_s: float = float("nan")
+) -> Adjustment:
     """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
-    covariances, and what is to be warned of."""
+    covariances, and what is to be warned of; with their correlations where they were among the unknowns, and what the
+    neighbours' velocities scatter by."""
+    told = Correlations.unknown(len(result.block.cameras)) if told is None else told
     covariance = result.calibration_covariance.copy()
     covariance[:, READOUT, :] *= found.inflation[:, None]
     covariance[:, :, READOUT] *= found.inflation[:, None]
@@ -253,5 +271,12 @@ def with_readouts(result: Adjustment, found: Readouts) -> Adjustment:
         calibration_covariance=covariance,
         readout_s=found.estimate_s,
         readout_sigma_s=found.sigma_s,
-        warnings=(*result.warnings, *unmoved(result.block)),
+        readout_focal_correlation=told.focal_length,
+        readout_time_offset_correlation=told.time_offset,
+        neighbours_scatter_m_s=scatter_m_s,
+        warnings=(
+            *result.warnings,
+            *unmoved(result.block),
+            *told.warnings([camera.name for camera in result.block.cameras]),
+        ),
     )

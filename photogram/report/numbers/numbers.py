@@ -27,6 +27,7 @@ from photogram.report.record.block import (
     CameraRecord,
     LensFieldRecord,
     OverlapRecord,
+    RollingShutterRecord,
     WorldRecord,
 )
 from photogram.report.record.ground import AxisRole, BlunderRecord, CheckPointsRecord, GroundPointRecord, MarkRecord
@@ -238,8 +239,27 @@ def camera_numbers(
             "width_px": camera.width_px,
             "height_px": camera.height_px,
             "lens_field": _lens_field(result.lens_fields[c]) if result.lens_fields else None,
+            "rolling_shutter": _rolling_shutter(result, c),
         }
     return numbers
+
+
+def _rolling_shutter(result: Adjustment, camera: int) -> RollingShutterRecord | None:
+    """Return what was found of a read-out time, None where the camera has none and none was looked for."""
+
+    def of_camera(values: FloatArray) -> float | None:
+        return _finite(float(values[camera])) if len(values) else None
+
+    estimate_s = of_camera(result.readout_s)
+    if estimate_s is None and result.block.cameras[camera].readout_s == 0.0:
+        return None
+    return {
+        "estimate_s": estimate_s,
+        "sigma_s": of_camera(result.readout_sigma_s),
+        "focal_correlation": of_camera(result.readout_focal_correlation),
+        "time_offset_correlation": of_camera(result.readout_time_offset_correlation),
+        "neighbours_scatter_m_s": _finite(result.neighbours_scatter_m_s),
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -21,6 +21,7 @@ from photogram.report.record.units import (
 )
 
 Scale = Annotated[float, Field(gt=0, lt=10)]
+_Correlation = Annotated[float, Field(ge=-1, le=1)]
 _Format = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
@@ -108,6 +109,17 @@ class LensFieldRecord(TypedDict):
     largest_px: Pixels | None
 
 
+class RollingShutterRecord(TypedDict):
+    """The read-out time of a camera as it was estimated, what it correlates with, and what velocities from neighbours
+    scatter by; null for what was not estimated or is not told."""
+
+    estimate_s: float | None
+    sigma_s: Seconds | None
+    focal_correlation: _Correlation | None
+    time_offset_correlation: _Correlation | None
+    neighbours_scatter_m_s: Annotated[float, Field(ge=0)] | None
+
+
 class CameraRecord(TypedDict):
     """Adjusted interior orientation of a camera, its sigmas, and what was known before."""
 
@@ -126,6 +138,7 @@ class CameraRecord(TypedDict):
     width_px: _Format
     height_px: _Format
     lens_field: NotRequired[LensFieldRecord | None]
+    rolling_shutter: NotRequired[RollingShutterRecord | None]
 
 
 class GnssOffsetRecord(TypedDict):
