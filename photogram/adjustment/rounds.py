@@ -104,6 +104,11 @@ def solve_rounds(
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations
         if last:
+            moved = renewed(problem, minimum.state)
+            # the rounds before were drafts
+            if not np.array_equal(moved.velocity, minimum.state.velocity):
+                minimum = minimise(problem, moved, settings, progress)
+                iterations += minimum.iterations
             break
         if stop is not None and number == 2 and stop(problem, minimum.state):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)

@@ -107,6 +107,22 @@ def test_photographs_show_how_they_moved_better_than_their_neighbours_tell() -> 
     assert np.abs(T).max() < 3.0
 
 
+def test_velocities_are_as_good_beside_a_read_out_time_that_is_given() -> None:
+    """Which one adjustment has to do, where one that is looked for begins again."""
+    shown, told = [], []
+    for seed in (1, 2, 3):
+        made = simulate_block(NEIGHBOURS, seed, tie_points=600, sigma_px=0.4)
+        sigmas = made.block.cameras[0].sigmas.copy()
+        sigmas[READOUT] = 0.0
+        camera = replace(made.block.cameras[0], readout_s=0.033, sigmas=sigmas)
+        result = adjust(replace(made.block, cameras=(camera,)), SETTINGS)
+        true = true_velocities(made)
+        told.append((moving(result.block, result.block.oriented_cameras()).velocity - true)[:, :2])
+        shown.append((velocities_of(result) - true)[:, :2])
+        assert 0.15 < result.neighbours_scatter_m_s < 0.6
+    assert np.sqrt(np.mean(np.square(shown)) / np.mean(np.square(told))) < 0.6
+
+
 def test_speeds_in_tags_stay_as_they_are() -> None:
     made = simulate_block(replace(NEIGHBOURS, velocity_tags=True), 1, tie_points=600, sigma_px=0.4)
     result = adjust(made.block, SETTINGS)

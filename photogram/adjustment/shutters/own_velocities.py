@@ -2,9 +2,10 @@
 
 Between two exposures nothing flies straight: a velocity from the positions before and after is off by decimetres a
 second. A photograph read by a rolling shutter shows its own velocity, most of it along and across its rows. It is
-estimated after every round with the pose, while points rest (the next round moves them), from the prior that the
-neighbours give. What these scatter by is the standard deviation σ that makes the measurements of all photographs most
-likely: with the reduced normal equations S_i v = h_i of their departures from the neighbours' velocities,
+estimated after every round with everything else (``factors.joint_velocities``), from the prior that the neighbours
+give. What these scatter by is the standard deviation σ that makes the measurements of all photographs most likely, the
+points at rest: with the normal equations S_i v = h_i of their departures from the neighbours' velocities, the poses
+eliminated,
 
     −2 log L(σ) = Σ_i log det(I + σ² S_i) − h_iᵀ (S_i + I/σ²)⁻¹ h_i
 
@@ -23,6 +24,7 @@ from photogram.factors.elimination.kernels import robust
 from photogram.factors.elimination.loss import KINDS
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.joint_velocities import joint_velocities
 from photogram.projection import (
     READOUT,
     OrientedCameras,
@@ -116,6 +118,4 @@ def own_velocities(problem: Problem, state: State, told_m_s: FloatArray, free: B
     sigma = scatter_m_s(S, h)
     if sigma == 0.0:
         return told_m_s, 0.0
-    velocity = told_m_s.copy()
-    velocity[free] = told + np.linalg.solve(S + np.eye(3) / sigma**2, h[..., None])[..., 0]
-    return velocity, sigma
+    return joint_velocities(problem, state, told_m_s, free, sigma, S), sigma

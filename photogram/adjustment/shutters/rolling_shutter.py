@@ -27,9 +27,10 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
 from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
@@ -86,7 +87,11 @@ def _as_shown(problem: Problem, state: State) -> tuple[OrientedCameras, float]:
     free = from_positions & np.isfinite(told).all(axis=1)
     if not free.any():
         return cameras, float("nan")
-    velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
+    try:
+        velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
+    except (IndeterminateError, SingularError):  # a draft that nothing holds yet: the covariances at its end say so
+        _LOG.debug("velocities: the neighbours' are kept, the block is not held yet")
+        return cameras, float("nan")
     _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", sigma)
     return cameras._replace(velocity=velocity), sigma
 

@@ -1,0 +1,96 @@
+"""Velocities that are estimated with everything else: at the joint minimum, as differences of residuals have it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.arrays import FloatArray
+from photogram.factors.elimination.reprojection import residuals
+from photogram.factors.elimination.state import State
+from photogram.factors.graph import Problem, cost, ground_graph
+from photogram.factors.joint_velocities import _system, joint_velocities
+from photogram.projection import READOUT
+from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+
+PLAN = SurveyPlan(
+    width_px=1600, height_px=1200, focal_px=1333.0, flying_height_m=60.0, forward_overlap=0.8, side_overlap=0.7,
+    strips=2, photographs_per_strip=4, crossing=True, control_points=0, check_points=0, speed_m_s=8.0,
+    gnss_offset_sigma_m=(0.0, 0.0, 0.0), radial=(0.0, 0.0, 0.0, 0.0), tangential=(0.0, 0.0),
+    calibration_sigmas=(40.0, 16.0, 16.0, 0.1, 0.1, 0.05, 0.0, 0.003, 0.003, 0.0, 0.0), readout_s=0.033,
+)  # fmt: skip
+SETTINGS = AdjustmentSettings(robust_loss="none")
+SIGMA_M_S = 0.3
+
+
+def solved() -> tuple[Problem, State, FloatArray]:
+    """Return a problem, its minimum with velocities that are wrong by 0.3 m/s, and these."""
+    made = simulate_block(PLAN, 1, tie_points=150, sigma_px=0.4)
+    sigmas = made.block.cameras[0].sigmas.copy()
+    sigmas[READOUT] = 0.01
+    camera = replace(made.block.cameras[0], readout_s=0.033, sigmas=sigmas)
+    problem = make_problem(replace(made.block, cameras=(camera,), poses=made.truth.poses), SETTINGS)
+    start = start_state(problem.block, problem.flights)
+    true = np.array([pose.velocity_world_m_s for pose in made.truth.poses])
+    told = true + SIGMA_M_S * np.random.default_rng(1).standard_normal(true.shape)
+    start = replace(start, cameras=start.cameras._replace(velocity=told))
+    return problem, minimise(problem, start, SETTINGS).state, told
+
+
+def with_velocity(state: State, velocity: FloatArray) -> State:
+    return replace(state, cameras=state.cameras._replace(velocity=velocity))
+
+
+def test_one_step_reaches_the_joint_minimum() -> None:
+    """There the cost, everything else adjusted, has no slope along the velocity of any photograph."""
+    problem, state, told = solved()
+    own = np.tile(np.eye(3), (len(told), 1, 1)) * 100.0  # a preconditioner decides nothing
+    free = np.ones(len(told), dtype=bool)
+
+    def joint_cost(state: State) -> float:
+        tie = residuals(problem.tie, state.cameras, state.tie_point)
+        observed = cost(problem, ground_graph(problem), state)
+        assert observed > 0.5 * float(np.sum(tie**2)) * 0.99
+        return observed + 0.5 * float(np.sum((state.velocity - told) ** 2)) / SIGMA_M_S**2
+
+    costs = [joint_cost(state)]
+    for _ in range(2):
+        found = joint_velocities(problem, state, told, free, SIGMA_M_S, own)
+        state = minimise(problem, with_velocity(state, found), SETTINGS).state
+        costs.append(joint_cost(state))
+    assert costs[1] < costs[0] - 2.0, "in units of log likelihood"
+    assert costs[1] - costs[2] < 1e-2 * (costs[0] - costs[1]), "the first step does nearly all"
+    for photograph, axis in ((0, 0), (3, 1), (6, 2)):
+        step = np.zeros_like(told)
+        step[photograph, axis] = 0.1
+        beside = [
+            joint_cost(minimise(problem, with_velocity(state, state.velocity + way * step), SETTINGS).state)
+            for way in (-1.0, 1.0)
+        ]
+        assert min(beside) > costs[2]
+        assert abs(beside[1] - beside[0]) < 0.02 * (sum(beside) - 2.0 * costs[2]), "half of it: the step to the minimum"
+
+
+def test_the_normal_matrix_is_symmetric_and_smaller_than_with_all_else_at_rest() -> None:
+    problem, state, told = solved()
+    system, n = _system(problem, state), 3 * len(told)
+    N = np.column_stack([system.product(unit.reshape(-1, 3)).ravel() for unit in np.eye(n)])
+    np.testing.assert_allclose(N, N.T, atol=1e-7 * np.abs(N).max())
+    at_rest = np.zeros((n, n))
+    for p in range(len(told)):
+        J = system.velocity[system.of_photograph == p].reshape(-1, 3)
+        at_rest[3 * p : 3 * p + 3, 3 * p : 3 * p + 3] = J.T @ J
+    values = np.linalg.eigvalsh(N)
+    assert values.min() > -1e-7 * values.max()
+    assert np.linalg.eigvalsh(at_rest - N).min() > -1e-7 * values.max()
+    assert np.trace(N) < 0.9 * np.trace(at_rest)
+
+
+def test_those_that_are_not_free_are_as_told() -> None:
+    problem, state, told = solved()
+    free = np.arange(len(told)) < 5
+    found = joint_velocities(problem, state, told, free, SIGMA_M_S, np.tile(np.eye(3), (5, 1, 1)))
+    np.testing.assert_array_equal(found[5:], told[5:])
+    assert (found[:5] != told[:5]).all()
