@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.compilation import njit
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import linearise, residuals
 from photogram.factors.elimination.state import State
@@ -36,8 +36,7 @@ MOST_PRODUCTS = 50
 class _System:
     """Whitened rows of tie-point observations (M, 2, ·): ``velocity`` and ``point`` (M, 2, 3), ``pose`` (M, 2, 6),
     ``calibration`` (M, 2, 12 + K) in the units of the reduced system ``found``; ``residual`` (M, 2); inverse normal
-    matrices ``inverse`` (P, 3, 3) of the points; whose each observation is, and sums of observations by whose they
-    are."""
+    matrices ``inverse`` (P, 3, 3) of the points; whose each observation is; how many photographs there are."""
 
     found: Solvable
     velocity: FloatArray
@@ -49,34 +48,31 @@ class _System:
     of_point: IntArray
     of_photograph: IntArray
     of_camera: IntArray
-    by_point: csr_array
-    by_photograph: csr_array
-    by_camera: csr_array
+    photographs: int
 
     def right(self) -> FloatArray:
         """Return −Jᵀ r (N, 3)."""
-        return -np.asarray(self.by_photograph @ np.einsum("mri,mr->mi", self.velocity, self.residual))
+        return -_summed(self.velocity, self.residual, self.of_photograph, self.photographs)
 
     def product(self, velocity: FloatArray) -> FloatArray:
         """Return the normal matrix without the prior times velocities (N, 3)."""
-        moved = np.einsum("mri,mi->mr", self.velocity, velocity[self.of_photograph])
+        moved = _applied(self.velocity, velocity, self.of_photograph)
         changed = moved - self._by_cameras(self._cameras(self._without_points(moved)))
-        return np.asarray(self.by_photograph @ np.einsum("mri,mr->mi", self.velocity, self._without_points(changed)))
+        return _summed(self.velocity, self._without_points(changed), self.of_photograph, self.photographs)
 
     def _without_points(self, values: FloatArray) -> FloatArray:
         """Return Q times values (M, 2)."""
-        pull = np.asarray(self.by_point @ np.einsum("mri,mr->mi", self.point, values))
-        follow = np.einsum("pij,pj->pi", self.inverse, pull)
-        return np.asarray(values - np.einsum("mri,mi->mr", self.point, follow[self.of_point]))
+        pull = _summed(self.point, values, self.of_point, len(self.inverse))
+        return values - _applied(self.point, (self.inverse @ pull[..., None])[..., 0], self.of_point)
 
     def _cameras(self, values: FloatArray) -> FloatArray:
         """Return S⁻¹ Aᵀ times values (M, 2)."""
         layout = self.found.layout
         columns = np.zeros((layout.columns + layout.border, 1))
-        own = np.asarray(self.by_photograph @ np.einsum("mri,mr->mi", self.pose, values))
+        own = _summed(self.pose, values, self.of_photograph, self.photographs)
         columns[: layout.columns, 0] = own[layout.photograph_at].ravel()
         owner, parameter = layout.free_parameters
-        shared = np.asarray(self.by_camera @ np.einsum("mri,mr->mi", self.calibration, values))
+        shared = _summed(self.calibration, values, self.of_camera, len(layout.unit))
         columns[layout.columns : layout.columns + len(owner), 0] = shared[owner, parameter]
         return self.found.solve(columns)[:, 0]
 
@@ -84,12 +80,43 @@ class _System:
         """Return A times a change of poses and border."""
         layout = self.found.layout
         owner, parameter = layout.free_parameters
-        pose = np.zeros((self.by_photograph.shape[0], 6))
+        pose = np.zeros((self.photographs, 6))
         pose[layout.photograph_at] = change[: layout.columns].reshape(-1, 6)
         lens = np.zeros_like(layout.unit)
         lens[owner, parameter] = change[layout.columns : layout.columns + len(owner)]
-        moved = np.einsum("mri,mi->mr", self.pose, pose[self.of_photograph])
-        return np.asarray(moved + np.einsum("mri,mi->mr", self.calibration, lens[self.of_camera]))
+        return _applied(self.pose, pose, self.of_photograph) + _applied(self.calibration, lens, self.of_camera)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _sum_into(rows: FloatArray, values: FloatArray, of: IntArray, out: FloatArray) -> None:
+    for m in range(len(of)):
+        for r in range(2):
+            for k in range(rows.shape[2]):
+                out[of[m], k] += rows[m, r, k] * values[m, r]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _apply(rows: FloatArray, changes: FloatArray, of: IntArray, out: FloatArray) -> None:
+    for m in range(len(of)):
+        for r in range(2):
+            total = 0.0
+            for k in range(rows.shape[2]):
+                total += rows[m, r, k] * changes[of[m], k]
+            out[m, r] = total
+
+
+def _summed(rows: FloatArray, values: FloatArray, of: IntArray, count: int) -> FloatArray:
+    """Return the sums (count, k) of rows (M, 2, k) times values (M, 2), by whose (M,) they are."""
+    out = np.zeros((count, rows.shape[2]))
+    _sum_into(rows, values, of, out)
+    return out
+
+
+def _applied(rows: FloatArray, changes: FloatArray, of: IntArray) -> FloatArray:
+    """Return rows (M, 2, k) times the changes (N, k) of whose (M,) they are."""
+    out = np.empty(rows.shape[:2])
+    _apply(rows, changes, of, out)
+    return out
 
 
 def _system(problem: Problem, state: State) -> _System:
@@ -103,19 +130,13 @@ def _system(problem: Problem, state: State) -> _System:
     way = -cameras.parameters[linear.camera, READOUT] * share_at_row(
         np.ascontiguousarray(tie.pixel[:, 1]), cameras.size_px[linear.camera, 1].astype(float)
     )
-    m = np.arange(len(tie))
-
-    def sums(of: IntArray, count: int) -> csr_array:
-        return csr_array((np.ones(len(m)), (of, m)), shape=(count, len(m)))
-
-    by_point = sums(tie.point, len(state.tie_point))
-    normal = np.asarray(by_point @ np.einsum("mri,mrj->mij", point, point).reshape(-1, 9)).reshape(-1, 3, 3)
+    normal = np.stack([_summed(point, point[..., k], tie.point, len(state.tie_point)) for k in range(3)], axis=1)
     normal[np.bincount(tie.point, minlength=len(normal)) < 2] = np.eye(3)
     return _System(
         found, way[:, None, None] * point, point, root[:, None, None] * linear.pose,
         root[:, None, None] * linear.calibration * found.layout.unit[linear.camera][:, None],
-        root[:, None] * linear.residual, np.linalg.inv(normal), tie.point, tie.photograph, linear.camera, by_point,
-        sums(tie.photograph, len(cameras.camera)), sums(linear.camera, len(found.layout.unit)),
+        root[:, None] * linear.residual, np.asarray(np.linalg.inv(normal)), tie.point, tie.photograph, linear.camera,
+        len(cameras.camera),
     )  # fmt: skip
 
 

@@ -91,7 +91,7 @@ def solve_rounds(
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
     limit_px = np.full(len(whole.tie), first)
-    draft = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance))
+    draft, reached = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance)), None
     for number in range(min(first_round, settings.maximum_rounds), settings.maximum_rounds + 1):
         last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
         used = chosen
@@ -101,18 +101,16 @@ def solve_rounds(
             # Poses so far off would bend the calibration to fit them.
             problem = replace(problem, block=_with_cameras_held(whole.block))
         progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
+        if last and reached is not None:
+            state = renewed(problem, reached, at_the_end=True)
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations
         if last:
-            moved = renewed(problem, minimum.state)
-            # the rounds before were drafts
-            if not np.array_equal(moved.velocity, minimum.state.velocity):
-                minimum = minimise(problem, moved, settings, progress)
-                iterations += minimum.iterations
             break
         if stop is not None and number == 2 and stop(problem, minimum.state):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)
-        state = renewed(problem, minimum.state)
+        reached = minimum.state
+        state = renewed(problem, reached)
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
             found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
             better = factors if found is None else improved(found, factors, groups)

@@ -9,7 +9,7 @@ import numpy as np
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
-from photogram.adjustment.shutters.own_velocities import _normal_equations, own_velocities, scatter_m_s
+from photogram.adjustment.shutters.own_velocities import _normal_equations, departures, scatter_m_s
 from photogram.adjustment.shutters.rolling_shutter import moving
 from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.elimination.loss import KINDS
@@ -133,13 +133,15 @@ def test_speeds_in_tags_stay_as_they_are() -> None:
 def test_what_is_not_free_stays_to_the_last_bit() -> None:
     problem, state = at_the_solution(adjusted(1)[1])
     told, free = state.cameras.velocity, np.arange(len(state.cameras.velocity)) < 12
-    velocity, sigma = own_velocities(problem, state, told, free)
-    assert 0.1 < sigma < 1.0
-    np.testing.assert_array_equal(velocity[12:], told[12:])
-    assert (velocity[:12] != told[:12]).any(axis=1).all()
+    found = departures(problem, state, told, free)
+    assert 0.1 < found.scatter_m_s < 1.0
+    for velocity in (found.one_by_one(), found.together(problem, state)):
+        np.testing.assert_array_equal(velocity[12:], told[12:])
+        assert (velocity[:12] != told[:12]).any(axis=1).all()
     parameters = state.parameters.copy()
     parameters[:, READOUT] = 0.0
     still = replace(state, cameras=state.cameras._replace(parameters=parameters))
-    velocity, sigma = own_velocities(problem, still, told, free)
-    assert sigma == 0.0
-    np.testing.assert_array_equal(velocity, told)
+    found = departures(problem, still, told, free)
+    assert found.scatter_m_s == 0.0
+    for velocity in (found.one_by_one(), found.together(problem, still)):
+        np.testing.assert_array_equal(velocity, told)

@@ -2,10 +2,10 @@
 
 Between two exposures nothing flies straight: a velocity from the positions before and after is off by decimetres a
 second. A photograph read by a rolling shutter shows its own velocity, most of it along and across its rows. It is
-estimated after every round with everything else (``factors.joint_velocities``), from the prior that the neighbours
-give. What these scatter by is the standard deviation σ that makes the measurements of all photographs most likely, the
-points at rest: with the normal equations S_i v = h_i of their departures from the neighbours' velocities, the poses
-eliminated,
+estimated from the prior that the neighbours give: between rounds while all else rests, before the last one with
+everything else (``factors.joint_velocities``). What the neighbours' velocities scatter by is the standard deviation σ
+that makes the measurements of all photographs most likely, the points at rest: with the normal equations S_i v = h_i of
+their departures, the poses eliminated,
 
     −2 log L(σ) = Σ_i log det(I + σ² S_i) − h_iᵀ (S_i + I/σ²)⁻¹ h_i
 
@@ -13,6 +13,8 @@ eliminated,
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -99,13 +101,37 @@ def scatter_m_s(S: FloatArray, h: FloatArray) -> float:
     return float(np.exp(found.x)) if -found.fun > chi2.isf(2.0 * SIGNIFICANCE, 1) else 0.0
 
 
-def own_velocities(problem: Problem, state: State, told_m_s: FloatArray, free: BoolArray) -> tuple[FloatArray, float]:
-    """Return the velocities (N, 3) in the world, m/s, of the photographs at the end of a round, and what the ``told``
-    ones scatter by, m/s.
+@dataclass(frozen=True, eq=False)
+class Departures:
+    """How the photographs ``free`` (N,) depart from the velocities ``told_m_s`` (N, 3) that neighbours and tags tell:
+    normal equations ``matrix`` (F, 3, 3) and ``right`` (F, 3) of each, poses eliminated and points at rest, and what
+    they scatter by, m/s, zero where that is not significant."""
 
-    ``told_m_s`` (N, 3) is what neighbours and tags tell, ``free`` (N,) which of them are neighbours' and may be
-    departed from.
-    """
+    told_m_s: FloatArray
+    free: BoolArray
+    matrix: FloatArray
+    right: FloatArray
+    scatter_m_s: float
+
+    def one_by_one(self) -> FloatArray:
+        """Return the most likely velocities (N, 3) in the world, m/s, of each photograph while all else rests."""
+        if self.scatter_m_s == 0.0:
+            return self.told_m_s
+        velocity, prior = self.told_m_s.copy(), np.eye(3) / self.scatter_m_s**2
+        velocity[self.free] += np.linalg.solve(self.matrix + prior, self.right[..., None])[..., 0]
+        return velocity
+
+    def together(self, problem: Problem, state: State) -> FloatArray:
+        """Return the most likely velocities (N, 3) in the world, m/s, at a minimum, estimated with everything else.
+        Raises IndeterminateError or SingularError where that is not determined."""
+        if self.scatter_m_s == 0.0:
+            return self.told_m_s
+        return joint_velocities(problem, state, self.told_m_s, self.free, self.scatter_m_s, self.matrix)
+
+
+def departures(problem: Problem, state: State, told_m_s: FloatArray, free: BoolArray) -> Departures:
+    """Return how photographs depart from the velocities ``told_m_s`` (N, 3), where they may (``free``), at the end of a
+    round."""
     tie, cameras = problem.tie, state.cameras
     bare = without_fields(cameras, tie.photograph, tie.pixel)
     matrix, right = _normal_equations(
@@ -113,9 +139,5 @@ def own_velocities(problem: Problem, state: State, told_m_s: FloatArray, free: B
         KINDS[problem.robust_loss], problem.robust_threshold,
     )  # fmt: skip
     S, h = _of_velocity(matrix[free], right[free])
-    told = told_m_s[free]
-    h += np.einsum("nij,nj->ni", S, cameras.velocity[free] - told)
-    sigma = scatter_m_s(S, h)
-    if sigma == 0.0:
-        return told_m_s, 0.0
-    return joint_velocities(problem, state, told_m_s, free, sigma, S), sigma
+    h += np.einsum("nij,nj->ni", S, cameras.velocity[free] - told_m_s[free])
+    return Departures(told_m_s, free, S, h, scatter_m_s(S, h))

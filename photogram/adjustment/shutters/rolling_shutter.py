@@ -21,16 +21,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from photogram.adjustment.shutters.own_velocities import own_velocities
+from photogram.adjustment.shutters.own_velocities import Departures, departures
 from photogram.adjustment.shutters.readout_correlations import Correlations
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
 from photogram.factors.covariance import Covariances
-from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.graph import Problem
 from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
@@ -63,37 +62,37 @@ def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
 
 
-def renewed(problem: Problem, state: State) -> State:
+def renewed(problem: Problem, state: State, at_the_end: bool = False) -> State:
     """Return the state at the end of a round with the velocities that follow from it: as ``in_motion``, and those that
-    positions and times give as the photographs show them."""
-    cameras, _ = _as_shown(problem, state)
-    return replace(state, cameras=cameras)
+    positions and times give as the photographs show them, ``at_the_end``, before the last round, estimated with
+    everything else."""
+    cameras = in_motion(problem.block, state.cameras)
+    found = _departures(problem, state, cameras)
+    if found is None:
+        return replace(state, cameras=cameras)
+    velocity = found.together(problem, state) if at_the_end else found.one_by_one()
+    return replace(state, cameras=cameras._replace(velocity=velocity))
 
 
 def neighbours_scatter_m_s(problem: Problem, state: State) -> float:
     """Return the standard deviation, m/s, by which photographs flew at other velocities than their neighbours tell, for
     each component; zero where none is significant, NaN where no shutter rolls or no velocity comes from neighbours."""
-    return _as_shown(problem, state)[1]
+    found = _departures(problem, state, in_motion(problem.block, state.cameras))
+    return float("nan") if found is None else found.scatter_m_s
 
 
-def _as_shown(problem: Problem, state: State) -> tuple[OrientedCameras, float]:
-    """Return the photographs with the velocities that follow from a state, and what the neighbours' scatter by, m/s,
-    NaN where none of them counts."""
-    block = problem.block
-    cameras = in_motion(block, state.cameras)
+def _departures(problem: Problem, state: State, cameras: OrientedCameras) -> Departures | None:
+    """Return how photographs depart from the velocities of their neighbours, None where no shutter rolls or no velocity
+    comes from neighbours."""
     if not np.any(cameras.parameters[:, READOUT] != 0.0):
-        return cameras, float("nan")
-    told, from_positions = _told(block, cameras)
+        return None
+    told, from_positions = _told(problem.block, cameras)
     free = from_positions & np.isfinite(told).all(axis=1)
     if not free.any():
-        return cameras, float("nan")
-    try:
-        velocity, sigma = own_velocities(problem, state, cameras.velocity, free)
-    except (IndeterminateError, SingularError):  # a draft that nothing holds yet: the covariances at its end say so
-        _LOG.debug("velocities: the neighbours' are kept, the block is not held yet")
-        return cameras, float("nan")
-    _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", sigma)
-    return cameras._replace(velocity=velocity), sigma
+        return None
+    found = departures(problem, state, cameras.velocity, free)
+    _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", found.scatter_m_s)
+    return found
 
 
 def _told(block: Block, cameras: OrientedCameras) -> tuple[FloatArray, BoolArray]:
