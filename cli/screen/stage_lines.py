@@ -86,7 +86,11 @@ def _dense(summary: StageSummary) -> str:
 
 
 def _surface(summary: StageSummary) -> str:
-    return f"left out: {summary['left_out']}" if "left_out" in summary else _cells(summary)
+    if "left_out" in summary:
+        return f"left out: {summary['left_out']}"
+    wet = summary.get("water_of_grid")
+    water = "" if wet is None else ", no water found" if not wet else f", {things(wet, 'cell')} on water"
+    return f"{_cells(summary)}{water}"
 
 
 def _relief(summary: StageSummary) -> str:

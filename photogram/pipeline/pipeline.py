@@ -52,6 +52,7 @@ from photogram.pipeline.store.dependence import (
     photographs_as_made,
     photographs_settings,
     stretches,
+    surface_settings,
 )
 from photogram.pipeline.store.memory import peak_memory
 from photogram.pipeline.store.pools import Pool
@@ -172,7 +173,7 @@ STAGES = (
         ],
         match_surface,
     ),
-    Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), lambda run: run.project.surface, model_surface),
+    Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), surface_settings, model_surface),
     Stage(
         "relief",
         STAGE_TITLES["relief"],

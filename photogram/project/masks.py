@@ -13,6 +13,7 @@ from photogram.files.photographs.masks import MaskFiles, find_masks
 from photogram.files.stage_folders import stage_folder_around
 from photogram.project.document import Document, Key
 from photogram.project.schema import AutomaticMask, PhotographEntry, ProjectFile
+from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.wording import some, things
 
 MASKS_KEY: Key = ("photographs", "masks")
@@ -80,6 +81,13 @@ def check_camera_masks(document: Document, file: ProjectFile, base: Path) -> Non
     for name, camera in file.cameras.items():
         if camera.mask is not None and not isfile(base / camera.mask):
             document.fault(("cameras", name, "mask"), f"file {base / camera.mask} not found")
+
+
+def check_automatic_masks(document: Document, file: ProjectFile, dense: DenseSettings | None) -> None:
+    """Note water that is asked for where no surface is matched; ``dense`` is None where its section is wrong."""
+    asked = file.photographs.masks
+    if asked is not None and "water" in asked.auto and dense is not None and not dense.enabled:
+        document.warn(MASKS_KEY, "water is looked for in the dense surface, and none is matched", "enable dense")
 
 
 def project_masks(

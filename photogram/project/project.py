@@ -33,7 +33,13 @@ from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, read_datum, read_heights
-from photogram.project.masks import ProjectMasks, check_camera_masks, masks_of_photographs, project_masks
+from photogram.project.masks import (
+    ProjectMasks,
+    check_automatic_masks,
+    check_camera_masks,
+    masks_of_photographs,
+    project_masks,
+)
 from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.ranges import SETTINGS
@@ -347,6 +353,7 @@ def read_project(
     check_project(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
     check_camera_masks(document, file, base)
+    check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder, base)
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)

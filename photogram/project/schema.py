@@ -49,7 +49,7 @@ Calibration = Literal["given", "auto"]
 PositionOf = Literal["camera", "antenna"]
 LeverArmAxes = Literal["body", "camera"]
 Whose = Literal["theirs", "own"]
-AutomaticMask = Literal["sky"]
+AutomaticMask = Literal["sky", "water"]
 ExposureGrouping = Literal["capture", "name", "time"]
 
 _ROLES: tuple[Role, ...] = ("control", "check")

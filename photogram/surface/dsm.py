@@ -25,6 +25,9 @@ HOLE, MEASURED, FILLED = 0, 1, 2
 MEASURED_IN = {1: MEASURED, 2: 3, 4: 4, 8: 5}
 """The code of a measured cell by the side of the cells that it was measured in, in cells of the surface."""
 
+WATER = 6
+"""The code of a cell that lies on water: its height is the water's level, and not measured there."""
+
 
 def measured_in(source: ByteArray) -> ByteArray:
     """Return the side (rows, columns) of the cells that each cell was measured in, in cells of the surface; 0 where it

@@ -62,6 +62,14 @@ def test_without_masks_there_are_none(survey: Path, edit: Edit) -> None:
     assert load_project(survey / "project.yaml").masks.auto == ("sky",)
 
 
+@pytest.mark.parametrize("enabled", [True, False])
+def test_water_that_no_surface_is_matched_for_is_a_warning(survey: Path, edit: Edit, enabled: bool) -> None:
+    edit(survey / "project.yaml", lambda v: v["photographs"].update(masks={"auto": ["water"]}))
+    edit(survey / "project.yaml", lambda v: v.update(dense={"enabled": enabled}))
+    said = [str(w) for w in load_project(survey / "project.yaml").warnings]
+    assert any("water is looked for in the dense surface" in text for text in said) != enabled
+
+
 @pytest.mark.parametrize(
     ("value", "said"),
     [
@@ -71,7 +79,7 @@ def test_without_masks_there_are_none(survey: Path, edit: Edit) -> None:
         ("work/transfer.stage", "lies in a folder that photogram makes and removes"),
         ("empty", "no mask in .* is called after a photograph: there is no picture in it"),
         (3.5, "must be text, found 3.5"),
-        ({"auto": ["water"]}, "sky"),
+        ({"auto": ["tide"]}, "sky"),
         ({"foldr": "masks"}, "did you mean"),
     ],
 )

@@ -215,7 +215,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
     Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
     """
     project, orientation, joined = run.project, run.orientation(), run.tie_points()
-    masked: StageSummary = mask_sky(run, folder, orientation, progress) if project.masks.auto else {}
+    masked: StageSummary = mask_sky(run, folder, orientation, progress) if "sky" in project.masks.auto else {}
     if orientation.method == "control" or project.transfer.correlation == 1.0:
         write_record(folder / "tie_points.npz", joined)
         return {"tie_points": len(joined), "transferred": 0, **masked}

@@ -35,7 +35,7 @@ from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
 from photogram.project.rigs.entries import without_products
-from photogram.surface.dsm import MEASURED
+from photogram.surface.dsm import MEASURED, WATER
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import (
     ONLY_MASKED,
@@ -155,7 +155,9 @@ def closed_surface_of(run: Run, scratch: Path) -> Surface:
             filled, own, source = layers.read(window, "filled", "own", "source")
             known.write(window, filled)
             # NaN says too that a cell was not measured; coarser levels are too rough to hide what is behind them
-            sigma.write(window, np.where(source == MEASURED, own, np.float32(np.nan)))
+            measured = np.where(source == MEASURED, own, np.float32(np.nan))
+            # water is shown on its level, which its shore tells
+            sigma.write(window, np.where(source == WATER, np.float32(grid.cell_m), measured))
     else:
         values = _given(whole).values
         known.write(grid.whole, values)

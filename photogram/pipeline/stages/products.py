@@ -33,7 +33,13 @@ from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
-from photogram.pipeline.stages.surface import OWN_SIGMA_FILE, RELATIVE_SIGMA_FILE, matched, surface_layers
+from photogram.pipeline.stages.surface import (
+    OWN_SIGMA_FILE,
+    RELATIVE_SIGMA_FILE,
+    WATER_FILE,
+    matched,
+    surface_layers,
+)
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -54,11 +60,12 @@ from photogram.report.numbers.dense import (
     orthophoto_check_numbers,
     orthophoto_numbers,
     sigma_numbers,
+    water_numbers,
 )
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, Rim, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
-from photogram.surface.dsm import FILLED, MEASURED, measured_in
+from photogram.surface.dsm import FILLED, MEASURED, WATER, measured_in
 from photogram.surface.ortho.marked_targets import (
     FoundTarget,
     GreyImage,
@@ -205,7 +212,8 @@ def dense_surface(run: Run) -> DenseSurface | None:
     )
     return DenseSurface(
         run.surface(), run.surface_sigma(), source == FILLED, measured_in(source), rays, confidence,
-        seen >= SEEN_BY, names, {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+        (seen >= SEEN_BY) & (source != WATER), names,
+        {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
     )  # fmt: skip
 
 
@@ -322,6 +330,10 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
     numbers: DenseRecord | None = None
     if dense is not None:
         numbers = dense_numbers(dense, ground, matching_sigma_m(run), upright=upright)
+        if run.workspace.has("surface", WATER_FILE):
+            areas = read_json(run.workspace.file("surface", WATER_FILE))
+            cells = run.workspace.summary("surface").get("water_of_grid", 0)
+            numbers["water"] = water_numbers(areas, cells, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
         shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
         drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)

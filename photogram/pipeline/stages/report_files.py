@@ -65,7 +65,7 @@ def mask_numbers(run: Run) -> MasksRecord | None:
     file = run.workspace.file("features", MASKED) if run.workspace.has("features", MASKED) else None
     given: dict[str, float] = {} if file is None else read_json(file)
     automatic = run.automatically_masked
-    if not given and not run.project.masks.auto:
+    if not given and "sky" not in run.project.masks.auto:
         return None
 
     def mean(shares: Sequence[float]) -> float | None:

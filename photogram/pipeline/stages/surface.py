@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from photogram.surface.dsm import (
     KEPT_MARGIN_CELLS,
     MEASURED,
     MEASURED_IN,
+    WATER,
     SharedError,
     filled_heights,
     kept_heights,
@@ -44,7 +45,17 @@ from photogram.surface.dsm import (
 from photogram.surface.dtm import terrain_from_surface
 from photogram.surface.levels import HALF, SURE_SHARE, LevelHeights, confirmed, margin_cells, surface_of_levels, told_by
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
-from photogram.survey import Raster
+from photogram.surface.water import (
+    CELLS,
+    KeyPoints,
+    SurfaceCells,
+    Water,
+    find_water,
+    joined_cells,
+    key_points_on_ground,
+    surface_cells,
+)
+from photogram.survey import TRANSFERRED, Raster
 
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
 RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
@@ -62,6 +73,7 @@ SOURCES = (
     Category(MEASURED_IN[2], "measured at 2 cells", (95, 175, 170)),
     Category(MEASURED_IN[4], "measured at 4 cells", (140, 195, 120)),
     Category(MEASURED_IN[8], "measured at 8 cells", (215, 205, 110)),
+    Category(WATER, "water", (40, 60, 150)),
 )
 TERRAIN_SOURCES = (
     *SOURCES[:1],
@@ -72,6 +84,9 @@ TERRAIN_SOURCES = (
 
 ON_PLANE = "terrain and contour lines belong on a map, and the surface lies on a plane"
 """Why neither is made on a plane."""
+
+WATER_FILE = "water.json"
+"""File of the stage `surface` with area and level of each area of water; not there where none was looked for."""
 
 _SHARED_SPACING_SHARE = 0.05
 
@@ -175,6 +190,14 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     for done, count in enumerate(each(run, folder, _TILES, tiles, state=modelling), 1):
         counts += count
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
+    water: StageSummary = {}
+    if "water" in run.project.masks.auto and site.plane is None:
+        progress(0, 0, "water")
+        found = _found_water(run, modelling)
+        counts += sum((_flood(store, found, window) for window in store.windows), np.zeros_like(counts))
+        areas = [{"area_m2": a, "level_map_m": h} for a, h in zip(found.area_m2, found.level_m.tolist(), strict=True)]
+        write_json(folder / WATER_FILE, areas)
+        water = {"water_of_grid": int(counts[WATER])}
     crs, plan, note = site.crs, site.plan, site.note
     for name, layer, of, description in (
         ("dsm.tif", "height", crs, HEIGHT),
@@ -192,7 +215,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     return {
         "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
         "measured_of_grid": sum(measured.values()), "filled_of_grid": int(counts[FILLED]),
-        "least_correlation": round(least[1], 3),
+        "least_correlation": round(least[1], 3), **water,
     }  # fmt: skip
 
 
@@ -232,6 +255,51 @@ def _make_tile(modelling: _Modelling, item: tuple[Window, Mapping[int, float], i
 
 
 _TILES = Kind(_Modelling.read, _make_tile)
+
+
+def _found_water(run: Run, modelling: _Modelling) -> Water:
+    """Return the water in the surface as its tiles have it."""
+    store, block = modelling.store, run.adjusted_block()
+    grid = store.grid.coarser(CELLS)
+
+    def part(window: Window) -> SurfaceCells:
+        height, source, seen = store.read(window, "height", "source", "seen")
+        return surface_cells(height, source == MEASURED, seen)
+
+    cells = joined_cells(grid, list(zip(store.windows, run.executor.map(part, store.windows), strict=True)))
+    tie = block.tie_points
+
+    def key_points(index: int) -> KeyPoints:
+        pose, camera = block.poses[index], block.cameras[block.photographs[index].camera]
+        assert pose is not None
+        own = tie.feature[(tie.photograph == index) & (tie.feature != TRANSFERRED)]
+        return key_points_on_ground(index, camera, pose, block.frame, run.features(index), own, grid, cells)
+
+    oriented = [index for index, pose in enumerate(block.poses) if pose is not None]
+    points = KeyPoints.joined(list(run.executor.map(key_points, oriented)))
+    return find_water(grid, cells, points, modelling.heights.flying_height_m)
+
+
+def _flood(store: BlockFiles, water: Water, window: Window) -> NDArray[np.int64]:
+    """Write a tile of the surface anew where it has water; returns by how many cells each of SOURCES grows."""
+    level = water.levels_m(window)
+    wet = np.isfinite(level)
+    if not wet.any():
+        return np.zeros(len(SOURCES), np.int64)
+    names = [field.name for field in fields(_Tile)]
+    was = _Tile(**dict(zip(names, store.read(window, *names), strict=True)))
+    none, nothing = np.float32(np.nan), np.uint8(0)
+    tile = replace(
+        was,
+        filled=np.where(wet, level, was.filled),
+        source=np.where(wet, np.uint8(WATER), was.source),
+        confidence=np.where(wet, np.float32(0.0), was.confidence),
+        rays=np.where(wet, nothing, was.rays),
+        **{name: np.where(wet, none, getattr(was, name)) for name in ("height", "sigma", "relative", "own")},
+    )
+    store.write(window, vars(tile))
+    before, after = (np.bincount(t.source.ravel(), minlength=len(SOURCES)) for t in (was, tile))
+    return np.asarray(after - before)
 
 
 def surface_layers(run: Run) -> BlockFiles:

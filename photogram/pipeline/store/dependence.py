@@ -82,8 +82,14 @@ def given_masks(run: Run) -> list[object]:
 
 
 def automatic_masks(project: Project) -> list[object]:
-    """Return what is masked automatically; nothing in a project that asks for none."""
-    return [project.masks.auto] if project.masks.auto else []
+    """Return what is masked in photographs automatically; nothing in a project that asks for none."""
+    return [("sky",)] if "sky" in project.masks.auto else []
+
+
+def surface_settings(run: Run) -> object:
+    """Return what the stage `surface` depends on."""
+    surface = run.project.surface
+    return [surface, "water"] if "water" in run.project.masks.auto else surface
 
 
 def _known_poses(project: Project) -> list[object]:

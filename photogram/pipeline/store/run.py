@@ -121,7 +121,7 @@ class Run:
     def automatically_masked(self) -> dict[str, float]:
         """Return the share of each photograph that is masked automatically, by name, of those that have such a mask.
         Needs the stage `transfer`."""
-        if not self.project.masks.auto or not self.workspace.has("transfer", AUTOMATIC_MASKS):
+        if "sky" not in self.project.masks.auto or not self.workspace.has("transfer", AUTOMATIC_MASKS):
             return {}
         return {str(n): float(s) for n, s in read_json(self.workspace.file("transfer", AUTOMATIC_MASKS)).items()}
 

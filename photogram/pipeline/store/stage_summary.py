@@ -90,6 +90,8 @@ class StageSummary(TypedDict, total=False):
     """surface: number of cells that were matched."""
     filled_of_grid: int
     """surface: number of cells that were filled."""
+    water_of_grid: int
+    """surface: number of cells that lie on water, where that is asked for."""
     least_correlation: float
     """surface: least correlation of a cell that is kept."""
     interpolated: int

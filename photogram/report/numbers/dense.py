@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ from photogram.report.record.surfaces import (
     SurfacePointRecord,
     SurfaceSummaryRecord,
     UntestedPointRecord,
+    WaterAreaRecord,
+    WaterRecord,
 )
 from photogram.surface.ortho.marked_targets import FoundTarget
 
@@ -123,6 +125,13 @@ def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]
 
 def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
     return np.asarray(dense.measured(band) & np.isfinite(values[band]))
+
+
+def water_numbers(areas: Sequence[WaterAreaRecord], cells: int, others: CellsRecord) -> WaterRecord:
+    """Return the key `dense.water` of report.json: of the cells that enough photographs show, ``cells`` lie on water,
+    beside the ``others``."""
+    shown = cells + others["footprint"]
+    return {"cells": cells, "share": cells / shown if shown else None, "areas": list(areas)}
 
 
 def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:

@@ -132,6 +132,21 @@ class CellsRecord(TypedDict):
     measured_beyond: Count
 
 
+class WaterAreaRecord(TypedDict):
+    """An area of water: its size and its level."""
+
+    area_m2: float
+    level_map_m: Metres
+
+
+class WaterRecord(TypedDict):
+    """Water that was found in the dense surface: its cells in the footprint and their share, and its areas."""
+
+    cells: Count
+    share: Share | None
+    areas: list[WaterAreaRecord]
+
+
 class ConfidenceRecord(TypedDict):
     """The spread of the confidence, 0 to 1, of measured cells."""
 
@@ -205,6 +220,7 @@ class DenseRecord(TypedDict):
     check_points: SurfaceCheckRecord
     warnings: list[str]
     matching_sigma_m: Metres | None
+    water: NotRequired[WaterRecord]
 
 
 class OrthophotoPointRecord(TypedDict):
