@@ -22,7 +22,7 @@ and those in FOLDER are used again. Where memory suffices, files come from the s
                     "next" from choosing the point; its JavaScript memory at the end
     peak memory     of the server, after all points
 
-Requests are those of the page, over six connections as a browser makes them; the first patches are eight.
+Requests are those of the page, over six connections as a browser makes them; the first patches are twelve.
 
 Held: the first point within 1 s and the next within 0.3 s (the median), with and without marks; memory within 1 GB, and
 with many photographs at most 150 MB above that with few, which the factors of their poses take. What is kept of
@@ -68,7 +68,7 @@ FLYING_HEIGHT_M, ALONG_M, ACROSS_M = 100.0, 20.0, 45.0
 CRS, WEST_M, SOUTH_M, GROUND_M = "EPSG:25832", 600000.0, 5800000.0, 120.0
 PICTURES, QUALITY = 4, 92
 POINTS = 20
-FIRST_PATCHES, CONNECTIONS = 8, 6
+FIRST_PATCHES, CONNECTIONS = 12, 6
 SIDE_PX = 300
 """Of a patch on the screen."""
 MARKED_POINTS, MARKS_EACH = 2, 3

@@ -115,14 +115,15 @@ function showScale() {
 }
 
 async function refresh() {
-  session = await api.state();
+  const early = session?.points.some((point) => point.name === chosen) ? chosen : null;
+  const [now, known, above] = await Promise.all([api.state(), early === null ? null : api.point(early), api.plan()]);
+  [session, places] = [now, above];
   version = Math.max(version, session.version);
   if (chosen === null || !session.points.some((point) => point.name === chosen)) {
     chosen = session.first;
   }
   const asked = chosen;
-  const [seen, above] = await Promise.all([asked === null ? null : api.point(asked), api.plan()]);
-  places = above;
+  const seen = asked === early ? known : await api.point(asked);
   showSession();
   if (seen && asked === chosen) {
     view = seen;
@@ -180,7 +181,7 @@ function choose(name, back = false) {
 
 function readAhead() {
   const patch = patches.values().next().value;
-  if (view?.next && patch) api.ahead(view.next, 8, patch.picture.width);
+  if (view?.next && patch) api.ahead(view.next, FIRST, patch.picture.width);
 }
 
 // ---- what is done ---------------------------------------------------------------------------------------------------
