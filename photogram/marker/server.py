@@ -302,7 +302,7 @@ class _Handler(BaseHTTPRequestHandler):
         picture = owner.patches.picture(photograph, wanted)
         numbers = (window.left, window.upper, window.width, window.height, window.scale)
         headers = {"X-Window": " ".join(map(str, numbers)), "Cache-Control": "private, max-age=600"}
-        self._send(HTTPStatus.OK, picture, "image/png", headers)
+        self._send(HTTPStatus.OK, picture, "image/bmp", headers)
 
     def _send_file(self, name: str) -> None:
         suffix = name[name.rfind(".") :]

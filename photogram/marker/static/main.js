@@ -115,15 +115,14 @@ function showScale() {
 }
 
 async function refresh() {
-  const early = session?.points.some((point) => point.name === chosen) ? chosen : null;
-  const [now, known, above] = await Promise.all([api.state(), early === null ? null : api.point(early), api.plan()]);
-  [session, places] = [now, above];
+  session = await api.state();
   version = Math.max(version, session.version);
   if (chosen === null || !session.points.some((point) => point.name === chosen)) {
     chosen = session.first;
   }
   const asked = chosen;
-  const seen = asked === early ? known : await api.point(asked);
+  const [seen, above] = await Promise.all([asked === null ? null : api.point(asked), api.plan()]);
+  places = above;
   showSession();
   if (seen && asked === chosen) {
     view = seen;
