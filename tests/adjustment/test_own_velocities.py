@@ -6,13 +6,15 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.shutters.own_velocities import _normal_equations, departures, scatter_m_s
-from photogram.adjustment.shutters.rolling_shutter import moving
+from photogram.adjustment.shutters.rolling_shutter import moving, renewed
 from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.elimination.loss import KINDS
+from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -145,3 +147,15 @@ def test_what_is_not_free_stays_to_the_last_bit() -> None:
     assert found.scatter_m_s == 0.0
     for velocity in (found.one_by_one(), found.together(problem, still)):
         np.testing.assert_array_equal(velocity, told)
+
+
+def test_velocities_are_found_one_by_one_where_something_else_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, state = at_the_solution(adjusted(1)[1])
+    together, alone = renewed(problem, state, at_the_end=True), renewed(problem, state)
+
+    def undetermined(*_: object) -> None:
+        raise SingularError(3)
+
+    monkeypatch.setattr("photogram.factors.joint_velocities.factored", undetermined)
+    np.testing.assert_array_equal(renewed(problem, state, at_the_end=True).velocity, alone.velocity)
+    assert (together.velocity != alone.velocity).any()

@@ -27,9 +27,10 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
 from photogram.factors.covariance import Covariances
+from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
@@ -70,7 +71,12 @@ def renewed(problem: Problem, state: State, at_the_end: bool = False) -> State:
     found = _departures(problem, state, cameras)
     if found is None:
         return replace(state, cameras=cameras)
-    velocity = found.together(problem, state) if at_the_end else found.one_by_one()
+    velocity = found.one_by_one()
+    if at_the_end:
+        try:
+            velocity = found.together(problem, state)
+        except (IndeterminateError, SingularError):  # the covariances at the end say what nothing holds
+            _LOG.debug("velocities: estimated one by one, since something else is not determined")
     return replace(state, cameras=cameras._replace(velocity=velocity))
 
 
