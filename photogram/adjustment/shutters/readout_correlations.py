@@ -24,9 +24,9 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.projection import FOCAL, READOUT
 
-NOT_TOLD = 0.95
-"""Correlation from which a read-out time is not told from the other unknown, which then has nine tenths of its variance
-and more to answer for."""
+INSEPARABLE = 0.95
+"""Correlation from which a read-out time cannot be separated from the other unknown, which then accounts for nine
+tenths of its variance and more."""
 LEAST_SHARE = 1e-8
 """Of the information that the positions have on a time offset, the least share left by everything else that is unknown:
 below it nothing but rounding is left."""
@@ -46,19 +46,19 @@ class Correlations:
         return Correlations(np.full(cameras, np.nan), np.full(cameras, np.nan))
 
     def warnings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return a sentence on each of the cameras of these ``names`` (C,) whose read-out time is not told from another
-        unknown."""
+        """Return a sentence on each of the cameras of these ``names`` (C,) whose read-out time cannot be separated from
+        another unknown."""
         said = list[str]()
         for name, focal, time in zip(names, self.focal_length.tolist(), self.time_offset.tolist(), strict=True):
-            if abs(focal) >= NOT_TOLD:
+            if abs(focal) >= INSEPARABLE:
                 said.append(
-                    f"Camera {name}: its read-out time cannot be told from its focal length (correlation "
+                    f"Camera {name}: its read-out time cannot be separated from its focal length (correlation "
                     f"{focal:+.2f}): calibrate the camera, or fly strips across the others"
                 )
-            if abs(time) >= NOT_TOLD:
+            if abs(time) >= INSEPARABLE:
                 said.append(
-                    f"Camera {name}: its read-out time cannot be told from a time offset between exposures and GNSS "
-                    f"positions (correlation {time:+.2f}): fly strips to and fro, or give control points"
+                    f"Camera {name}: its read-out time cannot be separated from a time offset between exposures and "
+                    f"GNSS positions (correlation {time:+.2f}): fly strips to and fro, or give control points"
                 )
         return tuple(said)
 
