@@ -102,7 +102,7 @@ def solve_rounds(
             problem = replace(problem, block=_with_cameras_held(whole.block))
         progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
         if last and reached is not None:
-            state = renewed(problem, reached, at_the_end=True)
+            state = renewed(problem, reached, together=True)
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations
         if last:

@@ -151,11 +151,11 @@ def test_what_is_not_free_stays_to_the_last_bit() -> None:
 
 def test_velocities_are_found_one_by_one_where_something_else_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state = at_the_solution(adjusted(1)[1])
-    together, alone = renewed(problem, state, at_the_end=True), renewed(problem, state)
+    together, alone = renewed(problem, state, together=True), renewed(problem, state)
 
     def undetermined(*_: object) -> None:
         raise SingularError(3)
 
     monkeypatch.setattr("photogram.factors.joint_velocities.factored", undetermined)
-    np.testing.assert_array_equal(renewed(problem, state, at_the_end=True).velocity, alone.velocity)
+    np.testing.assert_array_equal(renewed(problem, state, together=True).velocity, alone.velocity)
     assert (together.velocity != alone.velocity).any()

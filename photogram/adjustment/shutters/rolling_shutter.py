@@ -63,16 +63,15 @@ def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
 
 
-def renewed(problem: Problem, state: State, at_the_end: bool = False) -> State:
+def renewed(problem: Problem, state: State, together: bool = False) -> State:
     """Return the state at the end of a round with the velocities that follow from it: as ``in_motion``, and those that
-    positions and times give as the photographs show them, ``at_the_end``, before the last round, estimated with
-    everything else."""
+    positions and times give as the photographs show them, each by itself or ``together`` with everything else."""
     cameras = in_motion(problem.block, state.cameras)
     found = _departures(problem, state, cameras)
     if found is None:
         return replace(state, cameras=cameras)
     velocity = found.one_by_one()
-    if at_the_end:
+    if together:
         try:
             velocity = found.together(problem, state)
         except (IndeterminateError, SingularError):  # the covariances at the end say what nothing holds
