@@ -21,7 +21,7 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.loss import robust_terms
-from photogram.factors.elimination.reprojection import linearise, residuals
+from photogram.factors.elimination.reprojection import Observations, linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, factored
 from photogram.factors.graph import Problem
@@ -31,112 +31,168 @@ RELATIVE = 1e-3
 """Residual of the normal equations over their right side, in the preconditioner's norm, at which they are solved."""
 MOST_PRODUCTS = 50
 
+kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """Whitened rows of tie-point observations (M, 2, ·): ``velocity`` and ``point`` (M, 2, 3), ``pose`` (M, 2, 6),
-    ``calibration`` (M, 2, 12 + K) in the units of the reduced system ``found``; ``residual`` (M, 2); inverse normal
-    matrices ``inverse`` (P, 3, 3) of the points; whose each observation is; how many photographs there are."""
+    """Whitened rows of tie-point observations (M, 2, ·), sorted by point, that of p from ``first`` (P + 1,) on:
+    ``point`` (M, 2, 3), of which those of velocities are ``way`` (M,) times; ``pose`` (M, 2, 6), ``calibration``
+    (M, 2, 12 + K) in the units of the reduced system ``found``; ``residual`` (M, 2); inverse normal matrices
+    ``inverse`` (P, 3, 3) of the points; whose each observation is; how many photographs there are."""
 
     found: Solvable
-    velocity: FloatArray
+    first: IntArray
+    way: FloatArray
     point: FloatArray
     pose: FloatArray
     calibration: FloatArray
     residual: FloatArray
     inverse: FloatArray
-    of_point: IntArray
     of_photograph: IntArray
     of_camera: IntArray
     photographs: int
 
     def right(self) -> FloatArray:
         """Return −Jᵀ r (N, 3)."""
-        return -_summed(self.velocity, self.residual, self.of_photograph, self.photographs)
+        pulled = np.zeros((self.photographs, 3))
+        _velocity_pull(self.way, self.point, self.residual, self.of_photograph, pulled)
+        return -pulled
 
     def product(self, velocity: FloatArray) -> FloatArray:
         """Return the normal matrix without the prior times velocities (N, 3)."""
-        moved = _applied(self.velocity, velocity, self.of_photograph)
-        changed = moved - self._by_cameras(self._cameras(self._without_points(moved)))
-        return _summed(self.velocity, self._without_points(changed), self.of_photograph, self.photographs)
+        moved, layout = np.empty_like(self.residual), self.found.layout
+        pose, lens = np.zeros((self.photographs, 6)), np.zeros((len(layout.unit), self.calibration.shape[2]))
+        _move(self.way, self.point, velocity, self.of_photograph, moved)
+        take_points(self.first, self.point, self.inverse, moved)
+        _camera_pull(self.pose, self.calibration, moved, self.of_photograph, self.of_camera, pose, lens)
 
-    def _without_points(self, values: FloatArray) -> FloatArray:
-        """Return Q times values (M, 2)."""
-        pull = _summed(self.point, values, self.of_point, len(self.inverse))
-        return values - _applied(self.point, (self.inverse @ pull[..., None])[..., 0], self.of_point)
-
-    def _cameras(self, values: FloatArray) -> FloatArray:
-        """Return S⁻¹ Aᵀ times values (M, 2)."""
-        layout = self.found.layout
         columns = np.zeros((layout.columns + layout.border, 1))
-        own = _summed(self.pose, values, self.of_photograph, self.photographs)
-        columns[: layout.columns, 0] = own[layout.photograph_at].ravel()
         owner, parameter = layout.free_parameters
-        shared = _summed(self.calibration, values, self.of_camera, len(layout.unit))
-        columns[layout.columns : layout.columns + len(owner), 0] = shared[owner, parameter]
-        return self.found.solve(columns)[:, 0]
+        free = slice(layout.columns, layout.columns + len(owner))
+        columns[: layout.columns, 0] = pose[layout.photograph_at].ravel()
+        columns[free, 0] = lens[owner, parameter]
+        change = self.found.solve(columns)[:, 0]
+        pose[layout.photograph_at], lens[:] = change[: layout.columns].reshape(-1, 6), 0.0
+        lens[owner, parameter] = change[free]
 
-    def _by_cameras(self, change: FloatArray) -> FloatArray:
-        """Return A times a change of poses and border."""
-        layout = self.found.layout
-        owner, parameter = layout.free_parameters
-        pose = np.zeros((self.photographs, 6))
-        pose[layout.photograph_at] = change[: layout.columns].reshape(-1, 6)
-        lens = np.zeros_like(layout.unit)
-        lens[owner, parameter] = change[layout.columns : layout.columns + len(owner)]
-        return _applied(self.pose, pose, self.of_photograph) + _applied(self.calibration, lens, self.of_camera)
+        take_cameras(self.pose, self.calibration, pose, lens, self.of_photograph, self.of_camera, moved)
+        take_points(self.first, self.point, self.inverse, moved)
+        pulled = np.zeros((self.photographs, 3))
+        _velocity_pull(self.way, self.point, moved, self.of_photograph, pulled)
+        return pulled
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _sum_into(rows: FloatArray, values: FloatArray, of: IntArray, out: FloatArray) -> None:
+@kernel
+def _move(way: FloatArray, point: FloatArray, velocity: FloatArray, of: IntArray, out: FloatArray) -> None:
+    """Set ``out`` to J times velocities."""
     for m in range(len(of)):
+        p = of[m]
         for r in range(2):
-            for k in range(rows.shape[2]):
-                out[of[m], k] += rows[m, r, k] * values[m, r]
+            along = point[m, r, 0] * velocity[p, 0] + point[m, r, 1] * velocity[p, 1] + point[m, r, 2] * velocity[p, 2]
+            out[m, r] = way[m] * along
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _apply(rows: FloatArray, changes: FloatArray, of: IntArray, out: FloatArray) -> None:
+@kernel
+def _velocity_pull(way: FloatArray, point: FloatArray, values: FloatArray, of: IntArray, out: FloatArray) -> None:
+    """Add Jᵀ times values."""
     for m in range(len(of)):
+        p, u, v = of[m], way[m] * values[m, 0], way[m] * values[m, 1]
+        for k in range(3):
+            out[p, k] += point[m, 0, k] * u + point[m, 1, k] * v
+
+
+@kernel
+def take_points(first: IntArray, point: FloatArray, inverse: FloatArray, values: FloatArray) -> None:
+    """Replace ``values`` (M, 2) by Q times values: what points do not follow, with the rows ``point`` (M, 2, 3), sorted
+    by point, that of p from ``first`` (P + 1,) on, and the ``inverse`` normal matrices that ``points_of`` returns."""
+    for p in range(len(first) - 1):
+        x, y, z = 0.0, 0.0, 0.0
+        for m in range(first[p], first[p + 1]):
+            for r in range(2):
+                x += point[m, r, 0] * values[m, r]
+                y += point[m, r, 1] * values[m, r]
+                z += point[m, r, 2] * values[m, r]
+        a = inverse[p, 0, 0] * x + inverse[p, 0, 1] * y + inverse[p, 0, 2] * z
+        b = inverse[p, 1, 0] * x + inverse[p, 1, 1] * y + inverse[p, 1, 2] * z
+        c = inverse[p, 2, 0] * x + inverse[p, 2, 1] * y + inverse[p, 2, 2] * z
+        for m in range(first[p], first[p + 1]):
+            for r in range(2):
+                values[m, r] -= point[m, r, 0] * a + point[m, r, 1] * b + point[m, r, 2] * c
+
+
+@kernel
+def _camera_pull(
+    pose: FloatArray, calibration: FloatArray, values: FloatArray, of_photograph: IntArray, of_camera: IntArray,
+    own: FloatArray, shared: FloatArray,
+) -> None:  # fmt: skip
+    """Add Aᵀ times values: of the poses to ``own``, of the cameras to ``shared``."""
+    for m in range(len(of_photograph)):
+        p, c, u, v = of_photograph[m], of_camera[m], values[m, 0], values[m, 1]
+        for k in range(6):
+            own[p, k] += pose[m, 0, k] * u + pose[m, 1, k] * v
+        for k in range(calibration.shape[2]):
+            shared[c, k] += calibration[m, 0, k] * u + calibration[m, 1, k] * v
+
+
+@kernel
+def take_cameras(
+    pose: FloatArray, calibration: FloatArray, own: FloatArray, shared: FloatArray, of_photograph: IntArray,
+    of_camera: IntArray, values: FloatArray,
+) -> None:  # fmt: skip
+    """Take A times the changes ``own`` (N, 6) of poses and ``shared`` (C, 12 + K) of cameras from ``values`` (M, 2)."""
+    for m in range(len(of_photograph)):
+        p, c = of_photograph[m], of_camera[m]
         for r in range(2):
             total = 0.0
-            for k in range(rows.shape[2]):
-                total += rows[m, r, k] * changes[of[m], k]
-            out[m, r] = total
+            for k in range(6):
+                total += pose[m, r, k] * own[p, k]
+            for k in range(calibration.shape[2]):
+                total += calibration[m, r, k] * shared[c, k]
+            values[m, r] -= total
 
 
-def _summed(rows: FloatArray, values: FloatArray, of: IntArray, count: int) -> FloatArray:
-    """Return the sums (count, k) of rows (M, 2, k) times values (M, 2), by whose (M,) they are."""
-    out = np.zeros((count, rows.shape[2]))
-    _sum_into(rows, values, of, out)
-    return out
+@kernel
+def _normal_matrices(first: IntArray, point: FloatArray, out: FloatArray) -> None:
+    """Set ``out`` (P, 3, 3) to BᵀB of each point, the unit matrix where it has fewer than two rays."""
+    for p in range(len(first) - 1):
+        rays = 0
+        for m in range(first[p], first[p + 1]):
+            seen = False
+            for r in range(2):
+                for a in range(3):
+                    seen = seen or point[m, r, a] != 0.0
+                    for b in range(3):
+                        out[p, a, b] += point[m, r, a] * point[m, r, b]
+            rays += seen
+        if rays < 2:
+            for a in range(3):
+                for b in range(3):
+                    out[p, a, b] = 1.0 if a == b else 0.0
 
 
-def _applied(rows: FloatArray, changes: FloatArray, of: IntArray) -> FloatArray:
-    """Return rows (M, 2, k) times the changes (N, k) of whose (M,) they are."""
-    out = np.empty(rows.shape[:2])
-    _apply(rows, changes, of, out)
-    return out
+def points_of(tie: Observations, point: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
+    """Return where the observations of each of ``count`` points begin (count + 1,), and the inverses (count, 3, 3) of
+    the normal matrices of their rows ``point`` (M, 2, 3)."""
+    first = np.searchsorted(tie.point, np.arange(count + 1))
+    normal = np.zeros((count, 3, 3))
+    _normal_matrices(first, point, normal)
+    return first, np.asarray(np.linalg.inv(normal))
 
 
 def _system(problem: Problem, state: State) -> _System:
-    cameras = state.cameras
-    before: BoolArray = np.asarray(np.isfinite(residuals(problem.tie, cameras, state.tie_point)).all(axis=1))
-    tie = problem.tie.select(before)  # a draft may have points behind a camera
-    linear = linearise(tie, cameras, state.tie_point)
+    tie, cameras = problem.tie, state.cameras
+    linear = linearise(tie, cameras, state.tie_point)  # zero where a draft has points behind a camera
     root = np.sqrt(robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)[1])
-    point = root[:, None, None] * linear.point
     found = factored(problem, state)
-    way = -cameras.parameters[linear.camera, READOUT] * share_at_row(
-        np.ascontiguousarray(tie.pixel[:, 1]), cameras.size_px[linear.camera, 1].astype(float)
-    )
-    normal = np.stack([_summed(point, point[..., k], tie.point, len(state.tie_point)) for k in range(3)], axis=1)
-    normal[np.bincount(tie.point, minlength=len(normal)) < 2] = np.eye(3)
+    point = root[:, None, None] * linear.point
+    height = cameras.size_px[linear.camera, 1].astype(float)
+    share = share_at_row(np.ascontiguousarray(tie.pixel[:, 1]), height)
+    first, inverse = points_of(tie, point, len(state.tie_point))
     return _System(
-        found, way[:, None, None] * point, point, root[:, None, None] * linear.pose,
+        found, first, -cameras.parameters[linear.camera, READOUT] * share, point, root[:, None, None] * linear.pose,
         root[:, None, None] * linear.calibration * found.layout.unit[linear.camera][:, None],
-        root[:, None] * linear.residual, np.asarray(np.linalg.inv(normal)), tie.point, tie.photograph, linear.camera,
-        len(cameras.camera),
+        root[:, None] * linear.residual, inverse, tie.photograph, linear.camera, len(cameras.camera),
     )  # fmt: skip
 
 

@@ -96,23 +96,27 @@ def intersect(block: Block, rays: int | None = None) -> FloatArray:
     return intersect_tie_points(block.tie_points, ideal, block.poses, rays)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def _largest_ray_angles(
     first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray
 ) -> FloatArray:
-    angle = np.zeros(len(point))
+    angle, most = np.zeros(len(point)), 0
     for p in range(len(point)):
-        smallest = 1.0
+        most = max(most, first[p + 1] - first[p])
+    ray = np.empty((most, 3))
+    for p in range(len(point)):
+        count, smallest = 0, 1.0
         for i in range(first[p], first[p + 1]):
             if not used[i]:
                 continue
-            a = point[p] - centre[photograph[i]]
-            a = a / np.sqrt(np.dot(a, a))
-            for j in range(i + 1, first[p + 1]):
-                if not used[j]:
-                    continue
-                b = point[p] - centre[photograph[j]]
-                smallest = min(smallest, np.dot(a, b) / np.sqrt(np.dot(b, b)))
+            k = photograph[i]
+            x, y, z = point[p, 0] - centre[k, 0], point[p, 1] - centre[k, 1], point[p, 2] - centre[k, 2]
+            length = np.sqrt(x * x + y * y + z * z)
+            x, y, z = x / length, y / length, z / length
+            for j in range(count):
+                smallest = min(smallest, x * ray[j, 0] + y * ray[j, 1] + z * ray[j, 2])
+            ray[count, 0], ray[count, 1], ray[count, 2] = x, y, z
+            count += 1
         angle[p] = np.arccos(max(-1.0, smallest))
     return angle
 

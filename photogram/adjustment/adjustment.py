@@ -188,12 +188,13 @@ class _Rolling:
     there: BoolArray
     poses: tuple[Pose, ...]
     parameters: FloatArray
+    tie_point: FloatArray
 
     @staticmethod
     def at(state: State, there: BoolArray) -> _Rolling:
         """Return what to start from again at a state."""
         poses = zip(state.rotation, state.position, state.velocity, strict=True)
-        return _Rolling(there, tuple(Pose(R, C, v) for R, C, v in poses), state.parameters)
+        return _Rolling(there, tuple(Pose(R, C, v) for R, C, v in poses), state.parameters, state.tie_point)
 
 
 def _adjust_oriented(
@@ -207,15 +208,17 @@ def _adjust_oriented(
     zero until the photographs show one, and again where it comes out as none."""
     asked = looked_for(block.cameras)
     ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked)
-    if isinstance(ended, _Rolling):
+    while isinstance(ended, _Rolling):
         progress("rolling shutter: the read-out time is estimated")
-        rolling = replace(without_rolling(block, asked & ~ended.there), poses=ended.poses)
-        ended = _adjusted_block(rolling, settings, progress, ended.parameters, sigmas)
-    elif asked.any():
-        return with_readouts(_judged(ended, settings), _shown(ended.assessment, asked)[1])
+        asked = asked & ~ended.there
+        tie_points = replace(block.tie_points, position_world_m=ended.tie_point)
+        rolling = replace(without_rolling(block, asked), poses=ended.poses, tie_points=tie_points)
+        ended = _adjust_block(rolling, settings, progress, ended.parameters, sigmas, asked, again=True)
     found = readouts(ended.assessment.problem, ended.assessment.state, ended.assessment.held)
     told = correlations(ended.assessment.problem, ended.assessment.state, ended.assessment.covariances)
     none = np.isfinite(found.estimate_s) & ~found.significant
+    if asked.any():
+        found = found.beside(_shown(ended.assessment, asked)[1], asked)
     if none.any():
         progress("no rolling shutter: the read-out time is held at zero")
         again = replace(without_rolling(ended.block, none), poses=ended.assessment.block.poses)
@@ -258,7 +261,10 @@ def _adjust_block(
     estimating = settings.estimate_sigmas and sigmas is None
     used = None if estimating else sigmas or EstimatedSigmas.none()
     whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
-    stop = (lambda problem, state: bool(surely_shown(problem, state, asked).any())) if asked.any() else None
+
+    def stop(problem: Problem, state: State, number: int) -> bool:
+        return bool(surely_shown(problem, state, asked, number).any())
+
     try:
         first = start_state(whole.block, whole.flights)
         if len(start):
@@ -266,13 +272,15 @@ def _adjust_block(
             given = np.array(start)[:, : moved.shape[1]]
             moved[:, : given.shape[1]] = np.where(free[:, : given.shape[1]], given, moved[:, : given.shape[1]])
             first = replace(first, cameras=recalibrated(first.cameras, moved))
-        solved = solve_rounds(whole, first, settings, progress, used, stop, 2 if again else 1)
+        solved = solve_rounds(whole, first, settings, progress, used, stop if asked.any() else None, 2 if again else 1)
         if solved.stopped:
-            return _Rolling.at(solved.minimum.state, surely_shown(solved.problem, solved.minimum.state, asked))
+            there = surely_shown(solved.problem, solved.minimum.state, asked, solved.rounds)
+            return _Rolling.at(solved.minimum.state, there)
         progress("covariances")
         assessment = assessed(solved, block, settings)
-        if asked.any() and (there := _shown(assessment, asked)[0]).any():
-            return _Rolling.at(assessment.state, there)
+        there = _shown(assessment, asked)[0] if asked.any() else asked
+        if there.any():
+            return _Rolling.at(solved.minimum.state, there)
         ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
         return _Ended(block, whole, *ended)
     except IndeterminateError as fault:

@@ -77,13 +77,13 @@ def solve_rounds(
     settings: AdjustmentSettings,
     progress: Progress,
     sigmas: EstimatedSigmas | None,
-    stop: Callable[[Problem, State], bool] | None = None,
+    stop: Callable[[Problem, State, int], bool] | None = None,
     first_round: int = 1,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
     choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. After the
-    second round, when mismatches are out, ``stop`` may end them; ``first_round`` is 2 where others have been before, so
-    that ``state`` is near."""
+    first round, and the second, when mismatches are out, ``stop`` may end them; ``first_round`` is 2 where others have
+    been before, so that ``state`` is near."""
     groups, estimating = tie_groups(stated.block), sigmas is None
     factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
     whole, steady = weighted(stated, groups, factors), not estimating
@@ -107,7 +107,7 @@ def solve_rounds(
         iterations += minimum.iterations
         if last:
             break
-        if stop is not None and number == 2 and stop(problem, minimum.state):
+        if stop is not None and number <= 2 and stop(problem, minimum.state, number):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)
         reached = minimum.state
         state = renewed(problem, reached)

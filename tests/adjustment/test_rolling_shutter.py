@@ -12,6 +12,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.adjustment.shutters.rolling_shutter import (
+    SURE,
     in_motion,
     looked_for,
     surely_shown,
@@ -20,10 +21,13 @@ from photogram.adjustment.shutters.rolling_shutter import (
     without_rolling,
 )
 from photogram.arrays import FloatArray
+from photogram.factors.elimination.reprojection import predicted
 from photogram.factors.graph import cost, ground_graph
 from photogram.projection import B1, B2, FOCAL, READOUT
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.survey import Block
+from photogram.triangulation import intersect
 
 SETTINGS = AdjustmentSettings()
 PLAN = SurveyPlan(
@@ -74,13 +78,66 @@ def test_check_points_are_as_good_as_under_a_global_shutter() -> None:
     assert rms[2] > 2.0 * rms[1], "without it the block is strained"
 
 
+@pytest.mark.parametrize("number", [1, 2])
 @pytest.mark.parametrize(("plan", "there"), [(ROLLING, True), (GLOBAL, False)])
-def test_a_rolling_shutter_is_seen_between_the_rounds(plan: SurveyPlan, there: bool) -> None:
+def test_a_rolling_shutter_is_seen_between_the_rounds(plan: SurveyPlan, there: bool, number: int) -> None:
     asked = np.array([True])
     problem = make_problem(without_rolling(simulated(plan, 1).block, asked), SETTINGS)
     state = minimise(problem, start_state(problem.block, problem.flights), SETTINGS).state
-    assert surely_shown(problem, state, asked).tolist() == [there]
-    assert surely_shown(problem, state, ~asked).tolist() == [False]
+    assert surely_shown(problem, state, asked, number).tolist() == [there]
+    assert surely_shown(problem, state, ~asked, number).tolist() == [False]
+
+
+def test_a_global_shutter_among_mismatches_is_not_taken_for_a_rolling_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first round, poses and choice of observations unsettled, its statistic is in the hundreds."""
+    block = simulate_block(
+        GLOBAL,
+        1,
+        tie_points=600,
+        sigma_px=0.4,
+        mismatches=0.2,
+        start_position_sigma_m=5.0,
+        start_attitude_sigma_deg=4.0,
+    ).block
+    said = list[str]()
+    adjust(block, SETTINGS, said.append)
+    assert not any("rolling" in line for line in said)
+    monkeypatch.setitem(SURE, 1, 1e2)
+    adjust(block, SETTINGS, said.append)
+    assert any("rolling" in line for line in said), "which the bound is for"
+
+
+def of_cameras(readouts_s: tuple[float, ...], seed: int) -> Block:
+    """Return a block whose photographs were taken in turn by cameras of these read-out times, all looked for."""
+    made = simulated(replace(GLOBAL, control_points=0, check_points=0), seed)
+    photographs = tuple(
+        replace(photograph, camera=i % len(readouts_s)) for i, photograph in enumerate(made.block.photographs)
+    )
+    cameras = tuple(replace(made.block.cameras[0], name=f"camera {c + 1}") for c in range(len(readouts_s)))
+    true = tuple(
+        replace(made.truth.camera, name=camera.name, readout_s=readout)
+        for camera, readout in zip(cameras, readouts_s, strict=True)
+    )
+    tie = made.block.tie_points
+    exact = replace(made.block, photographs=photographs, cameras=true, poses=made.truth.poses)
+    true_points = intersect(replace(made.block, cameras=(made.truth.camera,), poses=made.truth.poses))
+    shown = predicted(tie.photograph, tie.point, exact.oriented_cameras(), true_points)
+    pixel = shown.pixel + 0.4 * np.random.default_rng(seed).standard_normal(shown.pixel.shape)
+    return replace(made.block, photographs=photographs, cameras=cameras, tie_points=replace(tie, pixel=pixel))
+
+
+def test_cameras_of_one_block_are_judged_each_by_itself() -> None:
+    """A read-out of 33 ms, one of 1.4 ms that only the end of the rounds shows, and a global shutter."""
+    readouts = np.array([0.033, 0.0014, 0.0])
+    block = of_cameras(tuple(readouts.tolist()), 1)
+    said = list[str]()
+    result = adjust(block, SETTINGS, said.append)
+    assert sum("rolling" in line for line in said) == 2
+    used = np.array([camera.readout_s for camera in result.block.cameras])
+    assert (used != 0.0).tolist() == [True, True, False]
+    np.testing.assert_array_equal(used[:2], result.readout_s[:2])
+    assert (np.abs(result.readout_s - readouts) < 3.5 * result.readout_sigma_s).all()
+    assert (result.readout_sigma_s < 0.0005).all()
 
 
 @pytest.mark.parametrize("stated", [0.0, 0.033])

@@ -80,7 +80,8 @@ def test_the_normal_matrix_is_symmetric_and_smaller_than_with_all_else_at_rest()
     np.testing.assert_allclose(N, N.T, atol=1e-7 * np.abs(N).max())
     at_rest = np.zeros((n, n))
     for p in range(len(told)):
-        J = system.velocity[system.of_photograph == p].reshape(-1, 3)
+        own = system.of_photograph == p
+        J = (system.way[own, None, None] * system.point[own]).reshape(-1, 3)
         at_rest[3 * p : 3 * p + 3, 3 * p : 3 * p + 3] = J.T @ J
     values = np.linalg.eigvalsh(N)
     assert values.min() > -1e-7 * values.max()

@@ -31,6 +31,7 @@ from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.joint_velocities import points_of, take_cameras, take_points
 from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import READOUT, OrientedCameras
 from photogram.results import SIGNIFICANCE, Adjustment
@@ -42,8 +43,9 @@ COARSE_VELOCITY = 0.03
 """Relative error of a velocity from times in whole seconds, beyond which it is not used: what each photograph's own is
 off by would pass for a shorter read-out time (errors in variables attenuate)."""
 
-SURE = 100.0
-"""Bound of Rao's statistic from which a read-out time is there, whatever is found meanwhile: ten standard errors."""
+SURE = {1: 1e4, 2: 1e2}
+"""Bound of Rao's statistic from which a read-out time is there, whatever is found meanwhile, after the first round and
+after the second: a hundred standard errors while mismatches take part and poses settle, then ten."""
 
 
 def rolling(cameras: Sequence[Camera]) -> BoolArray:
@@ -152,11 +154,12 @@ def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) 
     return significant, Readouts(estimate, sigma, significant, np.ones(len(asked)))
 
 
-def surely_shown(problem: Problem, state: State, asked: BoolArray) -> BoolArray:
-    """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time before the rounds of an
-    adjustment have settled, as ``shown`` would say at its end. Of the others one may still come out then."""
+def surely_shown(problem: Problem, state: State, asked: BoolArray, number: int) -> BoolArray:
+    """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time after the first or second
+    round of an adjustment, of this ``number``, as ``shown`` would say at its end. Of the others one may still come out
+    then."""
     moved = replace(state, cameras=moving(problem.block, state.cameras))
-    there = [bool(asked[c]) and least_statistic(problem, moved, c, READOUT) > SURE for c in range(len(asked))]
+    there = [bool(asked[c]) and least_statistic(problem, moved, c, READOUT) > SURE[number] for c in range(len(asked))]
     return np.array(there, dtype=bool)
 
 
@@ -175,6 +178,15 @@ class Readouts:
     sigma_s: FloatArray
     significant: BoolArray
     inflation: FloatArray
+
+    def beside(self, others: Readouts, theirs: BoolArray) -> Readouts:
+        """Return those of cameras of which some, ``theirs`` (cameras,), were held and are told by ``others``."""
+        return Readouts(
+            np.where(theirs, others.estimate_s, self.estimate_s),
+            np.where(theirs, others.sigma_s, self.sigma_s),
+            np.where(theirs, others.significant, self.significant),
+            np.where(theirs, others.inflation, self.inflation),
+        )
 
 
 def inflation(problem: Problem, state: State, found: Covariances, camera: int) -> float:
@@ -195,21 +207,12 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     change = found.solve(unit)[:, 0]
     change /= change[column]
     linear = linearise(tie, moving(problem.block, state.cameras), state.tie_point)
-    place = layout.place[tie.photograph]
-    pose = np.where(place[:, None] >= 0, change[6 * place[:, None] + np.arange(6)], 0.0)
-    calibration = np.zeros_like(layout.unit)
-    calibration[owner, parameter] = (
-        change[layout.columns : layout.columns + len(owner)] * layout.border_unit[: len(owner)]
-    )
-    J = np.einsum("nij,nj->ni", linear.pose, pose)
-    J += np.einsum("nij,nj->ni", linear.calibration, calibration[linear.camera])
-    V, g = np.zeros((len(state.tie_point), 3, 3)), np.zeros((len(state.tie_point), 3))
-    np.add.at(V, tie.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    np.add.at(g, tie.point, np.einsum("nri,nr->ni", linear.point, J))
-    seen = np.bincount(tie.point, minlength=len(V)) > 0
-    follow = np.zeros_like(g)
-    follow[seen] = np.linalg.solve(V[seen], g[seen][..., None])[..., 0]
-    J -= np.einsum("nij,nj->ni", linear.point, follow[tie.point])
+    pose, lens = np.zeros((len(layout.place), 6)), np.zeros_like(layout.unit)
+    pose[layout.photograph_at] = change[: layout.columns].reshape(-1, 6)
+    lens[owner, parameter] = change[layout.columns : layout.columns + len(owner)] * layout.border_unit[: len(owner)]
+    J, (first, inverse) = np.zeros_like(linear.residual), points_of(tie, linear.point, len(state.tie_point))
+    take_cameras(linear.pose, linear.calibration, pose, lens, tie.photograph, linear.camera, J)
+    take_points(first, linear.point, inverse, J)
     sums = np.bincount(tie.photograph, np.einsum("ni,ni->n", J, linear.residual))
     sums = sums[np.bincount(tie.photograph) > 0]
     expected = float(np.sum(J**2))
