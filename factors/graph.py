@@ -29,6 +29,7 @@ from photogram.factors.elimination.reprojection import (
     reprojection_factors,
     residuals,
 )
+from photogram.factors.elimination.similarity_steps import bend_of, bent
 from photogram.factors.elimination.state import State
 from photogram.factors.priors import (
     OWN_OFFSET_SIGMA_M,
@@ -334,13 +335,15 @@ def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | 
 
 
 def retract(problem: Problem, state: State, step: Step) -> State:
-    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else."""
+    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else, along the similarity that it
+    begins."""
     v, common = step.values, problem.block.common_errors
     pose = _gather(v, POSE, range(len(state.rotation)), 6)
     seen = np.unique(problem.tie.point)
-    tie_point = state.tie_point.copy()
+    turned, moved = np.einsum("nij,nkj->kni", state.rotation, pose.reshape(-1, 2, 3))
+    bend, tie_point = bend_of(state.position, moved, turned), state.tie_point.copy()
     if len(seen):
-        tie_point[seen] += _gather(v, TIE_POINT, seen, 3)
+        tie_point[seen] += _gather(v, TIE_POINT, seen, 3) + bent(bend, tie_point[seen])
     parameters = state.parameters.copy()
     for c, free in enumerate(problem.free):
         if len(free):
@@ -348,10 +351,10 @@ def retract(problem: Problem, state: State, step: Step) -> State:
     return State(
         recalibrated(state.cameras, parameters)._replace(
             rotation=state.rotation @ Rotation.from_rotvec(pose[:, :3]).as_matrix(),
-            position=state.position + np.einsum("nij,nj->ni", state.rotation, pose[:, 3:]),
+            position=state.position + moved + bent(bend, state.position),
         ),
         tie_point,
-        state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3),
+        state.control + _gather(v, CONTROL_POINT, range(len(state.control)), 3) + bent(bend, state.control),
         state.offset + _gather(v, GNSS_OFFSET, range(len(state.offset)), 3),
         state.common
         + np.concatenate(

@@ -34,6 +34,7 @@ from photogram.factors.elimination.points import (
 )
 from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError, Terms, make_layout
 from photogram.factors.elimination.reprojection import Observations, calibration_scale
+from photogram.factors.elimination.similarity_steps import bend_of, bent
 from photogram.factors.elimination.solvers import SOLVERS, Solver, SolverName
 from photogram.factors.elimination.state import OfCameras, State
 from photogram.machine import cores
@@ -111,34 +112,44 @@ def limited_threads(observations: int) -> Iterator[ThreadPoolExecutor | None]:
             yield pool
 
 
-def _moved(bundle: Bundle, state: State, poses: FloatArray, border: FloatArray) -> State:
-    """Move cameras, offsets and the border's control points by a step: R Exp(ω), C + R v, and sums for the rest."""
+def _moved(
+    bundle: Bundle, state: State, poses: FloatArray, border: FloatArray, whole: bool
+) -> tuple[State, FloatArray]:
+    """Move cameras, offsets and the border's control points by a step: R Exp(ω), C + R v, and sums for the rest; where
+    it moves the ``whole`` block, along the similarity that it begins. Returns that too, as ``bend_of`` does."""
     layout = bundle.layout
     tangent = np.zeros((len(state.rotation), 6))
     tangent[layout.photograph_at] = poses.reshape(-1, 6)
     parameters, free = state.parameters.copy(), layout.free_parameters
     parameters[free] += border[: layout.offset_column] * layout.unit[free]
-    control = state.control.copy()
-    control[layout.coupled] += border[layout.ground_column :].reshape(-1, 3)
-    return replace(
+    turned, moved = np.einsum("nij,nkj->kni", state.cameras.rotation, tangent.reshape(-1, 2, 3))
+    at = layout.photograph_at
+    bend = bend_of(state.position[at], moved[at], turned[at]) if whole else np.zeros((4, 3))
+    moved[at] += bent(bend, state.position[at])
+    control, coupled = state.control.copy(), layout.coupled
+    control[coupled] += border[layout.ground_column :].reshape(-1, 3) + bent(bend, state.control[coupled])
+    result = replace(
         state,
         cameras=recalibrated(state.cameras, parameters)._replace(
             rotation=state.cameras.rotation @ Rotation.from_rotvec(tangent[:, :3]).as_matrix(),
-            position=state.cameras.position + np.einsum("nij,nj->ni", state.cameras.rotation, tangent[:, 3:]),
+            position=state.position + moved,
         ),
         control=control,
         offset=state.offset + border[layout.offset_column : layout.common_column].reshape(-1, 3),
         common=state.common + border[layout.common_column : layout.ground_column],
     )
+    return result, bend
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """A bundle as Levenberg–Marquardt sees it, its work shared by the threads of ``pool``."""
+    """A bundle as Levenberg–Marquardt sees it, its work shared by the threads of ``pool``; ``whole`` where none of the
+    photographs with observations is held."""
 
     bundle: Bundle
     solve: Solver
     pool: ThreadPoolExecutor | None
+    whole: bool
 
     def cost(self, state: State) -> float:
         return self.bundle.cost(state, self.pool)
@@ -153,12 +164,12 @@ class _System:
         pool = self.pool
         normal = bundle.eliminated(state, terms, damping, pool)
         poses, border = self.solve(normal, damping)
-        moved = _moved(bundle, state, poses, border)
+        moved, bend = _moved(bundle, state, poses, border, self.whole)
         old, new = state.cameras, moved.cameras
         step, layout = (poses, border), bundle.layout
         ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
-        moved_ties, saved, tie = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, pool)
-        moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new)
+        moved_ties, saved, tie = substitute(bundle.tie, old, ties, layout, bundle.loss, damping, step, new, bend, pool)
+        moved_control, more, marks = substitute(bundle.marks, old, control, layout, NO_LOSS, damping, step, new, bend)
         damped = damping * (float(normal.D @ poses**2) + float(normal.F @ border**2))
         known = float(terms.pose_gradient @ poses) + float(terms.border_gradient @ border)
         moved_control[layout.coupled] = moved.control[layout.coupled]
@@ -181,7 +192,9 @@ def minimise_bundle(
     damping makes the system solvable.
     """
     with limited_threads(len(bundle.tie)) as pool:
-        system = _System(bundle, SOLVERS[solver], pool)
+        seen = np.concatenate([bundle.tie.photograph, bundle.marks.photograph])
+        whole = bool((bundle.layout.place[seen] >= 0).all())
+        system = _System(bundle, SOLVERS[solver], pool, whole)
         return minimise(system, state, maximum_iterations, relative_tolerance, watch)
 
 

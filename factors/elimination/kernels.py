@@ -452,10 +452,10 @@ def substitute_points(
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
     free_of: IntArray, loss: int, threshold: float, least: float, damping: float, prior: FloatArray, step: FloatArray,
     border_step: FloatArray,
-    moved: OrientedCameras, moved_bare: FloatArray, moved_X: FloatArray,
+    moved: OrientedCameras, moved_bare: FloatArray, bend: FloatArray, moved_X: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
-    """Fill the points moved by their part of the step; returns their share of the decrease that the linear model
-    predicts, and their cost after the step."""
+    """Fill the points moved by their part of the step and by ``bend`` (4, 3), as ``bent`` has it; returns their share
+    of the decrease that the linear model predicts, and their cost after the step."""
     longest = 1
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
@@ -492,11 +492,10 @@ def substitute_points(
         t0, t1, t2 = M[0] * y0 + M[1] * y1 + M[3] * y2, M[2] * y1 + M[4] * y2, M[5] * y2
         decrease += 0.5 * (t0 * (V[9] + damping * V[0] * t0) + t1 * (V[10] + damping * V[4] * t1))
         decrease += 0.5 * t2 * (V[11] + damping * V[8] * t2)
-        moved_X[number, 0], moved_X[number, 1], moved_X[number, 2] = (
-            X[number, 0] + t0,
-            X[number, 1] + t1,
-            X[number, 2] + t2,
-        )
+        x, y, z = X[number, 0] - bend[3, 0], X[number, 1] - bend[3, 1], X[number, 2] - bend[3, 2]
+        moved_X[number, 0] = X[number, 0] + t0 + bend[0, 0] * x + bend[0, 1] * y + bend[0, 2] * z
+        moved_X[number, 1] = X[number, 1] + t1 + bend[1, 0] * x + bend[1, 1] * y + bend[1, 2] * z
+        moved_X[number, 2] = X[number, 2] + t2 + bend[2, 0] * x + bend[2, 1] * y + bend[2, 2] * z
         value, bad = point_cost(
             first[p], first[p + 1], photograph, measured, moved_bare, moved, moved_X, number, loss, threshold
         )  # fmt: skip

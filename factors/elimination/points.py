@@ -171,13 +171,15 @@ def substitute(
     damping: float,
     step: tuple[FloatArray, FloatArray],
     moved: OrientedCameras,
+    bend: FloatArray,
     pool: ThreadPoolExecutor | None = None,
 ) -> tuple[FloatArray, float, float]:
     """Return the points (P, 3) moved by their part of a step, the decrease that the linear model of the observations
     predicts, and the cost of the observations after it.
 
-    ``step`` are the steps of the poses (6 free,) and the border; ``moved`` the cameras after it; the decrease lacks the
-    damping of the cameras and everything that is known of them but for the observations.
+    ``step`` are the steps of the poses (6 free,) and the border; ``moved`` the cameras after it, ``bend`` (4, 3) what
+    ``similarity_steps.bend_of`` adds to it; the decrease lacks the damping of the cameras and everything that is known
+    of them but for the observations.
     """
     result = points.position.copy()
     free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
@@ -187,7 +189,7 @@ def substitute(
         found: tuple[float, float] = substitute_points(
             begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
-            points.prior, *step, moved, moved_bare, result,
+            points.prior, *step, moved, moved_bare, bend, result,
         )  # fmt: skip
         return found
 

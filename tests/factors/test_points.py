@@ -29,6 +29,7 @@ from photogram.projection import PARAMETERS
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=4, check_points=0)
+STRAIGHT = np.zeros((4, 3))
 HUBER = Loss(KINDS["huber"], 2.0)
 
 
@@ -154,7 +155,9 @@ def test_rays_from_behind_cost_much_and_pull_at_nothing() -> None:
     penalty = robust_terms(np.column_stack([BEHIND_PX / case.tie.sigma_px[rays], np.zeros(rays.sum())]), "huber", 2.0)
     assert costs[0] - costs[1] == pytest.approx(0.5 * penalty[0].sum(), rel=1e-12)
     step = np.zeros(case.layout.columns), np.zeros(case.layout.border)
-    moved, _, _ = substitute(case.rays, case.cameras, Points.unknown(at), case.layout, HUBER, 1e-3, step, case.cameras)
+    moved, _, _ = substitute(
+        case.rays, case.cameras, Points.unknown(at), case.layout, HUBER, 1e-3, step, case.cameras, STRAIGHT
+    )
     np.testing.assert_array_equal(moved[7], at[7])
 
 
@@ -169,7 +172,9 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     expected = np.asarray(np.linalg.solve(damped, g), dtype=np.float64)
     poses, border = expected[: layout.columns], expected[layout.columns : edge]
     moved = case.cameras._replace(parameters=case.cameras.parameters * 1.0001, position=case.cameras.position + 0.01)
-    X, predicted, cost = substitute(case.rays, case.cameras, case.points, layout, wide, damping, (poses, border), moved)
+    X, predicted, cost = substitute(
+        case.rays, case.cameras, case.points, layout, wide, damping, (poses, border), moved, STRAIGHT
+    )
     step = expected[edge:].reshape(-1, 3)
     np.testing.assert_allclose(X - case.points.position, step, rtol=0, atol=1e-6 * np.abs(step).max())
     normal = NormalEquations.zero(layout)
