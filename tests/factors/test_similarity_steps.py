@@ -22,7 +22,7 @@ PLAN = SurveyPlan(
 
 
 def places(seed: int, count: int) -> FloatArray:
-    return np.random.default_rng(seed).normal(0.0, 30.0, (count, 3)) + np.array([100.0, -50.0, 60.0])
+    return np.asarray(np.random.default_rng(seed).normal((100.0, -50.0, 60.0), 30.0, (count, 3)))
 
 
 @given(
