@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
-from photogram.arrays import ByteArray
+from photogram.arrays import BoolArray, ByteArray
 from photogram.camera import Camera, Pose, oriented_by, project, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
@@ -28,7 +28,13 @@ from photogram.pipeline.stages.orthophoto import left_out_reason
 from photogram.simulation.rendering import intersect, render, visible
 from photogram.simulation.scene import Scene, make_scene, paint_targets, surface_raster
 from photogram.surface.ortho.colour_balance import KNEE_DN, WHITE_DN, Balance, highlight_curve
-from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, orthophoto_grid, plan_orthophoto
+from photogram.surface.ortho.orthophoto import (
+    Orthophoto,
+    OrthophotoSettings,
+    _slivers,
+    orthophoto_grid,
+    plan_orthophoto,
+)
 from photogram.surface.ortho.seamlines import find_seams
 from photogram.surface.ortho.visibility import Surface, Terrain
 from photogram.surface.views import Views
@@ -128,9 +134,10 @@ def test_a_nadir_photograph_over_a_plane_is_its_own_orthophoto_exactly() -> None
     assert np.all(rgba[..., 3] == 255)
 
 
-def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled) -> None:
+@pytest.mark.parametrize("cell_m", [0.11, 0.16 / 3.0], ids=["odd", "centres on cell borders"])
+def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled, cell_m: float) -> None:
     views, surface, pictures = walled.views, walled.surface, walled.pictures
-    grid = centred(211, 301, 0.11)
+    grid = centred(211, 301, cell_m)
     settings = OrthophotoSettings(feather_cells=6.0)
     plan = planned(views, surface, pictures, grid, settings)
     once = made(plan, pictures.__getitem__, 1, 1000)
@@ -143,6 +150,41 @@ def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled) 
         first, again = (find_seams(views, FRAME, terrain, grid, pool, side) for side in (512, 24))
     for name in ("label", "candidate", "clear", "inside", "looks", "height_map_m"):
         assert np.array_equal(getattr(again, name), getattr(first, name), equal_nan=name == "height_map_m")
+
+
+def test_slivers_of_what_is_hidden_are_told_from_the_tips_of_what_is_wider() -> None:
+    hidden = np.zeros((60, 90), dtype=bool)
+    hidden[20:40, 10:30] = True  # wide
+    hidden[30:33, 30:60] = True  # its tail, of which the far end is a sliver
+    hidden[50, 70] = hidden[5:8, 40:80] = True
+    slivers = _slivers(hidden, 2)
+    expected = hidden.copy()
+    expected[20:40, 10:34] = False
+    np.testing.assert_array_equal(slivers, expected)
+    part = np.s_[3:40, 25:75]
+    inner = np.s_[8:-8, 8:-8]
+    np.testing.assert_array_equal(_slivers(hidden[part], 2)[inner], slivers[part][inner])
+    assert not _slivers(np.zeros((3, 3), dtype=bool), 2).any()
+
+
+def test_slivers_behind_a_ridge_are_closed_and_the_shadow_of_a_wall_is_not(
+    walled: Walled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four photographs from the west; a ridge one cell wide, which the photographs do not show, hides slivers."""
+    grid, views = centred(331, 397), views_of([camera()] * 4, walled.poses[:4])
+
+    def transparent(surface: Raster) -> BoolArray:
+        plan = planned(views, surface, walled.pictures, grid, OrthophotoSettings(balance=False))
+        return np.asarray(made(plan, walled.pictures.__getitem__)[..., 3] == 0)
+
+    heights = walled.surface.values.copy()
+    heights[380:420, 460] += np.float32(1.0)
+    shadow, ridged = transparent(walled.surface), transparent(replace(walled.surface, values=heights))
+    monkeypatch.setattr("photogram.surface.ortho.orthophoto._slivers", lambda hidden, _: np.zeros_like(hidden))
+    np.testing.assert_array_equal(transparent(walled.surface), shadow)
+    bare = transparent(replace(walled.surface, values=heights))
+    assert not (ridged & ~bare).any()
+    assert np.count_nonzero(bare & ~ridged) > 0.3 * np.count_nonzero(bare & ~shadow) > 100
 
 
 # ---- level ground against its rendering ----------------------------------------------------------------------------

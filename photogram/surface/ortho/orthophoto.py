@@ -75,6 +75,9 @@ TILES_AHEAD = 4
 MIXED = 4
 """Photographs that a cell may be mixed of."""
 
+SLIVER_CELLS = 3
+"""Cells of the surface, half a window of the matching: what is hidden and nowhere wider is a sliver."""
+
 ONLY_MASKED = 1
 """Alpha of cells that photographs show in masked pixels alone, until they are written as transparent."""
 
@@ -180,8 +183,9 @@ class Orthophoto:
         Alpha is 0 where there is no surface, or no photograph that sees it, ONLY_MASKED where none does but in pixels
         that its mask leaves out, else 255.
         """
-        shape, terrain = window.shape, self.terrain
-        near = terrain.cells_around(self.grid, window, _EDGE_REACH + 1)
+        terrain, half = self.terrain, int(np.ceil(0.5 * SLIVER_CELLS * self.terrain.grid.cell_m / self.grid.cell_m))
+        wide = self.grid.around_window(window, 4 * half)
+        shape, near = wide.shape, terrain.cells_around(self.grid, wide, _EDGE_REACH + 1)
         height, cell_m = terrain.heights(near), terrain.grid.cell_m
         over = terrain.views_over(near)
         slot = np.full(len(self.views), -1, np.int32)
@@ -189,18 +193,24 @@ class Orthophoto:
         seen = np.stack([self.seen.part(n, near) for n in over.tolist()]) if len(over) else _NOTHING
         chosen = _Chosen(
             np.full((*shape, MIXED), -1, np.int32), np.zeros((*shape, MIXED), np.float32), np.zeros((*shape, 3)),
-            np.zeros(len(self.views), np.bool_), np.zeros(shape, np.bool_),
+            np.zeros(len(self.views), np.bool_), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_),
         )  # fmt: skip
         unsure = terrain.tolerances_m(near) > UNSURE_CELLS * cell_m
-        corner = (terrain.grid.west_map_m + near.column * cell_m, terrain.grid.north_map_m - near.row * cell_m)
+        corner = terrain.grid.west_map_m, terrain.grid.north_map_m, cell_m, near.row, near.column
+        cells, at = self.grid.centres_map_m(wide), (wide.row, wide.column)
+        relief = (height, _edges(height, cell_m), unsure, seen, slot)
         _choose(
-            (height, _edges(height, cell_m), unsure, seen, slot), (*corner, cell_m), self.views.cameras,
-            self.grid.centres_map_m(window), (window.row, window.column),
-            (float(self.frame.origin_map_m[2]), vertical_nodes(self.frame, self.grid, window)),
+            relief, corner, self.views.cameras, cells, at,
+            (float(self.frame.origin_map_m[2]), vertical_nodes(self.frame, self.grid, wide)),
             (self.seams.label, self.seams.candidate, self.seams.inside, self.plain),
             (self.seams.block_cells, self.feather_cells / self.seams.block_cells), over, chosen,
             (np.empty(3), np.empty(MIXED, np.int32), np.empty(MIXED)),
         )  # fmt: skip
+        if (slivers := _slivers(chosen.hidden, half)).any():
+            _close(
+                slivers, corner, self.views.cameras, cells, at, self.seams.candidate,
+                self.seams.block_cells, over, (seen, slot), chosen,
+            )  # fmt: skip
         colour = np.zeros((*shape, 3), np.float32)
         sides = cell_steps(self.frame, self.grid)
         for view in np.flatnonzero(chosen.used).tolist():
@@ -212,7 +222,8 @@ class Orthophoto:
         rgba = np.empty((*shape, 4), np.uint8)
         _rounded(colour, chosen.label, self.highlights, rgba)
         rgba[chosen.masked, 3] = ONLY_MASKED
-        return rgba
+        row, column = window.row - wide.row, window.column - wide.column
+        return np.ascontiguousarray(rgba[row : row + window.shape[0], column : column + window.shape[1]])
 
     def tiles(
         self, pixels_of: PixelsOf, executor: Executor, side: int = TILE_CELLS
@@ -317,13 +328,26 @@ def ideal_radius2(cameras: OrientedCameras, camera: int, pixel: FloatArray) -> F
 class _Chosen(NamedTuple):
     """Of what the cells of a window are made: ``label`` (R, C, MIXED) the photographs, −1 for none, the ones there are
     first; ``weight`` (R, C, MIXED); ``place`` (R, C, 3) the centre of each cell on the surface, world; ``used`` (V,)
-    which photographs are needed; ``masked`` (R, C) which cells none shows because of masks."""
+    which photographs are needed; ``masked`` (R, C) which cells none shows because of masks, ``hidden`` (R, C) which
+    none shows for another reason."""
 
     label: Int32Array
     weight: Float32Array
     place: FloatArray
     used: BoolArray
     masked: BoolArray
+    hidden: BoolArray
+
+
+def _slivers(hidden: BoolArray, half: int) -> BoolArray:
+    """Return which cells (R, C) belong to slivers of what is ``hidden`` in all photographs: no window of ± ``half``
+    cells fits in them, nor in anything as near. So narrow, it is not known whether it is hidden; the tips of what is
+    wider are no slivers."""
+    if not hidden.any():
+        return hidden
+    window, near = np.ones((2 * half + 1,) * 2, np.uint8), np.ones((4 * half + 1,) * 2, np.uint8)
+    wide = cv2.dilate(cv2.morphologyEx(hidden.astype(np.uint8), cv2.MORPH_OPEN, window), near)
+    return np.asarray(hidden & (wide == 0))
 
 
 def _edges(height: Float32Array, cell_m: float) -> BoolArray:
@@ -392,7 +416,7 @@ def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
 @njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
 def _choose(
     relief: tuple[Float32Array, BoolArray, BoolArray, ByteArray, Int32Array],
-    corner: tuple[float, float, float],
+    corner: tuple[float, float, float, int, int],
     cameras: OrientedCameras,
     cells: tuple[FloatArray, FloatArray],
     first: tuple[int, int],
@@ -420,7 +444,7 @@ def _choose(
     X, found, share = room
     for i in range(len(north)):
         row = first[0] + i
-        y = (corner[1] - north[i]) / corner[2]
+        y = (corner[1] - north[i]) / corner[2] - corner[3]  # the same rounding in every tile
         r = int(y)
         own_row = min(row // block, last_row)
         for j in range(len(east)):
@@ -429,7 +453,7 @@ def _choose(
             simple = plain[own_row, own_column]
             if not simple and not _shares(row, column, block, label, found, share):
                 continue
-            x = (east[j] - corner[0]) / corner[2]
+            x = (east[j] - corner[0]) / corner[2] - corner[4]
             c = int(x)
             h = height_at(height, y, x)
             if np.isnan(h):
@@ -472,6 +496,7 @@ def _choose(
                 else:
                     for k in range(len(over)):
                         out.masked[i, j] = out.masked[i, j] or seen[k, r, c] == MASKED
+                    out.hidden[i, j] = not out.masked[i, j]
                 continue
             if count == 1 or feather == 0.0 or edges[r, c]:
                 out.label[i, j, 0], out.weight[i, j, 0] = found[best], 1.0
@@ -491,6 +516,25 @@ def _choose(
                     out.label[i, j, m], out.weight[i, j, m] = found[k], share[k] / total
                     out.used[found[k]] = True
                     m += 1
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _close(
+    slivers: BoolArray, corner: tuple[float, float, float, int, int], cameras: OrientedCameras,
+    cells: tuple[FloatArray, FloatArray], first: tuple[int, int], candidate: Int32Array, block: int, over: Int32Array,
+    states: tuple[ByteArray, Int32Array], out: _Chosen,
+) -> None:  # fmt: skip
+    """Take cells that are hidden, as ``_slivers`` has them, from the best photograph that shows their places."""
+    seen, slot = states
+    for i, j in np.argwhere(slivers):
+        r = int((corner[1] - cells[1][i]) / corner[2] - corner[3])
+        c = int((cells[0][j] - corner[0]) / corner[2] - corner[4])
+        row = min((first[0] + i) // block, candidate.shape[0] - 1)
+        column = min((first[1] + j) // block, candidate.shape[1] - 1)
+        n = _another(cameras, out.place[i, j], candidate[row, column], over, seen[:, r, c], slot, True, True)
+        if n >= 0:
+            out.label[i, j, 0], out.weight[i, j, 0] = n, 1.0
+            out.used[n] = True
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
