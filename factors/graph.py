@@ -334,14 +334,16 @@ def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | 
     return np.array([values.at(key(kind, int(i))) for i in indices]).reshape(-1, size)
 
 
-def retract(problem: Problem, state: State, step: Step) -> State:
-    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else, along the similarity that it
-    begins."""
+def retract(problem: Problem, state: State, step: Step, near: bool = True) -> State:
+    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else; ``near`` the minimum along the
+    similarity that it begins."""
     v, common = step.values, problem.block.common_errors
     pose = _gather(v, POSE, range(len(state.rotation)), 6)
     seen = np.unique(problem.tie.point)
     turned, moved = np.einsum("nij,nkj->kni", state.rotation, pose.reshape(-1, 2, 3))
-    bend, tie_point = bend_of(state.position, moved, turned), state.tie_point.copy()
+    bend, tie_point = np.zeros((4, 3)), state.tie_point.copy()
+    if near:
+        bend = bend_of(state.position, moved, turned)
     if len(seen):
         tie_point[seen] += _gather(v, TIE_POINT, seen, 3) + bent(bend, tie_point[seen])
     parameters = state.parameters.copy()

@@ -41,7 +41,7 @@ class _Graph:
 
         def step(damping: float) -> Trial:
             found = damped_step(system, damping)
-            moved = kept_in_front(self.problem, state, retract(self.problem, state, found))
+            moved = kept_in_front(self.problem, state, retract(self.problem, state, found, near))
             return Trial(moved, self.cost(moved), found.predicted_decrease)
 
         return step

@@ -158,13 +158,13 @@ class _System:
         terms = self.bundle.ground.linearise(state)
         loss = self.bundle.loss if near else self.bundle.loss.weights_alone()
         bundle = replace(self.bundle, loss=loss)
-        return lambda damping: self._step(bundle, state, terms, damping)
+        return lambda damping: self._step(bundle, state, terms, damping, near)
 
-    def _step(self, bundle: Bundle, state: State, terms: Terms, damping: float) -> Trial:
+    def _step(self, bundle: Bundle, state: State, terms: Terms, damping: float, near: bool) -> Trial:
         pool = self.pool
         normal = bundle.eliminated(state, terms, damping, pool)
         poses, border = self.solve(normal, damping)
-        moved, bend = _moved(bundle, state, poses, border, self.whole)
+        moved, bend = _moved(bundle, state, poses, border, self.whole and near)
         old, new = state.cameras, moved.cameras
         step, layout = (poses, border), bundle.layout
         ties, control = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)

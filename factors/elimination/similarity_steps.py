@@ -9,7 +9,8 @@ that are nearest to the steps of all photographs (centres C by dC, rotations by 
 
 are finite: what they begin is (1 + m) Exp(w) (X − c), what a linear step makes of it X − c + w × (X − c) + m (X − c),
 and the difference of both is added to the steps of centres and points. It is of the second order, so that the minimum
-and what the linear model predicts are the same (a retraction: Absil, Mahony & Sepulchre 2008, sec. 4.1).
+and what the linear model predicts are the same (a retraction: Absil, Mahony & Sepulchre 2008, sec. 4.1). Far from the
+minimum, where wrong measurements pull at everything, steps stay linear.
 """
 
 from __future__ import annotations

@@ -83,4 +83,4 @@ def test_a_block_that_lies_far_off_gets_there_in_few_steps(engine: str, monkeypa
     linear = minimise(problem, turned, settings)
     assert found.converged
     assert found.cost <= linear.cost * (1.0 + 1e-6)
-    assert found.iterations + 2 <= linear.iterations
+    assert found.iterations < linear.iterations
