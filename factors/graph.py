@@ -335,8 +335,8 @@ def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | 
 
 
 def retract(problem: Problem, state: State, step: Step, near: bool = True) -> State:
-    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else; ``near`` the minimum along the
-    similarity that it begins."""
+    """Move ``state`` by ``step``: R Exp(ω), C + R v, and sums for everything else; ``near`` the minimum the
+    block's rotation and scale exactly."""
     v, common = step.values, problem.block.common_errors
     pose = _gather(v, POSE, range(len(state.rotation)), 6)
     seen = np.unique(problem.tie.point)

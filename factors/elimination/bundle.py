@@ -116,7 +116,7 @@ def _moved(
     bundle: Bundle, state: State, poses: FloatArray, border: FloatArray, whole: bool
 ) -> tuple[State, FloatArray]:
     """Move cameras, offsets and the border's control points by a step: R Exp(ω), C + R v, and sums for the rest; where
-    it moves the ``whole`` block, along the similarity that it begins. Returns that too, as ``bend_of`` does."""
+    it moves the ``whole`` block, its rotation and scale exactly. Returns also what ``bend_of`` adds for these."""
     layout = bundle.layout
     tangent = np.zeros((len(state.rotation), 6))
     tangent[layout.photograph_at] = poses.reshape(-1, 6)

@@ -1,16 +1,16 @@
-"""Steps of a block as a whole, taken along the similarity that they begin.
+"""Rotation and scale of a whole block in a step, applied exactly.
 
-Where a block lies, how it is turned and how large it is may hang on little beside its photographs: positions of a few
-metres, a focal length of a few per cent. A linear step turns it by ω × X, which makes it larger by ω²/2 besides, and
-every photograph objects to that: steps stay short, dozens of them along a bent valley. Here the turn w and the scale m
-that are nearest to the steps of all photographs (centres C by dC, rotations by ω in the world, c the mean centre)
+Position, rotation and scale of a block may be held by little: GNSS positions of a few metres, a focal length of a few
+per cent. A linear step rotates it by ω × X, which enlarges it by ω²/2 as well, and that contradicts every photograph:
+steps stay short, dozens of them along a curved valley. Here the rotation w and the scale m that are nearest to the
+steps of all photographs (centres C by dC, rotations by ω in the world, c the mean centre)
 
     min Σ |dC − t − w × (C − c) − m (C − c)|² + ℓ² Σ |ω − w|²,   ℓ² the mean of |C − c|²
 
-are finite: what they begin is (1 + m) Exp(w) (X − c), what a linear step makes of it X − c + w × (X − c) + m (X − c),
-and the difference of both is added to the steps of centres and points. It is of the second order, so that the minimum
-and what the linear model predicts are the same (a retraction: Absil, Mahony & Sepulchre 2008, sec. 4.1). Far from the
-minimum, where wrong measurements pull at everything, steps stay linear.
+are applied exactly: of X − c they make (1 + m) Exp(w) (X − c), a linear step X − c + w × (X − c) + m (X − c), and
+the difference is added to the steps of centres and points. It is of the second order, so that the minimum and what the
+linear model predicts are the same (a retraction: Absil, Mahony & Sepulchre 2008, sec. 4.1). Far from the minimum, where
+wrong measurements pull at everything, steps stay linear.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def bend_of(position: FloatArray, moved_m: FloatArray, turned_rad: FloatArray) -
     """Return what is to be added to a linear step, as the matrix and the centre (4, 3) that ``bent`` takes.
 
     ``position`` (N, 3) are the centres before it, ``moved_m`` (N, 3) and ``turned_rad`` (N, 3) the steps of centres and
-    rotations, all in the world. Zero where they do not tell a turn.
+    rotations, all in the world. Zero where these do not determine a rotation.
     """
     bend = np.zeros((4, 3))
     if len(position) < 2:

@@ -180,7 +180,7 @@ class Readouts:
     inflation: FloatArray
 
     def beside(self, others: Readouts, theirs: BoolArray) -> Readouts:
-        """Return those of cameras of which some, ``theirs`` (cameras,), were held and are told by ``others``."""
+        """Return those of cameras of which some, ``theirs`` (cameras,), were held and are in ``others``."""
         return Readouts(
             np.where(theirs, others.estimate_s, self.estimate_s),
             np.where(theirs, others.sigma_s, self.sigma_s),

@@ -76,7 +76,7 @@ MIXED = 4
 """Photographs that a cell may be mixed of."""
 
 SLIVER_CELLS = 3
-"""Cells of the surface, half a window of the matching: what is hidden and nowhere wider is a sliver."""
+"""Width up to which something hidden is a sliver, in cells of the surface: half a window of the matching."""
 
 ONLY_MASKED = 1
 """Alpha of cells that photographs show in masked pixels alone, until they are written as transparent."""
@@ -341,8 +341,8 @@ class _Chosen(NamedTuple):
 
 def _slivers(hidden: BoolArray, half: int) -> BoolArray:
     """Return which cells (R, C) belong to slivers of what is ``hidden`` in all photographs: no window of ± ``half``
-    cells fits in them, nor in anything as near. So narrow, it is not known whether it is hidden; the tips of what is
-    wider are no slivers."""
+    cells fits into them, or into anything hidden within 2 ``half`` of them, whose tips they would be. Whether anything
+    so narrow is hidden is beyond the resolution of the surface."""
     if not hidden.any():
         return hidden
     window, near = np.ones((2 * half + 1,) * 2, np.uint8), np.ones((4 * half + 1,) * 2, np.uint8)
