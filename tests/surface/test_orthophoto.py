@@ -31,7 +31,6 @@ from photogram.surface.ortho.colour_balance import KNEE_DN, WHITE_DN, Balance, h
 from photogram.surface.ortho.orthophoto import (
     Orthophoto,
     OrthophotoSettings,
-    _slivers,
     orthophoto_grid,
     plan_orthophoto,
 )
@@ -152,21 +151,6 @@ def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled, 
         assert np.array_equal(getattr(again, name), getattr(first, name), equal_nan=name == "height_map_m")
 
 
-def test_slivers_of_what_is_hidden_are_told_from_the_tips_of_what_is_wider() -> None:
-    hidden = np.zeros((60, 90), dtype=bool)
-    hidden[20:40, 10:30] = True  # wide
-    hidden[30:33, 30:60] = True  # its tail, of which the far end is a sliver
-    hidden[50, 70] = hidden[5:8, 40:80] = True
-    slivers = _slivers(hidden, 2)
-    expected = hidden.copy()
-    expected[20:40, 10:34] = False
-    np.testing.assert_array_equal(slivers, expected)
-    part = np.s_[3:40, 25:75]
-    inner = np.s_[8:-8, 8:-8]
-    np.testing.assert_array_equal(_slivers(hidden[part], 2)[inner], slivers[part][inner])
-    assert not _slivers(np.zeros((3, 3), dtype=bool), 2).any()
-
-
 def test_slivers_behind_a_ridge_are_closed_and_the_shadow_of_a_wall_is_not(
     walled: Walled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,7 +164,7 @@ def test_slivers_behind_a_ridge_are_closed_and_the_shadow_of_a_wall_is_not(
     heights = walled.surface.values.copy()
     heights[380:420, 460] += np.float32(1.0)
     shadow, ridged = transparent(walled.surface), transparent(replace(walled.surface, values=heights))
-    monkeypatch.setattr("photogram.surface.ortho.orthophoto._slivers", lambda hidden, _: np.zeros_like(hidden))
+    monkeypatch.setattr("photogram.surface.ortho.orthophoto.slivers_of", lambda hidden, _: np.zeros_like(hidden))
     np.testing.assert_array_equal(transparent(walled.surface), shadow)
     bare = transparent(replace(walled.surface, values=heights))
     assert not (ridged & ~bare).any()
