@@ -38,23 +38,27 @@ def intersect_linear(projection: FloatArray, ideal: FloatArray) -> FloatArray:
     return np.asarray(solution[:, :3] / solution[:, 3:])
 
 
-def ideal_observations(
-    cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints, *, draft: bool = False
-) -> FloatArray:
-    """Return the ideal image-plane coordinates (N, 2) of all observations; ``camera_of`` (photographs,) names their
-    cameras.
+def ideal_pixels(cameras: Sequence[Camera], camera: IntArray, pixel: FloatArray, *, draft: bool = False) -> FloatArray:
+    """Return the ideal image-plane coordinates (N, 2) of pixels (N, 2), each of the ``camera`` (N,) it is named for.
 
     Where the distortion of a ``draft`` of the cameras cannot be undone they are those of a pinhole: reprojection will
     judge. Raises ImageError where that of other cameras cannot.
     """
-    ideal = np.empty_like(tie_points.pixel)
-    camera = camera_of[tie_points.photograph]
-    for index in np.unique(camera):
+    ideal = np.empty_like(pixel)
+    for index in np.flatnonzero(np.bincount(camera, minlength=len(cameras))).tolist():
         mask = camera == index
-        ideal[mask] = (image_plane_or_nan if draft else image_plane)(cameras[index], tie_points.pixel[mask])
+        ideal[mask] = (image_plane_or_nan if draft else image_plane)(cameras[index], pixel[mask])
         lost = mask & np.isnan(ideal).any(axis=1)
-        ideal[lost] = (tie_points.pixel[lost] - cameras[index].principal_point_px) / cameras[index].focal_px
+        ideal[lost] = (pixel[lost] - cameras[index].principal_point_px) / cameras[index].focal_px
     return ideal
+
+
+def ideal_observations(
+    cameras: Sequence[Camera], camera_of: IntArray, tie_points: TiePoints, *, draft: bool = False
+) -> FloatArray:
+    """Return the ideal image-plane coordinates (N, 2) of all observations as ``ideal_pixels`` does; ``camera_of``
+    (photographs,) names their cameras."""
+    return ideal_pixels(cameras, camera_of[tie_points.photograph], tie_points.pixel, draft=draft)
 
 
 def intersect_tie_points(

@@ -39,7 +39,8 @@ def measured(block: Block) -> BoolArray:
 
 def _rays(structure: Structure) -> FloatArray:
     """Return the unit directions (O, 3) in the structure's frame of all observations."""
-    local = np.column_stack([structure.ideal, np.ones(len(structure.ideal))])
+    ideal = structure.ideal(np.ones(len(structure.good), dtype=bool))
+    local = np.column_stack([ideal, np.ones(len(ideal))])
     direction = np.einsum("nij,nj->ni", structure.rotation[structure.tie_points.photograph], local)
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))
 

@@ -57,7 +57,7 @@ class SeedPair:
 def _common(structure: Structure, first: int, second: int) -> tuple[IntArray, IntArray]:
     """Return the observations of two photographs that show the same tie points."""
     tie = structure.tie_points
-    a, b = np.flatnonzero(tie.photograph == first), np.flatnonzero(tie.photograph == second)
+    a, b = structure.observations_of(first), structure.observations_of(second)
     _, i, j = np.intersect1d(tie.point[a], tie.point[b], assume_unique=True, return_indices=True)
     return a[i], b[j]
 
@@ -77,7 +77,7 @@ def seed_pairs(structure: Structure, shared: csr_matrix, candidates: BoolArray) 
         thin = max(1, len(a) // SEED_POINTS)
         focal = structure.parameters[structure.camera_of[[rows[k], columns[k]]], 0].min()
         orientations = relative_orientations(
-            structure.ideal[a[::thin]], structure.ideal[b[::thin]], structure.settings.threshold_px / float(focal)
+            structure.ideal(a[::thin]), structure.ideal(b[::thin]), structure.settings.threshold_px / float(focal)
         )
         if orientations and orientations[0].inliers.sum() * thin >= structure.settings.minimum_points:
             found.append(SeedPair(int(rows[k]), int(columns[k]), orientations))

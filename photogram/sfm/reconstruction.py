@@ -8,7 +8,8 @@ Tests are on residuals in pixels, on the angle between rays, and on the side of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.projection import PARAMETER_NAMES, PARAMETERS, OrientedCameras
 from photogram.survey import TiePoints
-from photogram.triangulation import consensus_intersections, ideal_observations, ray_angles
+from photogram.triangulation import consensus_intersections, ideal_pixels, ray_angles
 
 HUBER = 2.0  # sigmas of an image point, of one pixel where the block has settled
 LARGEST_FOCAL_CHANGE = 2.0  # a factor
@@ -71,8 +72,6 @@ class Structure:
     """Tie points (P, 3), NaN while unknown."""
     good: BoolArray
     """Observations (O,) that agree."""
-    ideal: FloatArray = field(repr=False)
-    """Normalised image coordinates (O, 2)."""
 
     @staticmethod
     def empty(
@@ -91,7 +90,6 @@ class Structure:
             np.array([camera.parameters for camera in cameras]).reshape(-1, PARAMETERS),
             np.full((len(tie_points), 3), np.nan),
             np.zeros(len(tie_points.photograph), dtype=bool),
-            ideal_observations(cameras, camera_of, tie_points),
         )
 
     @staticmethod
@@ -127,6 +125,24 @@ class Structure:
         """Return how many known tie points each photograph (N,) has an image point of."""
         seen = self.known[self.tie_points.point]
         return np.bincount(self.tie_points.photograph[seen], minlength=len(self.camera_of)).astype(np.int64)
+
+    @cached_property
+    def _by_photograph(self) -> tuple[IntArray, IntArray]:
+        """Return the observations (O,) in the order of their photographs, and the first of each (N + 1,)."""
+        photograph = self.tie_points.photograph
+        count = np.bincount(photograph, minlength=len(self.camera_of))
+        return np.argsort(photograph, kind="stable"), np.concatenate([[0], np.cumsum(count)])
+
+    def observations_of(self, photograph: int) -> IntArray:
+        """Return the observations of one photograph, ascending."""
+        order, first = self._by_photograph
+        return order[first[photograph] : first[photograph + 1]]
+
+    def ideal(self, observations: BoolArray | IntArray) -> FloatArray:
+        """Return ideal image-plane coordinates (M, 2) of chosen observations by the calibrations as they stand."""
+        tie = self.tie_points
+        camera, pixel = self.camera_of[tie.photograph[observations]], tie.pixel[observations]
+        return ideal_pixels(self.calibrated(), camera, pixel)
 
     def poses(self) -> tuple[Pose | None, ...]:
         """Return the poses, None for photographs that are not registered."""
@@ -179,7 +195,7 @@ class Structure:
         part = tie.select(wanted, seen)
         limit = np.full(len(part.photograph), self.settings.threshold_px)
         points, agree = consensus_intersections(
-            part.first_observation, part.photograph, part.pixel, self.ideal[chosen], limit, self.as_oriented,
+            part.first_observation, part.photograph, part.pixel, self.ideal(chosen), limit, self.as_oriented,
         )  # fmt: skip
         wide = ray_angles(part, agree, self.position, points) > np.deg2rad(self.settings.minimum_ray_angle_deg)
         points[~wide] = np.nan
@@ -237,8 +253,8 @@ class Structure:
             touched = np.zeros(len(tie), dtype=bool)
             touched[tie.point[chosen & active[tie.photograph]]] = True
             chosen &= touched[tie.point]
-        photographs, photograph = np.unique(tie.photograph[chosen], return_inverse=True)
-        points, point = np.unique(tie.point[chosen], return_inverse=True)
+        photographs, photograph = _numbered(tie.photograph[chosen], len(self.camera_of))
+        points, point = _numbered(tie.point[chosen], len(tie))
         if not len(points):
             return
         sigma = np.array([camera.sigmas for camera in self.cameras])
@@ -254,9 +270,7 @@ class Structure:
         # residuals that are large yet must not outweigh what is known of the calibration
         noise_px = huber_px / HUBER
         result = adjust_bundle(
-            Observations(
-                photograph.astype(np.int64), point.astype(np.int64), tie.pixel[chosen], np.full(len(point), noise_px)
-            ),
+            Observations(photograph, point, tie.pixel[chosen], np.full(len(point), noise_px)),
             start,
             held_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
             free=free,
@@ -281,7 +295,6 @@ class Structure:
         self.point[points] = result.point
         if free.any():
             self.parameters = result.cameras.parameters
-            self.ideal = ideal_observations(self.calibrated(), self.camera_of, tie)
 
     def resect(self, photograph: int) -> bool:
         """Find the pose of a photograph from the tie points that are known, and register it when enough agree.
@@ -289,7 +302,8 @@ class Structure:
         P3P in RANSAC (Grunert 1841; Fischler & Bolles 1981) as OpenCV implements it, refined on all that agree.
         """
         tie, s = self.tie_points, self.settings
-        seen = np.flatnonzero((tie.photograph == photograph) & self.known[tie.point])
+        seen = self.observations_of(photograph)
+        seen = seen[np.isfinite(self.point[tie.point[seen], 0])]
         if len(seen) < s.minimum_points:
             return False
         camera = self.cameras[self.camera_of[photograph]].with_parameters(self.parameters[self.camera_of[photograph]])
@@ -308,6 +322,12 @@ class Structure:
         self.register(photograph, pose)
         self.good[seen] = agree
         return True
+
+
+def _numbered(values: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return which of 0 to ``count`` - 1 occur among ``values`` (M,), and the place (M,) of each value among these."""
+    occurs = np.bincount(values, minlength=count) > 0
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[values]
 
 
 def _believable(given: Camera, parameters: FloatArray) -> bool:
