@@ -194,7 +194,7 @@ def minimise_bundle(
     with limited_threads(len(bundle.tie)) as pool:
         seen = np.concatenate([bundle.tie.photograph, bundle.marks.photograph])
         whole = bool((bundle.layout.place[seen] >= 0).all())
-        system = _System(bundle, SOLVERS[solver], pool, whole)
+        system = _System(bundle, SOLVERS[solver](), pool, whole)
         return minimise(system, state, maximum_iterations, relative_tolerance, watch)
 
 

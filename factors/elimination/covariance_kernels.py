@@ -30,14 +30,14 @@ def two_dots(A: FloatArray, at: int, J: FloatArray, o: int) -> tuple[float, floa
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
-def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, stride: int, H: FloatArray) -> None:
+def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, H: FloatArray) -> None:
     """Add Z_oᵀ (A_o C A_sᵀ) Z_s to H, and its transpose; half of both where the rays are the same.
 
     C is the block of A, column by column, that begins at ``at``.
     """
     v00, v01, v10, v11 = 0.0, 0.0, 0.0, 0.0
     for c in range(6):
-        r0, r1 = two_dots(A, at + c * stride, J, o)
+        r0, r1 = two_dots(A, at + 6 * c, J, o)
         v00 += r0 * J[s, c]
         v01 += r0 * J[s + 1, c]
         v10 += r1 * J[s, c]
@@ -70,12 +70,13 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
-    free_of: IntArray, loss: int, threshold: float, least: float, prior: FloatArray, stride: int, inverse: FloatArray,
-    own: FloatArray, T: FloatArray, border: FloatArray, result: FloatArray,
+    free_of: IntArray, loss: int, threshold: float, least: float, prior: FloatArray,
+    block_at: IntArray, pairs: FloatArray, own: FloatArray, T: FloatArray, border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
     """Fill the covariances (P, 3, 3) of a range of points; returns the first that is singular, −1 when none is.
 
-    ``inverse`` (flat) of the poses' matrix, ``own`` (free, 6, 6) its diagonal blocks, ``T`` (free, border, 6), flat.
+    ``pairs`` (flat) the blocks of the inverse of the poses' matrix, numbered by ``block_at``, ``own`` (free, 6, 6) its
+    diagonal blocks, ``T`` (free, border, 6), flat.
     """
     longest, n = 1, len(border)
     for p in range(begin, end):
@@ -111,9 +112,9 @@ def covariances_of_points(
                 if low < 0:
                     continue
                 if low == at:
-                    add_pair(o, 2 * (other - first[p]), J, own, 36 * at, 6, H)
+                    add_pair(o, 2 * (other - first[p]), J, own, 36 * at, H)
                 else:
-                    add_pair(o, 2 * (other - first[p]), J, inverse, 6 * low * stride + 6 * at, stride, H)
+                    add_pair(o, 2 * (other - first[p]), J, pairs, 36 * block_at[low, at - low], H)
         for k in range(3):
             for s in range(n):
                 value = 0.0

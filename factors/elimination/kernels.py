@@ -233,8 +233,9 @@ def add_six(A: FloatArray, at: int, p: Six, m: float, s: Six, n: float) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
-def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, stride: int, origin: int) -> None:
-    """Subtract A_iᵀ Z_i Z_jᵀ A_j of all pairs of a point's rays, in the order of the band, from the flat matrix."""
+def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, block_at: IntArray, start: int) -> None:
+    """Subtract A_iᵀ Z_i Z_jᵀ A_j of all pairs of a point's rays, in the order of the band, from their blocks of A
+    (flat), the first of which is number ``start``."""
     for j in range(count):
         if place[j] < 0:
             continue
@@ -246,26 +247,25 @@ def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, st
             J[2 * j + 1, 11],
             J[2 * j + 1, 12],
         )
-        column = 6 * (place[j] - origin) * stride
         for i in range(j + 1, count):
             c, d = 2 * i, 2 * i + 1
             k00 = -J[c, 10] * z00 - J[c, 11] * z01 - J[c, 12] * z02
             k01 = -J[c, 10] * z10 - J[c, 11] * z11 - J[c, 12] * z12
             k10 = -J[d, 10] * z00 - J[d, 11] * z01 - J[d, 12] * z02
             k11 = -J[d, 10] * z10 - J[d, 11] * z11 - J[d, 12] * z12
-            corner = column + 6 * (place[i] - origin)
+            corner = 36 * (block_at[place[j], place[i] - place[j]] - start)
             p = (J[c, 0], J[c, 1], J[c, 2], J[c, 3], J[c, 4], J[c, 5])
             s = (J[d, 0], J[d, 1], J[d, 2], J[d, 3], J[d, 4], J[d, 5])
             if place[i] != place[j]:
                 for b in range(6):
                     m, n = k00 * J[2 * j, b] + k01 * J[2 * j + 1, b], k10 * J[2 * j, b] + k11 * J[2 * j + 1, b]
-                    add_six(A, corner + b * stride, p, m, s, n)
+                    add_six(A, corner + 6 * b, p, m, s, n)
                 continue
             for b in range(6):  # twice in one photograph: the block and its transpose, the lower half of each
                 m, n = k00 * J[2 * j, b] + k01 * J[2 * j + 1, b], k10 * J[2 * j, b] + k11 * J[2 * j + 1, b]
                 for a in range(6):
                     value = J[c, a] * m + J[d, a] * n
-                    A[corner + min(a, b) * stride + max(a, b)] += 2.0 * value if a == b else value
+                    A[corner + 6 * min(a, b) + max(a, b)] += 2.0 * value if a == b else value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
@@ -352,10 +352,10 @@ def add_border(
 def accumulate(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
-    free_of: IntArray, loss: int, threshold: float, least: float, damping: float, prior: FloatArray, origin: int,
-    stride: int, A: FloatArray, Q: FloatArray, H: FloatArray,
+    free_of: IntArray, loss: int, threshold: float, least: float, damping: float, prior: FloatArray,
+    block_at: IntArray, start: int, A: FloatArray, Q: FloatArray, H: FloatArray,
 ) -> int:  # fmt: skip
-    """Add the points of a range to A, from photograph ``origin`` of the band on, Q and H.
+    """Add the points of a range to A, whose first block is number ``start``, Q and H.
 
     Returns the first point that cannot be eliminated, −1 when all can.
     """
@@ -387,7 +387,7 @@ def accumulate(
             place[o] = place_of[photograph[first[p] + o]]
             if place[o] >= 0:
                 add_pose(place[o] * share, 2 * o, own[o], slots, slot_of, J, y, Yc, Q)
-        subtract_pairs(count, place, J, A, stride, origin)
+        subtract_pairs(count, place, J, A, block_at, start)
     return -1
 
 

@@ -19,10 +19,11 @@ from typing import TypeVar
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
+from photogram.compilation import njit
 from photogram.factors.elimination.covariance_kernels import covariances_of_points
 from photogram.factors.elimination.kernels import accumulate, cost_of_points, substitute_points
 from photogram.factors.elimination.loss import Loss
-from photogram.factors.elimination.reduced import Layout, NormalEquations
+from photogram.factors.elimination.reduced import Layout, NormalEquations, blocks_of
 from photogram.factors.elimination.reprojection import Observations
 from photogram.projection import OrientedCameras, without_fields
 
@@ -54,28 +55,53 @@ def first_observations(point: IntArray, count: int) -> IntArray:
     return np.searchsorted(point, np.arange(count + 1)).astype(np.int64)
 
 
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def _in_band_order(number: IntArray, place: IntArray, points: int, places: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the points in the order of their lowest place, the index of each one's first observation in what follows,
+    and the observations, sorted by these points, then by ``place`` (N,), −1 first; ``number`` (N,) is their point."""
+    lowest = np.full(points, places)
+    for i in range(len(number)):
+        if place[i] >= 0:
+            lowest[number[i]] = min(lowest[number[i]], place[i])
+    begin = np.zeros(places + 2, np.int64)
+    for p in range(points):
+        begin[lowest[p] + 1] += 1
+    begin = np.cumsum(begin)
+    order, rank = np.empty(points, np.int64), np.empty(points, np.int64)
+    for p in range(points):
+        rank[p] = begin[lowest[p]]
+        order[rank[p]] = p
+        begin[lowest[p]] += 1
+    first = np.zeros(points + 1, np.int64)
+    for i in range(len(number)):
+        first[rank[number[i]] + 1] += 1
+    first = np.cumsum(first)
+    found, end = np.empty(len(number), np.int64), first[:-1].copy()
+    for i in range(len(number)):
+        p = rank[number[i]]
+        k = end[p]
+        while k > first[p] and place[found[k - 1]] > place[i]:
+            found[k] = found[k - 1]
+            k -= 1
+        found[k] = i
+        end[p] += 1
+    return order, first, found
+
+
 def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays:
     """Lay out observations for the points ``index`` (P,), ascending; each of its points must be among them."""
-    o, last = observations, len(layout.place)
-    place = layout.place[o.photograph]
-    number = np.searchsorted(index, o.point)
-    lowest = np.full(len(index), last, dtype=np.int64)
-    np.minimum.at(lowest, number, np.where(place < 0, last, place))
-    points = np.argsort(lowest, kind="stable")
-    rank = np.empty(len(index), dtype=np.int64)
-    rank[points] = np.arange(len(index))
-    order = np.argsort(rank[number] * (last + 1) + place + 1, kind="stable")
-    first = first_observations(rank[number[order]], len(index))
+    o = observations
+    number_of = np.zeros(int(index.max(initial=-1)) + 1, dtype=np.int64)
+    number_of[index] = np.arange(len(index))
+    points, first, order = _in_band_order(
+        number_of[o.point], layout.place[o.photograph], len(index), len(layout.photograph_at)
+    )
     chunks = 1 if len(o) < MANY_OBSERVATIONS else CHUNKS
     edges = np.searchsorted(first, np.linspace(0, len(o), chunks + 1)[1:-1]).tolist()
     edges = [0, *edges, len(index)]
-    return Rays(
-        index[points],
-        first,
-        o.photograph[order],
-        np.column_stack([o.pixel[order], 1.0 / o.sigma_px[order]]),
-        tuple(pairwise(edges)),
-    )
+    measured = np.empty((len(o), 3))
+    measured[:, :2], measured[:, 2] = o.pixel[order], 1.0 / o.sigma_px[order]
+    return Rays(index[points], first, o.photograph[order], measured, tuple(pairwise(edges)))
 
 
 def in_chunks(work: Callable[[int, int], T], rays: Rays, pool: ThreadPoolExecutor | None) -> list[T]:
@@ -117,19 +143,19 @@ def eliminate(
     free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> tuple[int, int, NormalEquations]:
-        origin, last = (0, layout.free - 1) if whole else _span(rays, layout, begin, end)
-        part = normal if whole else normal.part(origin, last)
+        start, stop = (0, 0) if whole else _blocks(rays, layout, begin, end)
+        part = normal if whole else normal.part(start, stop)
         failed = accumulate(
             begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
-            points.prior, origin, layout.stride, part.A, part.Q.reshape(-1), part.H,
+            points.prior, layout.block_at, start, part.A.reshape(-1), part.Q.reshape(-1), part.H,
         )  # fmt: skip
-        return int(failed), origin, part
+        return int(failed), start, part
 
     worst = -1
-    for failed, origin, part in in_chunks(work, rays, pool):
+    for failed, start, part in in_chunks(work, rays, pool):
         if not whole:
-            normal.add(part, origin)
+            normal.add(part, start)
         worst = failed if worst < 0 else worst
     return worst
 
@@ -155,11 +181,13 @@ def observation_cost(
     return sum(in_chunks(work, rays, pool))
 
 
-def _span(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
-    """Return the first and last place in the band of the photographs that see the points of a range."""
+def _blocks(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
+    """Return the range of the blocks of the photographs that see the points of a range."""
     places = layout.place[rays.photograph[rays.first[begin] : rays.first[end]]]
     places = places[places >= 0]
-    return (int(places.min()), int(places.max())) if len(places) else (0, 0)
+    if not len(places):
+        return 0, 0
+    return int(layout.first_block[places.min()]), int(layout.first_block[places.max() + 1])
 
 
 def substitute(
@@ -215,6 +243,7 @@ def point_covariances(
     rows = np.arange(layout.columns).reshape(-1, 6)
     low, high = np.minimum(rows[:, :, None], rows[:, None, :]), np.maximum(rows[:, :, None], rows[:, None, :])
     own = inverse[low * layout.stride + high].reshape(-1)
+    pairs = blocks_of(inverse, layout.block_at, int(layout.first_block[-1]), layout.stride).reshape(-1)
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
     free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)
@@ -224,7 +253,7 @@ def point_covariances(
             covariances_of_points(
                 begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
                 points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature,
-                points.prior, layout.stride, inverse, own, turned, border, result,
+                points.prior, layout.block_at, pairs, own, turned, border, result,
             )
         )  # fmt: skip
 

@@ -7,9 +7,10 @@ joins to another variable (a distance between two of them, for one), which hence
 eliminated last, by its Schur complement E − Bᵀ A⁻¹ B. Blocks of the inverse come from the recursion of Takahashi et al.
 (1973), panel by panel.
 
-Element (r, c), r ≥ c, of A lies at ``c · stride + r`` of a flat array. With a stride of kd this is LAPACK's lower band
-storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as half of the system is
-kept dense, and whoever adds to A need not know.
+A is filled as blocks of the photographs that have points in common, one after the other in memory, and becomes a band
+to be factored. Element (r, c), r ≥ c, of that lies at ``c · stride + r`` of a flat array. With a stride of kd this is
+LAPACK's lower band storage of kd subdiagonals, with a stride of n the lower half of a dense matrix: a band as wide as
+half of the system is kept dense.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from photogram.compilation import njit
 from photogram.factors.elimination.levenberg_marquardt import Singular
 from photogram.projection import PARAMETERS
 
-PANEL = 48  # columns of the inverse computed together
+PANEL = 48  # columns of the band worked on together
+COLUMNS_AT_ONCE = 4  # right-hand sides from which they are
 
 
 class SingularError(Singular):
@@ -49,7 +51,8 @@ class Layout:
     number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
     because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
     between the offsets and these; ``rigs`` (K,) ascending numbers of the rigs whose relative poses are the last of
-    them.
+    them. ``block_at`` (free, reach + 1) is the number of the block of a place in the band and that so many places
+    after it, −1 where they have no points in common; numbers ascend along the band.
     """
 
     place: IntArray
@@ -59,6 +62,7 @@ class Layout:
     unit: FloatArray
     offset_column: int
     border: int
+    block_at: IntArray
     coupled: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     common: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     rigs: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -101,6 +105,21 @@ class Layout:
     def stride(self) -> int:
         """Return the distance of two columns of A in memory, less one in a band."""
         return self.columns if self.dense else 6 * self.reach + 5
+
+    @property
+    def size(self) -> int:
+        """Return the number of elements of the flat matrix of the poses."""
+        return self.columns * (self.stride if self.dense else self.stride + 1)
+
+    @property
+    def first_block(self) -> IntArray:
+        """Return the number (free + 1,) of the first block of each place in the band."""
+        return np.concatenate([[0], np.cumsum(np.count_nonzero(self.block_at >= 0, axis=1))])
+
+    def element(self, row: IntArray, column: IntArray) -> IntArray:
+        """Return where in the blocks elements of the poses' matrix stand, on or below its diagonal blocks."""
+        block = self.block_at[column // 6, row // 6 - column // 6]
+        return np.asarray(36 * block + 6 * (column % 6) + row % 6)
 
     @property
     def free_parameters(self) -> tuple[IntArray, IntArray]:
@@ -189,7 +208,12 @@ def make_layout(
     rank[order] = np.arange(len(free))
     place = np.full(len(held), -1, dtype=np.int64)
     place[free] = rank
-    reach = int(np.abs(rank[rows] - rank[columns]).max(initial=0))
+    after = rank[rows] - rank[columns]
+    reach = int(after.max(initial=0))
+    block_at = np.full((len(free), reach + 1), -1, dtype=np.int64)
+    block_at[:, 0] = 0  # a photograph may see a point twice
+    block_at[rank[columns[after > 0]], after[after > 0]] = 0
+    block_at[block_at == 0] = np.arange(np.count_nonzero(block_at == 0))
     size = np.count_nonzero(unit > 0, axis=1)
     column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
     offset_column = int(size.sum())
@@ -198,14 +222,15 @@ def make_layout(
     common = np.zeros(0, dtype=np.int64) if common is None else common
     common = np.concatenate([common, np.full(len(rigs), 6, dtype=np.int64)])
     border = offset_column + 3 * (offsets + len(coupled)) + int(common.sum())
-    return Layout(place, free[order], reach, column, unit, offset_column, border, coupled, common, rigs)
+    return Layout(place, free[order], reach, column, unit, offset_column, border, block_at, coupled, common, rigs)
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
     """The reduced normal equations of a layout, filled in place.
 
-    ``A`` (flat) lower part of the poses' matrix but for its diagonal blocks. ``Q`` (free, 48 + 6 border) holds for each
+    ``A`` (blocks, 36) blocks of the poses' matrix below its diagonal, column by column, as the layout numbers them, and
+    of the diagonal what photographs that see a point twice add. ``Q`` (free, 48 + 6 border) holds for each
     photograph its diagonal block, the diagonal before the elimination of points, the right-hand side and the columns of
     B; ``H`` (border + 2, border) the lower part of the border's matrix, its diagonal before elimination and its
     right-hand side.
@@ -217,21 +242,20 @@ class NormalEquations:
     H: FloatArray
 
     @staticmethod
-    def zero(layout: Layout, size: int | None = None) -> NormalEquations:
-        """Return empty normal equations, with a flat matrix of ``size``."""
-        n, k = layout.columns, layout.border
-        size = n * (layout.stride if layout.dense else layout.stride + 1) if size is None else size
-        return NormalEquations(layout, np.zeros(size), np.zeros((layout.free, 48 + 6 * k)), np.zeros((k + 2, k)))
+    def zero(layout: Layout, blocks: int | None = None) -> NormalEquations:
+        """Return empty normal equations, with so many ``blocks``, or all."""
+        k, blocks = layout.border, int(layout.first_block[-1]) if blocks is None else blocks
+        return NormalEquations(
+            layout, np.zeros((blocks, 36)), np.zeros((layout.free, 48 + 6 * k)), np.zeros((k + 2, k))
+        )
 
-    def part(self, origin: int, last: int) -> NormalEquations:
-        """Return empty normal equations for points seen by the places ``origin`` to ``last`` of the band alone."""
-        n = 6 * (last + 1 - origin)
-        return NormalEquations.zero(self.layout, (n - 1) * (self.layout.stride + 1) + 1 if n else 0)
+    def part(self, begin: int, end: int) -> NormalEquations:
+        """Return empty normal equations with the blocks ``begin`` to ``end`` alone."""
+        return NormalEquations.zero(self.layout, end - begin)
 
-    def add(self, part: NormalEquations, origin: int) -> None:
-        """Add a part that begins at ``origin`` of the band."""
-        start = 6 * origin * (self.layout.stride + 1)
-        self.A[start : start + len(part.A)] += part.A
+    def add(self, part: NormalEquations, begin: int) -> None:
+        """Add a part whose blocks start at ``begin``."""
+        self.A[begin : begin + len(part.A)] += part.A
         self.Q[...] += part.Q
         self.H[...] += part.H
 
@@ -277,11 +301,13 @@ class NormalEquations:
         """Return the diagonal (6 free + border,) of the reduced system."""
         return np.concatenate([np.einsum("naa->na", self.U).ravel(), np.diag(self.E)])
 
-    def damped_poses(self, damping: float) -> FloatArray:
-        """Return the poses' matrix (flat) with its diagonal raised by ``damping`` times D."""
-        A = self.A.copy()
-        _fill_diagonal(A, self.U, self.layout.stride)
-        A[np.arange(self.layout.columns) * (self.layout.stride + 1)] += damping * self.D
+    def damped_poses(self, damping: float, memory: FloatArray | None = None) -> FloatArray:
+        """Return the poses' matrix (flat) with its diagonal raised by ``damping`` times D; in ``memory`` if given."""
+        layout = self.layout
+        A = np.empty(layout.size) if memory is None else memory
+        A[:] = 0.0
+        _fill(A, self.A, layout.block_at, self.U, layout.stride)
+        A[np.arange(layout.columns) * (layout.stride + 1)] += damping * self.D
         return A
 
     def damped_border(self, damping: float) -> FloatArray:
@@ -290,14 +316,21 @@ class NormalEquations:
         E[np.diag_indices(len(E))] += damping * self.F
         return E
 
-    def factor(self, damping: float = 0.0, scale: FloatArray | None = None, shift: float = 0.0) -> Factor:
+    def factor(
+        self,
+        damping: float = 0.0,
+        scale: FloatArray | None = None,
+        shift: float = 0.0,
+        memory: FloatArray | None = None,
+    ) -> Factor:
         """Factor the system: its diagonal raised by ``damping`` times D and F; or, with ``scale`` (6 free + border,),
-        its rows and columns divided by it; then ``shift`` added to the diagonal.
+        its rows and columns divided by it; then ``shift`` added to the diagonal. The factor of the poses is made in
+        ``memory`` (layout.size,) if given.
 
         Raises SingularError where it is not positive definite.
         """
         layout, m = self.layout, self.layout.columns
-        A, B, E = self.damped_poses(damping), self.B, self.damped_border(damping)
+        A, B, E = self.damped_poses(damping, memory), self.B, self.damped_border(damping)
         at = np.arange(m) * (layout.stride + 1)
         if scale is not None:
             scale_matrix(A, scale, layout)
@@ -355,15 +388,36 @@ class Terms:
         normal.H[-2] += np.diag(self.border)
         normal.H[-1] += self.border_gradient
         if len(self.between):
-            np.add.at(normal.A, self.between_at[:, 1] * layout.stride + self.between_at[:, 0], self.between)
+            np.add.at(normal.A.reshape(-1), layout.element(*self.between_at.T), self.between)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _fill_diagonal(A: FloatArray, U: FloatArray, stride: int) -> None:
+def _fill(A: FloatArray, blocks: FloatArray, block_at: IntArray, U: FloatArray, stride: int) -> None:
     for n in range(len(U)):
-        for c in range(6):
-            for r in range(c, 6):
-                A[(6 * n + c) * stride + 6 * n + r] += U[n, c, r]
+        for after in range(block_at.shape[1]):
+            k = block_at[n, after]
+            if k < 0:
+                continue
+            for c in range(6):
+                at = (6 * n + c) * stride + 6 * (n + after)
+                for r in range(0 if after else c, 6):
+                    A[at + r] = blocks[k, 6 * c + r] if after else blocks[k, 6 * c + r] + U[n, c, r]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def blocks_of(A: FloatArray, block_at: IntArray, count: int, stride: int) -> FloatArray:
+    """Return the blocks (count, 36) that a flat matrix has where ``block_at`` (free, reach + 1) says."""
+    blocks = np.zeros((count, 36))
+    for n in range(len(block_at)):
+        for after in range(block_at.shape[1]):
+            k = block_at[n, after]
+            if k < 0:
+                continue
+            for c in range(6):
+                at = (6 * n + c) * stride + 6 * (n + after)
+                for r in range(0 if after else c, 6):
+                    blocks[k, 6 * c + r] = A[at + r]
+    return blocks
 
 
 def scale_matrix(A: FloatArray, scale: FloatArray, layout: Layout) -> None:
@@ -465,9 +519,37 @@ def _solve_poses(layout: Layout, L: FloatArray, right: FloatArray) -> FloatArray
         return right.copy()
     if layout.dense:
         solution, _ = lapack.dpotrs(_matrix(layout, L), right, lower=1)
-    else:
+    elif right.shape[1] < COLUMNS_AT_ONCE or layout.stride < PANEL:
         solution, _ = lapack.dpbtrs(_matrix(layout, L), right, lower=1)
+    else:
+        return _solve_in_panels(layout, L, right)
     return np.ascontiguousarray(solution)
+
+
+def _solve_in_panels(layout: Layout, L: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve for all columns of ``right`` together, where LAPACK would read the band once for each of them."""
+    X, n, kd = np.ascontiguousarray(right).copy(), layout.columns, layout.stride
+    starts = range(0, n, PANEL)
+
+    def panels(start: int) -> tuple[FloatArray, FloatArray, list[tuple[FloatArray, FloatArray]]]:
+        size = min(PANEL, n - start)
+        rows = min(n - start, size + kd)
+        panel, whole = _panel(L, start, rows, size, kd)[0], min(rows, kd + 1)
+        last = np.triu(panel[whole:], whole - kd)  # beyond the band there is the next column
+        below, end = X[start + size : start + rows], whole - size
+        return X[start : start + size], panel[:size], [(panel[size:whole], below[:end]), (last, below[end:])]
+
+    for start in starts:
+        own, triangle, parts = panels(start)
+        own[...] = blas.dtrsm(1.0, triangle, own, lower=1)
+        for part, below in parts:
+            below -= part @ own
+    for start in reversed(starts):
+        own, triangle, parts = panels(start)
+        for part, below in parts:
+            own -= part.T @ below
+        own[...] = blas.dtrsm(1.0, triangle, own, lower=1, trans_a=1)
+    return X
 
 
 def _factor(layout: Layout, A: FloatArray, B: FloatArray, E: FloatArray) -> Factor:

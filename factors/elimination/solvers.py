@@ -8,6 +8,7 @@ calibrations and offsets, which is eliminated last.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
@@ -23,12 +24,19 @@ Solver = Callable[[NormalEquations, float], tuple[FloatArray, FloatArray]]
 GROUP = 16  # photographs of one variable
 
 
-def solve_banded(normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-    """Return the steps of poses (6 free,) and border, the diagonal raised by ``damping`` times that before elimination.
+@dataclass(eq=False)
+class Banded:
+    """The solver by a Cholesky factor, in memory that is kept from one solution to the next: a band of thousands of
+    photographs takes half a gigabyte, which the system would give and take back at every step."""
 
-    Raises SingularError where the system is not positive definite.
-    """
-    return normal.factor(damping).solve(normal.g, normal.h)
+    memory: FloatArray = field(default_factory=lambda: np.empty(0), repr=False)
+
+    def __call__(self, normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Return the steps of poses (6 free,) and border, the diagonal raised by ``damping`` times that before
+        elimination. Raises SingularError where the system is not positive definite."""
+        if len(self.memory) != normal.layout.size:
+            self.memory = np.empty(normal.layout.size)
+        return normal.factor(damping, memory=self.memory).solve(normal.g, normal.h)
 
 
 def _block(A: FloatArray, layout: Layout, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
@@ -66,7 +74,7 @@ def _graph(normal: NormalEquations, damping: float, edges: list[int]) -> gtsam.G
 
 
 def solve_with_gtsam(normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-    """Return the steps as ``solve_banded`` does, GTSAM eliminating groups of photographs in the order of the band."""
+    """Return the steps as ``Banded`` does, GTSAM eliminating groups of photographs in the order of the band."""
     layout = normal.layout
     edges = [*range(0, layout.columns, 6 * GROUP), layout.columns]
     graph, ordering = _graph(normal, damping, edges), gtsam.Ordering()
@@ -87,4 +95,4 @@ def _first_column(message: str, edges: list[int]) -> int:
     return edges[min(numbers[0], len(edges) - 1)] if numbers else 0
 
 
-SOLVERS: dict[SolverName, Solver] = {"banded": solve_banded, "gtsam": solve_with_gtsam}
+SOLVERS: dict[SolverName, Callable[[], Solver]] = {"banded": Banded, "gtsam": lambda: solve_with_gtsam}

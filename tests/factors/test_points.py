@@ -91,9 +91,7 @@ class Case:
 def dense(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
     """The reduced normal matrix and its right-hand side."""
     layout, m = normal.layout, normal.layout.columns
-    A = lower(layout, normal.A)
-    for n, block in enumerate(normal.U):
-        A[6 * n : 6 * n + 6, 6 * n : 6 * n + 6] += block
+    A = lower(layout, normal.damped_poses(0.0))
     return np.block([[A, normal.B], [normal.B.T, normal.E]]), np.concatenate([normal.g, normal.h])[: m + layout.border]
 
 
@@ -289,12 +287,9 @@ def filled(layout: Layout, rng: np.random.Generator) -> NormalEquations:
     for a in range(n):
         normal.Q[a, :36] = (20.0 * (layout.reach + 1) * np.eye(6)).ravel()
         for b in range(a):
-            if a - b > layout.reach and not layout.dense:
-                continue
-            block = rng.standard_normal((6, 6))
-            for c in range(6):
-                start = (6 * b + c) * layout.stride + 6 * a
-                normal.A[start : start + 6] = block[:, c]
+            block = layout.block_at[b, a - b] if a - b <= layout.reach else -1
+            if block >= 0:
+                normal.A[block] = rng.standard_normal(36)
     normal.Q[:, 48:] = rng.standard_normal((n, 6 * k))
     normal.H[:-2] = m * np.eye(k)
     normal.Q[:, 42:48], normal.H[-1] = rng.standard_normal((n, 6)), rng.standard_normal(k)
