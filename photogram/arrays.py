@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 NMAD_FACTOR = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
@@ -22,6 +23,14 @@ ByteArray = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 
 Int32Array = NDArray[np.int32]
+
+
+def grouped(number: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return the indices (N,) of numbers below ``count`` in the order of the numbers, those of one ascending, and where
+    each number begins among them (count + 1,)."""
+    n = len(number)
+    by_number = csr_array((np.arange(n), number, np.arange(n + 1)), shape=(n, count)).tocsc()
+    return by_number.indices.astype(np.int64), by_number.indptr.astype(np.int64)
 
 
 def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:

@@ -8,6 +8,7 @@ singular value.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
+from photogram.machine import cores
 from photogram.projection import OrientedCameras, centre_at_row, project_at_row, without_fields
 from photogram.survey import Block, TiePoints
 
 MANY_PAIRS = 66  # all pairs of twelve rays
+POINTS_AT_ONCE = 5000  # that one thread intersects
 
 
 def projection_matrices(poses: Sequence[Pose]) -> FloatArray:
@@ -206,6 +209,8 @@ def _consensus(
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _consensus_of_all(
+    begin: int,
+    end: int,
     first: IntArray,
     photograph: IntArray,
     pixel: FloatArray,
@@ -213,11 +218,10 @@ def _consensus_of_all(
     ideal: FloatArray,
     limit_px: FloatArray,
     cameras: OrientedCameras,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    count = len(first) - 1
-    points = np.full((count, 3), np.nan)
-    inlier = np.zeros(len(photograph), dtype=np.bool_)
-    for p in range(count):
+    points: FloatArray,
+    inlier: NDArray[np.bool_],
+) -> None:
+    for p in range(begin, end):
         support = _consensus(
             first[p],
             first[p + 1],
@@ -233,7 +237,6 @@ def _consensus_of_all(
         if support < 2:
             points[p] = np.nan
             inlier[first[p] : first[p + 1]] = False
-    return points, inlier
 
 
 def consensus_intersections(
@@ -252,7 +255,17 @@ def consensus_intersections(
     1981).
     """
     bare = without_fields(cameras, photograph, pixel)
-    found: tuple[FloatArray, NDArray[np.bool_]] = _consensus_of_all(
-        first, photograph, pixel, bare, ideal, limit_px, cameras
-    )
-    return found
+    count = len(first) - 1
+    points, inlier = np.full((count, 3), np.nan), np.zeros(len(photograph), dtype=np.bool_)
+
+    def work(part: tuple[int, int]) -> None:
+        _consensus_of_all(*part, first, photograph, pixel, bare, ideal, limit_px, cameras, points, inlier)
+
+    parts = [(begin, min(begin + POINTS_AT_ONCE, count)) for begin in range(0, count, POINTS_AT_ONCE)]
+    if len(parts) < 2 or cores() == 1:
+        for part in parts:
+            work(part)
+    else:
+        with ThreadPoolExecutor(cores()) as pool:
+            list(pool.map(work, parts))
+    return points, inlier

@@ -64,6 +64,15 @@ def robust_terms(whitened: FloatArray, loss: RobustLoss, threshold: float) -> tu
     return cost, np.where(outer, threshold / np.maximum(norm, threshold), 1.0), np.where(outer, 0.0, 1.0)
 
 
+def robust_weight(square: FloatArray, loss: RobustLoss, threshold: float) -> FloatArray:
+    """Return the weight ρ' (N,) of ``robust_terms`` alone, from the squared norms (N,) of whitened residuals."""
+    if loss == "none":
+        return np.ones_like(square)
+    if loss == "cauchy":
+        return 1.0 / (1.0 + square / threshold**2)
+    return np.minimum(1.0, threshold / np.sqrt(np.maximum(square, threshold**2)))
+
+
 def steer(
     whitened: FloatArray, loss: RobustLoss, threshold: float, least_curvature: float
 ) -> tuple[FloatArray, FloatArray]:

@@ -33,7 +33,7 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     graph = ground_graph(problem)
     image = 2 * (len(problem.tie) + len(problem.marks))
     ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
-    points = 3 * (len(np.unique(problem.tie.point)) + len(state.control) + len(state.offset))
+    points = 3 * (int(np.count_nonzero(np.bincount(problem.tie.point))) + len(state.control) + len(state.offset))
     unknowns = 6 * len(block.photographs) + points + len(state.common) + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.cameras, state.tie_point)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import FloatArray, IntArray, grouped
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -113,19 +113,19 @@ def within_depths(block: Block, state: State, used: NDArray[np.bool_], points: F
     ch. 2), of inverse depths and with wider quantiles: a facade and the ground before it are both usual.
     """
     tie = block.tie_points
-    unknown = np.isnan(points[tie.point, 0])
-    seen = np.flatnonzero(used & ~unknown)
+    seen = np.flatnonzero(used & ~np.isnan(points[:, 0])[tie.point])
     photograph, point = tie.photograph[seen], tie.point[seen]
-    near = _inverse_depths(block, state, seen, points)
-    count = np.bincount(photograph, minlength=len(block.photographs))
-    fenced = count >= FEWEST_DEPTHS
+    near, photographs = _inverse_depths(block, state, seen, points), len(block.photographs)
+    order, first = grouped(photograph, photographs)
+    fenced = np.diff(first) >= FEWEST_DEPTHS
     if not fenced.any():
         return used
-    first = np.where(fenced, np.cumsum(count) - count, 0)
-    ordered = near[np.lexsort((near, photograph))]
-    lower, middle, upper = (
-        ordered[first + np.where(fenced, share * (count - 1), 0).astype(np.int64)] for share in (TAIL, 0.5, 1.0 - TAIL)
-    )
+    quantile = np.zeros((3, photographs))
+    for k in np.flatnonzero(fenced).tolist():
+        count = int(first[k + 1] - first[k])
+        at = [int(share * (count - 1)) for share in (TAIL, 0.5, 1.0 - TAIL)]
+        quantile[:, k] = np.partition(near[order[first[k] : first[k + 1]]], at)[at]
+    lower, middle, upper = quantile
     reach = FENCE_RANGES * (upper - lower) + FENCE_SHARE * middle
     beyond = (near > (upper + reach)[photograph]) | (near < (lower - reach)[photograph])
     outside = np.bincount(point[beyond & fenced[photograph]], minlength=len(tie))

@@ -100,7 +100,8 @@ def solve_rounds(
         if number == 1 and not last and first > settings.first_outlier_threshold_px:
             # Poses so far off would bend the calibration to fit them.
             problem = replace(problem, block=_with_cameras_held(whole.block))
-        progress(f"round {number}: {len(problem.tie)} observations of {len(np.unique(problem.tie.point))} tie points")
+        seen = np.count_nonzero(np.bincount(problem.tie.point))
+        progress(f"round {number}: {len(problem.tie)} observations of {seen} tie points")
         if last and reached is not None:
             state = renewed(problem, reached, together=True)
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)

@@ -14,7 +14,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray, grouped
 from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project
 from photogram.errors import check_range
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
@@ -129,9 +129,7 @@ class Structure:
     @cached_property
     def _by_photograph(self) -> tuple[IntArray, IntArray]:
         """Return the observations (O,) in the order of their photographs, and the first of each (N + 1,)."""
-        photograph = self.tie_points.photograph
-        count = np.bincount(photograph, minlength=len(self.camera_of))
-        return np.argsort(photograph, kind="stable"), np.concatenate([[0], np.cumsum(count)])
+        return grouped(self.tie_points.photograph, len(self.camera_of))
 
     def observations_of(self, photograph: int) -> IntArray:
         """Return the observations of one photograph, ascending."""

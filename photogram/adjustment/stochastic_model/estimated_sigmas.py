@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.factors.elimination.loss import robust_terms
+from photogram.factors.elimination.loss import robust_terms, robust_weight
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -89,12 +89,12 @@ def tie_groups(block: Block) -> TieGroups:
     tie, names = block.tie_points, [camera.name for camera in block.cameras]
     camera_of = np.array([names.index(name) for name in names], dtype=np.int64)[block.camera_of]
     code = 2 * camera_of[tie.photograph] + (tie.feature == TRANSFERRED)
-    present, group = np.unique(code, return_inverse=True)
+    present = np.bincount(code) > 0
     return TieGroups(
-        group.astype(np.int64),
+        (np.cumsum(present) - 1)[code],
         tie.sigma_px,
-        tuple(names[c // 2] for c in present.tolist()),
-        tuple((KEY_POINTS, CORRELATED)[c % 2] for c in present.tolist()),
+        tuple(names[c // 2] for c in np.flatnonzero(present).tolist()),
+        tuple((KEY_POINTS, CORRELATED)[c % 2] for c in np.flatnonzero(present).tolist()),
         camera_of,
     )
 
@@ -126,18 +126,19 @@ def kept_share(problem: Problem, own: FloatArray, limit: FloatArray) -> FloatArr
     it across its epipolar line. The integrals are taken once for all points of as many rays.
     """
     rays = np.bincount(problem.tie.point)[problem.tie.point]
-    share = np.ones(len(own))
-    for count in np.unique(rays).tolist():
-        mine = rays == count
-        variance = max(float(np.mean(own[mine])), 1e-9)
+    number = np.bincount(rays)
+    of_own, of_limit = np.bincount(rays, weights=own), np.bincount(rays, weights=limit)
+    share = np.ones(len(number))
+    for count in np.flatnonzero(number).tolist():
+        variance = max(float(of_own[count] / number[count]), 1e-9)
         spread = np.sqrt(variance if count == 2 else 0.5 * variance)
-        s = np.linspace(0.0, min(float(np.mean(limit[mine])), 10.0 * spread), _STEPS)
+        s = np.linspace(0.0, min(float(of_limit[count] / number[count]), 10.0 * spread), _STEPS)
         density = np.exp(-0.5 * (s / spread) ** 2) * (1.0 if count == 2 else s)
         _, weight, _ = robust_terms(
             np.column_stack([s, np.zeros_like(s)]), problem.robust_loss, problem.robust_threshold
         )
-        share[mine] = np.trapezoid(weight * s**2 * density, s) / np.trapezoid(density, s) / variance
-    return share
+        share[count] = np.trapezoid(weight * s**2 * density, s) / np.trapezoid(density, s) / variance
+    return share[rays]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class TieScatter:
     def factor(self, of: IntArray, count: int, chosen: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return by numbers ``of`` (N,) below ``count`` the factors of the sigmas that were used, 1 without
         redundancy, and the redundancies; of the observations ``chosen`` (N,) where given."""
-        part = np.ones(len(of), dtype=bool) if chosen is None else chosen
+        part = slice(None) if chosen is None else chosen
         square, expected, redundancy = (
             np.asarray(np.bincount(of[part], weights=w[part], minlength=count), dtype=np.float64)
             for w in (self.square, self.expected, self.redundancy)
@@ -186,12 +187,12 @@ def tie_scatter(
     redundancy = own * share[tie.photograph] * whole / float(left.sum())
     whitened = residuals(tie, state.cameras, state.tie_point)
     of_group = np.bincount(groups.group, weights=redundancy, minlength=len(groups.kind))
+    squared, limit = np.einsum("ij,ij->i", whitened, whitened), limit_px / tie.sigma_px
     factor = np.ones(len(groups.kind))
     for _ in range(_FIXED_POINT_STEPS):
         at = factor[groups.group]
-        _, weight, _ = robust_terms(whitened / at[:, None], problem.robust_loss, problem.robust_threshold)
-        square = weight * np.einsum("ij,ij->i", whitened, whitened)
-        expected = redundancy * kept_share(problem, own, limit_px / (tie.sigma_px * at))
+        square = squared * robust_weight(squared / at**2, problem.robust_loss, problem.robust_threshold)
+        expected = redundancy * kept_share(problem, own, limit / at)
         found = TieScatter(groups.group, tie.photograph, square, redundancy, expected)
         asked, _ = found.factor(groups.group, len(groups.kind))
         asked = np.where(of_group >= LEAST_REDUNDANCY, np.clip(asked, 1.0 / _MOST_CHANGE, _MOST_CHANGE), 1.0)
