@@ -10,9 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from photogram.adjustment.shutters.rolling_shutter import without_rolling
 from photogram.adjustment.stochastic_model.estimated_sigmas import stated_again
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
+from photogram.projection import READOUT
 from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without
 from photogram.quality.gross_errors.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
 from photogram.results import Adjustment, FocalDecision, FocalLength, PhotographsSay
@@ -45,12 +47,17 @@ def _focal_of(result: Adjustment, camera: Camera, c: int) -> tuple[float, float]
 
 def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) -> PhotographsSay:
     """Return what the photographs say of the focal length of camera ``c`` in ``block``, whose prior is wide; ``free``
-    is its adjustment."""
+    is its adjustment, near which ``adjuster`` looks for those of the parts."""
     camera = block.cameras[c]
     focal_px, sigma_px = _focal_of(free, camera, c)
     ties = free.block.tie_points
     camera_of = block.camera_of
-    start = replace(block, poses=free.block.poses, tie_points=stated_again(free.block, free.sigmas).tie_points)
+    global_shutter = [held.sigmas[READOUT] == held.readout_s == 0.0 for held in free.block.cameras]
+    start = replace(
+        without_rolling(block, np.array(global_shutter)),
+        poses=free.block.poses,
+        tie_points=stated_again(free.block, free.sigmas).tie_points,
+    )
     parts: list[tuple[float, float]] = []
     for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
         try:
@@ -98,11 +105,17 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) ->
 
 
 def settle_focal_lengths(
-    block: Block, found: Search, adjuster: Adjuster, progress: Progress, readings_px: Sequence[Sequence[float]] = ()
+    block: Block,
+    found: Search,
+    adjuster: Adjuster,
+    near: Callable[[Adjustment], Adjuster],
+    progress: Progress,
+    readings_px: Sequence[Sequence[float]] = (),
 ) -> tuple[Block | None, dict[str, FocalDecision]]:
     """Return the block with the focal lengths settled whose source ``found`` rejects, and what was decided by camera.
 
-    None in place of the block where what the photographs say stands as it is: ``found`` is then the result.
+    ``near`` gives what adjusts parts of a block that has been adjusted. None in place of the block where what the
+    photographs say stands as it is: ``found`` is then the result.
     """
     rejected = {a.name for a in found.rejected if a.kind == "focal length"}
     decisions: dict[str, FocalDecision] = {}
@@ -112,7 +125,7 @@ def settle_focal_lengths(
             continue
         progress(f"focal length of {given.name}")
         wide = without(block, found.rejected)
-        says = photographs_say(wide, found.result, c, adjuster)
+        says = photographs_say(wide, found.result, c, near(found.result))
         others = without(block, [a for a in found.rejected if a.name != given.name])
         evidence = 0.0 if says.trustworthy else _evidence(others, c, says, adjuster)
         readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))

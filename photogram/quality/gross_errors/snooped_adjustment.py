@@ -53,6 +53,9 @@ OUTVOTED = 0.5
 ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
 """Limits of the adjustment with all blunders, which only shows their effect."""
 
+NEAR_TOLERANCE = 1e-7
+"""Relative tolerance of the adjustments of parts: of 10 000 observations, half of 0.03 sigmas of a focal length."""
+
 MOST_NAMED = 10
 """Most suspects named in an error message."""
 
@@ -96,6 +99,13 @@ class Weighing:
     def adjust(self, block: Block) -> Adjustment:
         """Adjust a block with ``sigmas``."""
         return adjust(block, self.settings, self.progress, start=self.start, sigmas=self.sigmas)
+
+    def near(self, result: Adjustment) -> Adjuster:
+        """Return what adjusts parts of the block of an adjustment, from where that ended, with ``sigmas``: it has
+        rejected what is wrong, so that one round is enough."""
+        settings = replace(self.settings, maximum_rounds=1, relative_tolerance=NEAR_TOLERANCE)
+        start = [camera.parameters for camera in result.block.cameras]
+        return lambda block: adjust(block, settings, self.progress, start=start, sigmas=self.sigmas)
 
     def estimate(self, block: Block) -> Adjustment:
         """Adjust a block and estimate its sigmas."""
@@ -284,7 +294,7 @@ def adjust_and_judge(
         if not size:
             raise
         raise AdjustmentError(f"{size[0].sentence}; without them {fault}") from fault
-    settled, decisions = settle_focal_lengths(block, found, adjuster, progress, readings_px)
+    settled, decisions = settle_focal_lengths(block, found, adjuster, weighing.near, progress, readings_px)
     if settled is not None:
         try:
             found = _with_settled(settled, found, decisions, adjuster)
