@@ -1,6 +1,7 @@
 """What a rolling shutter does to a survey, and what is left of it once its read-out time is estimated.
 
     python benchmarks/rolling_shutter.py [--seeds 20] [--first 1] [--false 100] [--ties 1500] [--correlations 60]
+        [--slow 24]
 
 Simulated observations without rendering: 24 photographs straight down in four strips, every other one at right angles,
 60 m above ground at 8 m/s (a read-out of 33 ms moves the camera by 0.26 m, 6 GSD), positions and speeds that scatter
@@ -21,6 +22,9 @@ RMS error and largest, ms, and z. `found` is the share of surveys in which a rea
 line repeats it for a global shutter on `--false` surveys. `time` is that of the adjustment over that of the global
 shutter, in turn on the same machine.
 
+The slow surveys: 15 photographs in three parallel strips, 5 m/s, images of 0.1 px, positions of 2 m and four control
+points of 3 cm, which alone tell the read-out time; no speeds in the tags. Control points that are rejected are right.
+
 Correlations of the read-out time, as predicted (mean over `--correlations` surveys of 300 tie points, velocities from
 tags) and as the estimates of all surveys have them: with the focal length in one strip with six control points, and
 with a time offset of the positions, which is 0 and estimated, in two strips with a third that looks 25° forward.
@@ -37,6 +41,7 @@ import numpy as np
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.projection import B1, B2, READOUT
+from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import CommonError
 
@@ -56,6 +61,13 @@ ROWS = {
     "tags": replace(PLAN, readout_s=READOUT_S, readout_sigma_s=PRIOR_S, velocity_tags=True),
     "looked for": replace(PLAN, readout_sigma_s=PRIOR_S),
 }
+SLOW = SurveyPlan(
+    width_px=1200, height_px=900, focal_px=1000.0, flying_height_m=60.0, forward_overlap=0.8, side_overlap=0.7,
+    strips=3, photographs_per_strip=5, control_points=4, control_sigma_m=(0.03, 0.03, 0.03), check_points=10,
+    speed_m_s=5.0, readout_s=READOUT_S, readout_sigma_s=PRIOR_S, gnss_offset_sigma_m=(0.0, 0.0, 0.0),
+    gnss_sigma_m=(2.0, 2.0, 3.0), calibration_source="exif",
+    calibration_sigmas=(36.0, 12.0, 12.0, 0.1, 0.1, 0.05, 0.0, 0.003, 0.003, 0.0, 0.0),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -159,6 +171,29 @@ def correlations(surveys: int) -> None:
         print(f"{name:<14}{predicted.mean():6.2f} {np.corrcoef(T, others)[0, 1]:6.2f}", flush=True)
 
 
+def slow(surveys: int) -> None:
+    """Print what becomes of the read-out time, and of the control points, in slow surveys of parallel strips."""
+    found = []
+    for seed in range(1, surveys + 1):
+        made = simulate_block(SLOW, seed, tie_points=3000, sigma_px=0.1)
+        verdict = adjust_and_judge(made.block, AdjustmentSettings())
+        result = verdict.result
+        check = np.array([role == "check" for role in result.block.control_points.role])
+        error_m = (result.ground_world_m - made.truth.control_position_world_m)[check]
+        plan_gsd = rms(np.linalg.norm(error_m[:, :2], axis=1)) / SLOW.gsd_m
+        camera = result.block.cameras[0]
+        found.append((camera.readout_s, float(result.readout_sigma_s[0]), len(verdict.blunders), plan_gsd))
+    T, sigma, blunders, plan_gsd = np.array(found).T
+    off = T - READOUT_S
+    print(
+        f"\nslow surveys, {surveys}: read-out {1e3 * T.min():.1f} to {1e3 * T.max():.1f} ms, mean "
+        f"{1e3 * T.mean():.1f}, off by {1e3 * rms(off):.1f} ms RMS, {rms(off / sigma):.2f} of its sigma; "
+        f"control points rejected in {np.count_nonzero(blunders)}; plan at check points {rms(plan_gsd):.2f} GSD, "
+        f"worst {plan_gsd.max():.2f}",
+        flush=True,
+    )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -167,6 +202,7 @@ def main() -> None:
     parser.add_argument("--false", type=int, default=100, help="surveys with a global shutter, for false alarms")
     parser.add_argument("--ties", type=int, default=1500, help="tie points of a survey")
     parser.add_argument("--correlations", type=int, default=60, help="surveys for the correlations")
+    parser.add_argument("--slow", type=int, default=24, help="slow surveys of parallel strips")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.seeds)
     table("six control points", 6, seeds, given.ties)
@@ -174,6 +210,8 @@ def main() -> None:
     plan = replace(ROWS["looked for"], control_points=0)
     found = sum(run("looked for", plan, seed, 400).significant for seed in range(1001, 1001 + given.false))
     print(f"\nglobal shutters with a significant read-out time: {found} of {given.false}")
+    if given.slow:
+        slow(given.slow)
     if given.correlations:
         correlations(given.correlations)
 

@@ -10,11 +10,20 @@ v₀ those expected, v those of the solution (Schur complement; Förstner & Wrob
 formed: conjugate gradients with the photographs' own blocks as preconditioner need a dozen products (Nocedal & Wright
 2006, sec. 5.1). Photograph by photograph, the points at rest, the same is reached only after dozens of rounds. What
 marks of control points tell of velocities is passed over.
+
+Everything else follows by −S⁻¹ Aᵀ Q J δ, the read-out times among it. Photographs show what they moved by while they
+were read, so that where a read-out time goes from T to T' the departures are T / T' of those at T. The longer it is the
+more do departures of a given σ explain, noise too; it is hence that of the marginal likelihood, in which departures do
+not count as measured: with J ∝ T the logarithm of its determinant grows by ν / T, ν components of velocities being told
+by the images (MacKay 1992, eq. 4.9). With velocities as
+unknowns its variance is eᵀ S⁻¹ e, e its column, and what the departures answer to that: where velocities are off,
+images of a tenth of a pixel say less of a read-out time than the covariance at given velocities by orders of magnitude.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +39,10 @@ from photogram.projection import READOUT, share_at_row
 RELATIVE = 1e-3
 """Residual of the normal equations over their right side, in the preconditioner's norm, at which they are solved."""
 MOST_PRODUCTS = 50
+LARGEST_RATIO = 2.0
+"""Of the read-out times before and after a step, either way."""
+LEAST_LEFT = 0.1
+"""Of the curvature of the joint likelihood in a read-out time, that the marginal one has at least."""
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
@@ -59,28 +72,60 @@ class _System:
         _velocity_pull(self.way, self.point, self.residual, self.of_photograph, pulled)
         return -pulled
 
-    def product(self, velocity: FloatArray) -> FloatArray:
-        """Return the normal matrix without the prior times velocities (N, 3)."""
+    def change(self, velocity: FloatArray) -> FloatArray:
+        """Return S⁻¹ Aᵀ Q J times velocities (N, 3): the change (6 free + border,) that undoes what they do."""
         moved, layout = np.empty_like(self.residual), self.found.layout
         pose, lens = np.zeros((self.photographs, 6)), np.zeros((len(layout.unit), self.calibration.shape[2]))
         _move(self.way, self.point, velocity, self.of_photograph, moved)
         take_points(self.first, self.point, self.inverse, moved)
         _camera_pull(self.pose, self.calibration, moved, self.of_photograph, self.of_camera, pose, lens)
-
         columns = np.zeros((layout.columns + layout.border, 1))
         owner, parameter = layout.free_parameters
-        free = slice(layout.columns, layout.columns + len(owner))
         columns[: layout.columns, 0] = pose[layout.photograph_at].ravel()
-        columns[free, 0] = lens[owner, parameter]
-        change = self.found.solve(columns)[:, 0]
-        pose[layout.photograph_at], lens[:] = change[: layout.columns].reshape(-1, 6), 0.0
-        lens[owner, parameter] = change[free]
+        columns[layout.columns : layout.columns + len(owner), 0] = lens[owner, parameter]
+        return self.found.solve(columns)[:, 0]
 
+    def pulled(self, velocity: FloatArray, change: FloatArray) -> FloatArray:
+        """Return Jᵀ Q (J v − A x) (N, 3) of velocities v and a change x of poses and border."""
+        moved, layout = np.empty_like(self.residual), self.found.layout
+        pose, lens = np.zeros((self.photographs, 6)), np.zeros((len(layout.unit), self.calibration.shape[2]))
+        owner, parameter = layout.free_parameters
+        pose[layout.photograph_at] = change[: layout.columns].reshape(-1, 6)
+        lens[owner, parameter] = change[layout.columns : layout.columns + len(owner)]
+        _move(self.way, self.point, velocity, self.of_photograph, moved)
         take_cameras(self.pose, self.calibration, pose, lens, self.of_photograph, self.of_camera, moved)
         take_points(self.first, self.point, self.inverse, moved)
         pulled = np.zeros((self.photographs, 3))
         _velocity_pull(self.way, self.point, moved, self.of_photograph, pulled)
         return pulled
+
+    def product(self, velocity: FloatArray) -> FloatArray:
+        """Return the normal matrix without the prior times velocities (N, 3)."""
+        return self.pulled(velocity, self.change(velocity))
+
+    def solve(self, right: FloatArray, free: BoolArray, sigma_m_s: float, own: FloatArray) -> FloatArray:
+        """Return the departures (N, 3) of the photographs ``free`` (N,), zero of the others, whose normal equations
+        with the prior have the right-hand side ``right`` (N, 3); ``own`` (F, 3, 3) are the matrices of each with all
+        else at rest."""
+        weight = sigma_m_s**-2.0
+        inverse = np.linalg.inv(own + weight * np.eye(3))
+        found, direction = np.zeros_like(right), np.zeros_like(right)
+        x, residual = np.zeros_like(right[free]), right[free]
+        z = np.einsum("nij,nj->ni", inverse, residual)
+        p, rho = z, float(np.sum(residual * z))
+        least = RELATIVE**2 * rho
+        for _ in range(MOST_PRODUCTS):
+            if not rho > least:
+                break
+            direction[free] = p
+            q = self.product(direction)[free] + weight * p
+            alpha = rho / float(np.sum(p * q))
+            x, residual = x + alpha * p, residual - alpha * q
+            z = np.einsum("nij,nj->ni", inverse, residual)
+            before, rho = rho, float(np.sum(residual * z))
+            p = z + (rho / before) * p
+        found[free] = x
+        return found
 
 
 @kernel
@@ -180,7 +225,8 @@ def points_of(tie: Observations, point: FloatArray, count: int) -> tuple[IntArra
     return first, np.asarray(np.linalg.inv(normal))
 
 
-def _system(problem: Problem, state: State) -> _System:
+def _system(problem: Problem, state: State, readout_s: FloatArray | None = None) -> _System:
+    """Return the rows at ``state``; those of the velocities at the read-out times ``readout_s`` (C,), where given."""
     tie, cameras = problem.tie, state.cameras
     linear = linearise(tie, cameras, state.tie_point)  # zero where a draft has points behind a camera
     root = np.sqrt(robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)[1])
@@ -189,39 +235,91 @@ def _system(problem: Problem, state: State) -> _System:
     height = cameras.size_px[linear.camera, 1].astype(float)
     share = share_at_row(np.ascontiguousarray(tie.pixel[:, 1]), height)
     first, inverse = points_of(tie, point, len(state.tie_point))
+    readout_s = cameras.parameters[:, READOUT] if readout_s is None else readout_s
     return _System(
-        found, first, -cameras.parameters[linear.camera, READOUT] * share, point, root[:, None, None] * linear.pose,
+        found, first, -readout_s[linear.camera] * share, point, root[:, None, None] * linear.pose,
         root[:, None, None] * linear.calibration * found.layout.unit[linear.camera][:, None],
         root[:, None] * linear.residual, inverse, tie.photograph, linear.camera, len(cameras.camera),
     )  # fmt: skip
 
 
+class Together(NamedTuple):
+    """Velocities (N, 3) in the world, m/s, and the read-out times (C,), s, that go with them."""
+
+    velocity_m_s: FloatArray
+    readout_s: FloatArray
+
+
+def _readout_columns(system: _System) -> list[tuple[int, int]]:
+    """Return the cameras whose read-out times are unknowns, each with its column of the reduced system."""
+    layout = system.found.layout
+    owner, parameter = layout.free_parameters
+    return [(int(owner[k]), layout.columns + int(k)) for k in np.flatnonzero(parameter == READOUT)]
+
+
+def _determined(own: FloatArray, sigma_m_s: float) -> FloatArray:
+    """Return how many components of each velocity (F,) its photograph tells, beside a prior of ``sigma_m_s``."""
+    share = np.linalg.solve(own + sigma_m_s**-2.0 * np.eye(3), own)
+    return np.asarray(np.trace(share, axis1=1, axis2=2))
+
+
 def joint_velocities(
-    problem: Problem, state: State, told_m_s: FloatArray, free: BoolArray, sigma_m_s: float, own: FloatArray
-) -> FloatArray:
-    """Return the velocities (N, 3) in the world, m/s, of the photographs ``free`` (N,) that are most likely beside
-    those ``told_m_s`` (N, 3), which scatter by ``sigma_m_s``, at ``state``, a minimum with the velocities that it has;
-    the others are as told. ``own`` (F, 3, 3) are the normal matrices of the free ones, everything else at rest.
+    problem: Problem,
+    state: State,
+    told_m_s: FloatArray,
+    free: BoolArray,
+    sigma_m_s: float,
+    own: FloatArray,
+    least_s: float = 0.0,
+) -> Together:
+    """Return the velocities in the world, m/s, of the photographs ``free`` (N,) that are most likely beside those
+    ``told_m_s`` (N, 3), which scatter by ``sigma_m_s``, at ``state``, a minimum with the velocities that it has, and
+    the read-out times; the others are as told. ``own`` (F, 3, 3) are the normal matrices of the free ones, everything
+    else at rest.
+
+    Departures are looked for as if read-out times were ``least_s`` at least: velocities that are wrong make them come
+    out too short, and what departures may explain shrinks with them. Raises IndeterminateError or SingularError where
+    the reduced system has no unique solution.
+    """
+    now = state.parameters[:, READOUT]
+    before = np.where(now < 0.0, -1.0, 1.0) * np.where(now == 0.0, 0.0, np.maximum(np.abs(now), least_s))
+    system, owner = _system(problem, state, before), state.cameras.camera[free]
+    layout, longer = system.found.layout, np.divide(before, now, out=np.ones_like(now), where=now != 0.0)
+    own = own * longer[owner, None, None] ** 2
+    right, load = system.right(), np.zeros((layout.columns + layout.border, 1))
+    right[free] += sigma_m_s**-2.0 * (told_m_s - state.velocity)[free]
+    told_by_images = np.bincount(owner, _determined(own, sigma_m_s), minlength=len(before))
+    columns = [(camera, column) for camera, column in _readout_columns(system) if before[camera] != 0.0]
+    for camera, column in columns:
+        load[column] = -layout.unit[camera, READOUT] * told_by_images[camera] / before[camera]
+    alone = system.found.solve(load)[:, 0]
+    departure = system.solve(right + system.pulled(np.zeros_like(right), alone), free, sigma_m_s, own)
+    change, after = alone - system.change(departure), before.copy()
+    for camera, column in columns:
+        step = now[camera] + layout.unit[camera, READOUT] * change[column]
+        after[camera] = before[camera] * np.clip(step / before[camera], 1.0 / LARGEST_RATIO, LARGEST_RATIO)
+    ratio = np.divide(before, after, out=np.zeros_like(after), where=after != 0.0)[state.cameras.camera, None]
+    return Together(np.where(free[:, None], state.velocity + ratio * departure, told_m_s), after)
+
+
+def readout_sigmas(problem: Problem, state: State, free: BoolArray, sigma_m_s: float, own: FloatArray) -> FloatArray:
+    """Return the standard deviations (C,) of the read-out times that are unknowns, s, NaN of the others, where the
+    photographs ``free`` (N,) flew at velocities that are known to ``sigma_m_s`` beforehand; ``own`` as
+    ``joint_velocities`` has it. From the curvature of the marginal likelihood, that of the joint one less ν / T².
 
     Raises IndeterminateError or SingularError where the reduced system has no unique solution.
     """
-    system, weight = _system(problem, state), sigma_m_s**-2.0
-    inverse = np.linalg.inv(own + weight * np.eye(3))
-    direction, x = np.zeros_like(told_m_s), np.zeros_like(told_m_s[free])
-    residual = system.right()[free] + weight * (told_m_s - state.velocity)[free]
-    z = np.einsum("nij,nj->ni", inverse, residual)
-    p, rho = z, float(np.sum(residual * z))
-    least = RELATIVE**2 * rho
-    for _ in range(MOST_PRODUCTS):
-        if not rho > least:
-            break
-        direction[free] = p
-        q = system.product(direction)[free] + weight * p
-        alpha = rho / float(np.sum(p * q))
-        x, residual = x + alpha * p, residual - alpha * q
-        z = np.einsum("nij,nj->ni", inverse, residual)
-        before, rho = rho, float(np.sum(residual * z))
-        p = z + (rho / before) * p
-    velocity = told_m_s.copy()
-    velocity[free] = state.velocity[free] + x
-    return velocity
+    system = _system(problem, state)
+    layout, nothing = system.found.layout, np.zeros((system.photographs, 3))
+    sigma, cameras = np.full(len(layout.unit), np.nan), len(layout.unit)
+    told_by_images = np.bincount(state.cameras.camera[free], _determined(own, sigma_m_s), minlength=cameras)
+    for camera, column in _readout_columns(system):
+        unit = np.zeros((layout.columns + layout.border, 1))
+        unit[column] = 1.0
+        alone = system.found.solve(unit)[:, 0]
+        departure = system.solve(system.pulled(nothing, alone), free, sigma_m_s, own)
+        variance = layout.unit[camera, READOUT] ** 2 * (alone[column] - system.change(departure)[column])
+        readout_s = state.parameters[camera, READOUT]
+        less = told_by_images[camera] * variance / readout_s**2 if readout_s != 0.0 else 0.0
+        sigma[camera] = np.sqrt(variance / max(1.0 - less, LEAST_LEFT))
+    return sigma

@@ -19,7 +19,7 @@ from photogram.adjustment.outliers import (
     without_narrow,
 )
 from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
-from photogram.adjustment.shutters.rolling_shutter import renewed
+from photogram.adjustment.shutters.rolling_shutter import ORDINARY_S, moved_on, renewed
 from photogram.adjustment.solvability import check_determined, check_in_front
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     Factors,
@@ -41,6 +41,8 @@ from photogram.results import EstimatedSigmas
 from photogram.survey import Block
 
 _LOG = logging.getLogger(__name__)
+
+MOST_RENEWED = 4  # estimates of velocities with everything else, before read-out times that go on moving stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +104,19 @@ def solve_rounds(
             problem = replace(problem, block=_with_cameras_held(whole.block))
         seen = np.count_nonzero(np.bincount(problem.tie.point))
         progress(f"round {number}: {len(problem.tie)} observations of {seen} tie points")
+        moving = False
         if last and reached is not None:
-            state = renewed(problem, reached, together=True)
+            state = renewed(problem, reached, together=True, least_s=ORDINARY_S)
+            moving = moved_on(reached, state)
         minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
         iterations += minimum.iterations
         if last:
+            for _ in range(MOST_RENEWED if moving else 0):
+                again = renewed(problem, minimum.state, together=True)
+                if not moved_on(minimum.state, again):
+                    break
+                minimum = minimise(problem, again, settings, progress)
+                iterations += minimum.iterations
             break
         if stop is not None and number <= 2 and stop(problem, minimum.state, number):
             return Solved(whole, problem, minimum, used, limit_px, groups, factors, number, iterations, stopped=True)

@@ -26,7 +26,7 @@ from photogram.factors.elimination.kernels import robust
 from photogram.factors.elimination.loss import KINDS
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.joint_velocities import joint_velocities
+from photogram.factors.joint_velocities import Together, joint_velocities, readout_sigmas
 from photogram.projection import (
     READOUT,
     OrientedCameras,
@@ -121,12 +121,20 @@ class Departures:
         velocity[self.free] += np.linalg.solve(self.matrix + prior, self.right[..., None])[..., 0]
         return velocity
 
-    def together(self, problem: Problem, state: State) -> FloatArray:
-        """Return the most likely velocities (N, 3) in the world, m/s, at a minimum, estimated with everything else.
-        Raises IndeterminateError or SingularError where that is not determined."""
+    def together(self, problem: Problem, state: State, least_s: float = 0.0) -> Together:
+        """Return the most likely velocities in the world, m/s, at a minimum, estimated with everything else, and the
+        read-out times that go with them, looked for from ``least_s`` on. Raises IndeterminateError or SingularError
+        where that is not determined."""
         if self.scatter_m_s == 0.0:
-            return self.told_m_s
-        return joint_velocities(problem, state, self.told_m_s, self.free, self.scatter_m_s, self.matrix)
+            return Together(self.told_m_s, state.parameters[:, READOUT])
+        return joint_velocities(problem, state, self.told_m_s, self.free, self.scatter_m_s, self.matrix, least_s)
+
+    def readout_sigmas(self, problem: Problem, state: State) -> FloatArray | None:
+        """Return the standard deviations (C,) of the read-out times, s, with the velocities as unknowns, None where
+        these are as told. Raises IndeterminateError or SingularError where something else is not determined."""
+        if self.scatter_m_s == 0.0:
+            return None
+        return readout_sigmas(problem, state, self.free, self.scatter_m_s, self.matrix)
 
 
 def departures(problem: Problem, state: State, told_m_s: FloatArray, free: BoolArray) -> Departures:

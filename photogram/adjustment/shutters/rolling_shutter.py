@@ -33,7 +33,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.joint_velocities import points_of, take_cameras, take_points
 from photogram.factors.score_test import least_statistic, one_step
-from photogram.projection import READOUT, OrientedCameras
+from photogram.projection import READOUT, OrientedCameras, recalibrated
 from photogram.results import SIGNIFICANCE, Adjustment
 from photogram.survey import Block
 
@@ -42,6 +42,13 @@ _LOG = logging.getLogger(__name__)
 COARSE_VELOCITY = 0.03
 """Relative error of a velocity from times in whole seconds, beyond which it is not used: what each photograph's own is
 off by would pass for a shorter read-out time (errors in variables attenuate)."""
+
+ORDINARY_S = 0.03
+"""Read-out time of an ordinary rolling shutter, 6 to 60 ms in OpenDroneMap's table, from which own velocities are first
+looked for."""
+
+MOVED = 0.03
+"""Share of a read-out time by which it changes until velocities are estimated again."""
 
 SURE = {1: 1e4, 2: 1e2}
 """Bound of Rao's statistic from which a read-out time is there, whatever is found meanwhile, after the first round and
@@ -65,20 +72,29 @@ def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
 
 
-def renewed(problem: Problem, state: State, together: bool = False) -> State:
+def renewed(problem: Problem, state: State, *, together: bool = False, least_s: float = 0.0) -> State:
     """Return the state at the end of a round with the velocities that follow from it: as ``in_motion``, and those that
-    positions and times give as the photographs show them, each by itself or ``together`` with everything else."""
+    positions and times give as the photographs show them, each by itself or ``together`` with everything else, read-out
+    times too, looked for from ``least_s`` on."""
     cameras = in_motion(problem.block, state.cameras)
     found = _departures(problem, state, cameras)
     if found is None:
         return replace(state, cameras=cameras)
-    velocity = found.one_by_one()
     if together:
         try:
-            velocity = found.together(problem, state)
+            velocity, readout_s = found.together(problem, state, least_s)
+            parameters = state.parameters.copy()
+            parameters[:, READOUT] = readout_s
+            return replace(state, cameras=recalibrated(cameras, parameters)._replace(velocity=velocity))
         except (IndeterminateError, SingularError):  # the covariances at the end say what nothing holds
             _LOG.debug("velocities: estimated one by one, since something else is not determined")
-    return replace(state, cameras=cameras._replace(velocity=velocity))
+    return replace(state, cameras=cameras._replace(velocity=found.one_by_one()))
+
+
+def moved_on(before: State, after: State) -> bool:
+    """Return whether a read-out time changes so much between two states that velocities are to be estimated again."""
+    old, new = before.parameters[:, READOUT], after.parameters[:, READOUT]
+    return bool(np.any(np.abs(new - old) > MOVED * np.abs(new)))
 
 
 def neighbours_scatter_m_s(problem: Problem, state: State) -> float:
@@ -225,14 +241,21 @@ def readouts(problem: Problem, state: State, found: Covariances) -> Readouts:
     """Return the read-out times of the cameras that are free, at a solution with its covariances.
 
     One counts where it is significant, and still is once its prior has the weight that it deserves beside photographs
-    of that scatter; one that does not is what both together say.
+    of that scatter; one that does not is what both together say. Where the velocities are estimated too its standard
+    deviation is that with them as unknowns.
     """
     cameras = problem.block.cameras
+    own = _departures(problem, state, in_motion(problem.block, state.cameras))
+    joint = None if own is None else own.readout_sigmas(problem, state)
     prior = np.array([(camera.readout_s, camera.sigmas[READOUT]) for camera in cameras]).reshape(-1, 2)
     free = prior[:, 1] > 0.0
-    larger = np.array([inflation(problem, state, found, c) if free[c] else 1.0 for c in range(len(cameras))])
     formal = np.array([np.sqrt(found.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))])
     estimate = np.where(free, state.parameters[:, READOUT], np.nan)
+    if joint is not None:
+        sigma = np.where(free, joint, np.nan)
+        inflated = np.where(free, sigma / np.where(free, formal, 1.0), 1.0)
+        return Readouts(estimate, sigma, free & _significant(estimate, sigma), inflated)
+    larger = np.array([inflation(problem, state, found, c) if free[c] else 1.0 for c in range(len(cameras))])
     weighed, weighed_sigma = weighed_anew(estimate, np.where(free, formal, np.nan), larger, prior)
     sigma = np.where(free, larger * formal, np.nan)
     counts = free & _significant(estimate, sigma) & _significant(weighed, weighed_sigma)
