@@ -15,9 +15,9 @@ Everything else follows by −S⁻¹ Aᵀ Q J δ, the read-out times among it. P
 were read, so that where a read-out time goes from T to T' the departures are T / T' of those at T. The longer it is the
 more do departures of a given σ explain, noise too; it is hence that of the marginal likelihood, in which departures do
 not count as measured: with J ∝ T the logarithm of its determinant grows by ν / T, ν components of velocities being told
-by the images (MacKay 1992, eq. 4.9). With velocities as
-unknowns its variance is eᵀ S⁻¹ e, e its column, and what the departures answer to that: where velocities are off,
-images of a tenth of a pixel say less of a read-out time than the covariance at given velocities by orders of magnitude.
+by the images (MacKay 1992, eq. 4.9). With velocities as unknowns its variance is eᵀ S⁻¹ e, e its column, and what the
+departures answer to that: where velocities are off, images of a tenth of a pixel say less of a read-out time than the
+covariance at given velocities by orders of magnitude.
 """
 
 from __future__ import annotations
@@ -277,19 +277,20 @@ def joint_velocities(
     the read-out times; the others are as told. ``own`` (F, 3, 3) are the normal matrices of the free ones, everything
     else at rest.
 
-    Departures are looked for as if read-out times were ``least_s`` at least: velocities that are wrong make them come
-    out too short, and what departures may explain shrinks with them. Raises IndeterminateError or SingularError where
-    the reduced system has no unique solution.
+    Departures are looked for as if unknown read-out times were ``least_s`` at least: velocities that are wrong make
+    them come out too short, and what departures may explain shrinks with them. Raises IndeterminateError or
+    SingularError where the reduced system has no unique solution.
     """
     now = state.parameters[:, READOUT]
-    before = np.where(now < 0.0, -1.0, 1.0) * np.where(now == 0.0, 0.0, np.maximum(np.abs(now), least_s))
+    unknown = (now != 0.0) & np.array([camera.sigmas[READOUT] > 0.0 for camera in problem.block.cameras])
+    before = np.where(unknown, np.copysign(np.maximum(np.abs(now), least_s), now), now)
     system, owner = _system(problem, state, before), state.cameras.camera[free]
     layout, longer = system.found.layout, np.divide(before, now, out=np.ones_like(now), where=now != 0.0)
     own = own * longer[owner, None, None] ** 2
     right, load = system.right(), np.zeros((layout.columns + layout.border, 1))
     right[free] += sigma_m_s**-2.0 * (told_m_s - state.velocity)[free]
     told_by_images = np.bincount(owner, _determined(own, sigma_m_s), minlength=len(before))
-    columns = [(camera, column) for camera, column in _readout_columns(system) if before[camera] != 0.0]
+    columns = [(camera, column) for camera, column in _readout_columns(system) if unknown[camera]]
     for camera, column in columns:
         load[column] = -layout.unit[camera, READOUT] * told_by_images[camera] / before[camera]
     alone = system.found.solve(load)[:, 0]

@@ -108,6 +108,19 @@ def test_the_read_out_time_is_that_of_the_marginal_likelihood() -> None:
     assert sigma_s == pytest.approx((curvature - determined / readout_s**2) ** -0.5, rel=0.02)
 
 
+def test_a_known_read_out_time_stays_and_an_unknown_one_is_looked_for_from_the_least_on() -> None:
+    for sigma_s, factor in ((0.0, 1.0), (0.01, 2.0)):
+        problem, state, told = solved(0.01, sigma_s)
+        before = state.parameters[:, READOUT]
+        free, own = np.ones(len(told), dtype=bool), np.zeros((len(told), 3, 3))
+        _, after = joint_velocities(problem, state, told, free, SIGMA_M_S, own, least_s=0.08)
+        if sigma_s == 0.0:
+            np.testing.assert_array_equal(after, before)
+        else:
+            assert before[0] < 0.034
+            np.testing.assert_allclose(after, 0.08 / factor)  # the truth is 33 ms: half of where it began
+
+
 def test_the_normal_matrix_is_symmetric_and_smaller_than_with_all_else_at_rest() -> None:
     problem, state, told = solved()
     system, n = _system(problem, state), 3 * len(told)
