@@ -57,11 +57,11 @@ def robust_terms(whitened: FloatArray, loss: RobustLoss, threshold: float) -> tu
         return square, np.ones_like(square), np.ones_like(square)
     if loss == "cauchy":
         ratio = square / threshold**2
-        return threshold**2 * np.log1p(ratio), 1.0 / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio)
+        return threshold**2 * np.log1p(ratio), robust_weight(square, loss, threshold), (1.0 - ratio) / (1.0 + ratio)
     norm = np.sqrt(square)
     outer = norm > threshold
     cost = np.where(outer, 2.0 * threshold * norm - threshold**2, square)
-    return cost, np.where(outer, threshold / np.maximum(norm, threshold), 1.0), np.where(outer, 0.0, 1.0)
+    return cost, robust_weight(square, loss, threshold), np.where(outer, 0.0, 1.0)
 
 
 def robust_weight(square: FloatArray, loss: RobustLoss, threshold: float) -> FloatArray:
@@ -70,7 +70,8 @@ def robust_weight(square: FloatArray, loss: RobustLoss, threshold: float) -> Flo
         return np.ones_like(square)
     if loss == "cauchy":
         return 1.0 / (1.0 + square / threshold**2)
-    return np.minimum(1.0, threshold / np.sqrt(np.maximum(square, threshold**2)))
+    norm = np.sqrt(square)
+    return np.where(norm > threshold, threshold / np.maximum(norm, threshold), 1.0)
 
 
 def steer(

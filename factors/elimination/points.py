@@ -243,7 +243,7 @@ def point_covariances(
     rows = np.arange(layout.columns).reshape(-1, 6)
     low, high = np.minimum(rows[:, :, None], rows[:, None, :]), np.maximum(rows[:, :, None], rows[:, None, :])
     own = inverse[low * layout.stride + high].reshape(-1)
-    pairs = blocks_of(inverse, layout.block_at, int(layout.first_block[-1]), layout.stride).reshape(-1)
+    pairs = blocks_of(inverse, layout).reshape(-1)
     turned = T.reshape(layout.free, 6, layout.border).transpose(0, 2, 1).reshape(-1)
     result = np.full((len(points.position), 3, 3), np.nan)
     free_of, bare = layout.free_of, without_fields(cameras, rays.photograph, rays.measured)

@@ -404,20 +404,13 @@ def _fill(A: FloatArray, blocks: FloatArray, block_at: IntArray, U: FloatArray, 
                     A[at + r] = blocks[k, 6 * c + r] if after else blocks[k, 6 * c + r] + U[n, c, r]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def blocks_of(A: FloatArray, block_at: IntArray, count: int, stride: int) -> FloatArray:
-    """Return the blocks (count, 36) that a flat matrix has where ``block_at`` (free, reach + 1) says."""
-    blocks = np.zeros((count, 36))
-    for n in range(len(block_at)):
-        for after in range(block_at.shape[1]):
-            k = block_at[n, after]
-            if k < 0:
-                continue
-            for c in range(6):
-                at = (6 * n + c) * stride + 6 * (n + after)
-                for r in range(0 if after else c, 6):
-                    blocks[k, 6 * c + r] = A[at + r]
-    return blocks
+def blocks_of(A: FloatArray, layout: Layout) -> FloatArray:
+    """Return the blocks (blocks, 36) of a flat matrix, as the layout numbers them; of those on the diagonal the lower
+    half alone has a meaning."""
+    place, after = np.nonzero(layout.block_at >= 0)
+    corner = 6 * (place * layout.stride + place + after)
+    inside = (layout.stride * np.arange(6)[:, None] + np.arange(6)).ravel()
+    return np.asarray(A[corner[:, None] + inside])
 
 
 def scale_matrix(A: FloatArray, scale: FloatArray, layout: Layout) -> None:
