@@ -11,18 +11,17 @@ formed: conjugate gradients with the photographs' own blocks as preconditioner n
 2006, sec. 5.1). Photograph by photograph, the points at rest, the same is reached only after dozens of rounds. What
 marks of control points tell of velocities is passed over.
 
-Everything else follows by −S⁻¹ Aᵀ Q J δ, the read-out times among it. Photographs show what they moved by while they
-were read, so that where a read-out time goes from T to T' the departures are T / T' of those at T. The longer it is the
-more do departures of a given σ explain, noise too; it is hence that of the marginal likelihood, in which departures do
-not count as measured: with J ∝ T the logarithm of its determinant grows by ν / T, ν components of velocities being told
-by the images (MacKay 1992, eq. 4.9). With velocities as unknowns its variance is eᵀ S⁻¹ e, e its column, and what the
-departures answer to that: where velocities are off, images of a tenth of a pixel say less of a read-out time than the
-covariance at given velocities by orders of magnitude.
+Everything else follows by −S⁻¹ Aᵀ Q J δ, the read-out times among it. Photographs show how far they moved, so that
+where a read-out time goes from T to T' the departures are T / T' of those at T. The longer it is, the more do
+departures of a given σ explain, noise too; it is therefore that of the marginal likelihood: with J ∝ T the logarithm
+of its determinant has the derivative ν / T, ν the components of velocities that images determine (effective number of
+parameters; MacKay 1992). With velocities as unknowns its variance is eᵀ S⁻¹ e, e its column, and what the departures
+add to that: by orders of magnitude more than the covariance at given velocities.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -225,8 +224,7 @@ def points_of(tie: Observations, point: FloatArray, count: int) -> tuple[IntArra
     return first, np.asarray(np.linalg.inv(normal))
 
 
-def _system(problem: Problem, state: State, readout_s: FloatArray | None = None) -> _System:
-    """Return the rows at ``state``; those of the velocities at the read-out times ``readout_s`` (C,), where given."""
+def _system(problem: Problem, state: State) -> _System:
     tie, cameras = problem.tie, state.cameras
     linear = linearise(tie, cameras, state.tie_point)  # zero where a draft has points behind a camera
     root = np.sqrt(robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)[1])
@@ -235,9 +233,8 @@ def _system(problem: Problem, state: State, readout_s: FloatArray | None = None)
     height = cameras.size_px[linear.camera, 1].astype(float)
     share = share_at_row(np.ascontiguousarray(tie.pixel[:, 1]), height)
     first, inverse = points_of(tie, point, len(state.tie_point))
-    readout_s = cameras.parameters[:, READOUT] if readout_s is None else readout_s
     return _System(
-        found, first, -readout_s[linear.camera] * share, point, root[:, None, None] * linear.pose,
+        found, first, -cameras.parameters[linear.camera, READOUT] * share, point, root[:, None, None] * linear.pose,
         root[:, None, None] * linear.calibration * found.layout.unit[linear.camera][:, None],
         root[:, None] * linear.residual, inverse, tie.photograph, linear.camera, len(cameras.camera),
     )  # fmt: skip
@@ -281,16 +278,18 @@ def joint_velocities(
     them come out too short, and what departures may explain shrinks with them. Raises IndeterminateError or
     SingularError where the reduced system has no unique solution.
     """
-    now = state.parameters[:, READOUT]
-    unknown = (now != 0.0) & np.array([camera.sigmas[READOUT] > 0.0 for camera in problem.block.cameras])
-    before = np.where(unknown, np.copysign(np.maximum(np.abs(now), least_s), now), now)
-    system, owner = _system(problem, state, before), state.cameras.camera[free]
-    layout, longer = system.found.layout, np.divide(before, now, out=np.ones_like(now), where=now != 0.0)
+    system, now = _system(problem, state), state.parameters[:, READOUT]
+    columns = [(camera, column) for camera, column in _readout_columns(system) if now[camera] != 0.0]
+    before, longer, layout = now.copy(), np.ones_like(now), system.found.layout
+    for camera, _ in columns:
+        before[camera] = np.copysign(max(abs(now[camera]), least_s), now[camera])
+        longer[camera] = before[camera] / now[camera]
+    system = replace(system, way=system.way * longer[system.of_camera])
+    owner = state.cameras.camera[free]
     own = own * longer[owner, None, None] ** 2
     right, load = system.right(), np.zeros((layout.columns + layout.border, 1))
     right[free] += sigma_m_s**-2.0 * (told_m_s - state.velocity)[free]
     told_by_images = np.bincount(owner, _determined(own, sigma_m_s), minlength=len(before))
-    columns = [(camera, column) for camera, column in _readout_columns(system) if unknown[camera]]
     for camera, column in columns:
         load[column] = -layout.unit[camera, READOUT] * told_by_images[camera] / before[camera]
     alone = system.found.solve(load)[:, 0]
