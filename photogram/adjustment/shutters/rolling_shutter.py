@@ -44,8 +44,8 @@ COARSE_VELOCITY = 0.03
 off by would pass for a shorter read-out time (errors in variables attenuate)."""
 
 ORDINARY_S = 0.03
-"""Read-out time of an ordinary rolling shutter, 6 to 60 ms in OpenDroneMap's table, from which own velocities are first
-looked for."""
+"""Read-out time of an ordinary rolling shutter, from which own velocities are first looked for; those that drafts know
+have 20 to 74 ms."""
 
 MOVED = 0.03
 """Share of a read-out time by which it changes until velocities are estimated again."""

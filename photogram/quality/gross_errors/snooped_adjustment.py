@@ -54,7 +54,7 @@ ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
 """Limits of the adjustment with all blunders, which only shows their effect."""
 
 NEAR_TOLERANCE = 1e-7
-"""Relative tolerance of the adjustments of parts: of 10 000 observations, half of 0.03 sigmas of a focal length."""
+"""Relative tolerance of the adjustments of parts: at a cost of 10 000, 0.05 sigmas of a focal length."""
 
 MOST_NAMED = 10
 """Most suspects named in an error message."""
