@@ -23,13 +23,14 @@ from photogram.adjustment.oriented_subset import registered_block, with_all_mark
 from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.adjustment.rounds import Solved, solve_rounds
-from photogram.adjustment.shutters.readout_correlations import correlations
 from photogram.adjustment.shutters.rolling_shutter import (
     Readouts,
+    Shutters,
+    free_readouts,
     looked_for,
     neighbours_scatter_m_s,
-    readouts,
     shown,
+    shutters_found,
     surely_shown,
     with_readouts,
     without_rolling,
@@ -115,6 +116,22 @@ def _with_common_error(
     return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations), known
 
 
+def _without_none(solved: Solved, none: BoolArray, settings: AdjustmentSettings, progress: Progress) -> Solved | None:
+    """Return the block adjusted again with those of the read-out times that are ``none`` (C,) and still unknowns held
+    at zero, None without any."""
+    held = none & free_readouts(solved.whole.block.cameras)
+    if not held.any():
+        return None
+    progress("no rolling shutter: the read-out time is held at zero")
+    whole = replace(solved.whole, block=without_rolling(solved.whole.block, held))
+    problem, state = whole.with_tie_observations(whole.tie.select(solved.used)), solved.minimum.state
+    parameters = state.parameters.copy()
+    parameters[held, READOUT] = 0.0
+    minimum = minimise(problem, replace(state, cameras=recalibrated(state.cameras, parameters)), settings, progress)
+    iterations = solved.iterations + minimum.iterations
+    return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations)
+
+
 def adjust(
     block: Block,
     settings: AdjustmentSettings,
@@ -172,13 +189,15 @@ def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """The end of an adjustment of a ``block``: the problem as stated, its solution, and what that is worth."""
+    """The end of an adjustment of a ``block``: the problem as stated, its solution, what that is worth, and the
+    shutters as they were found."""
 
     block: Block
     whole: Problem
     solved: Solved
     assessment: Assessed
     unknowns: _Unknowns
+    shutters: Shutters
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,36 +233,11 @@ def _adjust_oriented(
         tie_points = replace(block.tie_points, position_world_m=ended.tie_point)
         rolling = replace(without_rolling(block, asked), poses=ended.poses, tie_points=tie_points)
         ended = _adjust_block(rolling, settings, progress, ended.parameters, sigmas, asked, again=True)
-    found = readouts(ended.assessment.problem, ended.assessment.state, ended.assessment.held)
-    told = correlations(ended.assessment.problem, ended.assessment.state, ended.assessment.covariances)
-    none = np.isfinite(found.estimate_s) & ~found.significant
+    shutters = ended.shutters
     if asked.any():
-        found = found.beside(_shown(ended.assessment, asked)[1], asked)
-    if none.any():
-        progress("no rolling shutter: the read-out time is held at zero")
-        again = replace(without_rolling(ended.block, none), poses=ended.assessment.block.poses)
-        parameters = np.where(
-            none[:, None] & (np.arange(ended.assessment.state.parameters.shape[1]) == READOUT),
-            0.0,
-            ended.assessment.state.parameters,
-        )
-        ended = _adjusted_block(again, settings, progress, parameters, sigmas)
+        shutters = replace(shutters, found=shutters.found.beside(_shown(ended.assessment, asked)[1], asked))
     scatter_m_s = neighbours_scatter_m_s(ended.assessment.problem, ended.assessment.state)
-    return with_readouts(_judged(ended, settings), found, told, scatter_m_s)
-
-
-def _adjusted_block(
-    block: Block,
-    settings: AdjustmentSettings,
-    progress: Progress,
-    start: Sequence[FloatArray] | FloatArray,
-    sigmas: EstimatedSigmas | None,
-) -> _Ended:
-    """Adjust a block of which no read-out time is looked for any more, from where an adjustment has brought it."""
-    nothing = np.zeros(len(block.cameras), dtype=bool)
-    ended = _adjust_block(block, settings, progress, start, sigmas, nothing, again=True)
-    assert isinstance(ended, _Ended)
-    return ended
+    return with_readouts(_judged(ended, settings), shutters, scatter_m_s)
 
 
 def _adjust_block(
@@ -300,20 +294,24 @@ def _settled(
     progress: Progress,
     *,
     estimating: bool,
-) -> tuple[Solved, Assessed, _Unknowns]:
-    """Adjust again until the common errors among the unknowns are right and, where they are ``estimating``, the sigmas
-    stay; ``whole`` is the problem as stated of the ``block``."""
-    unknowns = _Unknowns()
+) -> tuple[Solved, Assessed, _Unknowns, Shutters]:
+    """Adjust again until the common errors among the unknowns are right, read-out times that are none are held at zero
+    and, where they are ``estimating``, the sigmas stay; ``whole`` is the problem as stated of the ``block``."""
+    unknowns, shutters = _Unknowns(), Shutters.unknown(len(block.cameras))
     reweighted = 0 if estimating else MOST_REWEIGHTED
     while True:
         changed = _with_common_error(solved, assessment, settings, unknowns, progress)
         if changed is not None:
             solved, unknowns = changed
         else:
-            again = _reweighted(solved, assessment, whole, settings) if reweighted < MOST_REWEIGHTED else None
+            shutters = shutters_found(assessment.problem, assessment.state, assessment.held, assessment.covariances,
+                                      shutters)  # fmt: skip
+            again = _without_none(solved, shutters.found.none, settings, progress)
+            if again is None and reweighted < MOST_REWEIGHTED:
+                again, reweighted = _reweighted(solved, assessment, whole, settings), reweighted + 1
             if again is None:
-                return solved, assessment, unknowns
-            solved, reweighted = again, reweighted + 1
+                return solved, assessment, unknowns, shutters
+            solved = again
         assessment = assessed(solved, block, settings)
 
 

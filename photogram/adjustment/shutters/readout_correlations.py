@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.adjustment.gnss_offsets import measured_positions
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -44,6 +44,13 @@ class Correlations:
     def unknown(cameras: int) -> Correlations:
         """Return what is known of ``cameras`` whose read-out times are all held."""
         return Correlations(np.full(cameras, np.nan), np.full(cameras, np.nan))
+
+    def beside(self, others: Correlations, theirs: BoolArray) -> Correlations:
+        """Return those of cameras of which some, ``theirs`` (C,), are in ``others``."""
+        return Correlations(
+            np.where(theirs, others.focal_length, self.focal_length),
+            np.where(theirs, others.time_offset, self.time_offset),
+        )
 
     def warnings(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return a sentence on each of the cameras of these ``names`` (C,) whose read-out time cannot be separated from

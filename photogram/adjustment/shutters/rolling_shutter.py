@@ -22,7 +22,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from photogram.adjustment.shutters.own_velocities import Departures, departures
-from photogram.adjustment.shutters.readout_correlations import Correlations
+from photogram.adjustment.shutters.readout_correlations import Correlations, correlations
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.factors.common_errors import velocities
@@ -153,6 +153,11 @@ def unmoved(block: Block) -> tuple[str, ...]:
     return tuple(said)
 
 
+def free_readouts(cameras: Sequence[Camera]) -> BoolArray:
+    """Return the cameras (C,) whose read-out times are among the unknowns."""
+    return np.array([c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
+
+
 def looked_for(cameras: Sequence[Camera]) -> BoolArray:
     """Return the cameras (C,) of which no source says that their shutter rolls, and none that it does not: read-out
     times that begin at zero. They are held there until the photographs show one."""
@@ -195,6 +200,17 @@ class Readouts:
     significant: BoolArray
     inflation: FloatArray
 
+    @staticmethod
+    def unknown(cameras: int) -> Readouts:
+        """Return those of ``cameras`` of which none was looked for."""
+        nothing = np.full(cameras, np.nan)
+        return Readouts(nothing, nothing, np.zeros(cameras, dtype=bool), np.ones(cameras))
+
+    @property
+    def none(self) -> BoolArray:
+        """Return which of them (cameras,) are zero to within their noise."""
+        return np.isfinite(self.estimate_s) & ~self.significant
+
     def beside(self, others: Readouts, theirs: BoolArray) -> Readouts:
         """Return those of cameras of which some, ``theirs`` (cameras,), were held and are in ``others``."""
         return Readouts(
@@ -203,6 +219,33 @@ class Readouts:
             np.where(theirs, others.significant, self.significant),
             np.where(theirs, others.inflation, self.inflation),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Shutters:
+    """What was ``found`` of read-out times while they were among the unknowns, and their ``correlations`` then."""
+
+    found: Readouts
+    correlations: Correlations
+
+    @staticmethod
+    def unknown(cameras: int) -> Shutters:
+        """Return what is known of ``cameras`` of which nothing was looked for."""
+        return Shutters(Readouts.unknown(cameras), Correlations.unknown(cameras))
+
+
+def shutters_found(
+    problem: Problem, state: State, found: Covariances, counted: Covariances, before: Shutters
+) -> Shutters:
+    """Return the read-out times that are free, and those that were ``before`` and are held at zero since; at a solution
+    with its covariances ``found``, and those ``counted`` with what is considered."""
+    free = free_readouts(problem.block.cameras)
+    if not free.any():
+        return before
+    now = readouts(problem, state, found)
+    return Shutters(
+        now.beside(before.found, ~free), correlations(problem, state, counted).beside(before.correlations, ~free)
+    )
 
 
 def inflation(problem: Problem, state: State, found: Covariances, camera: int) -> float:
@@ -291,13 +334,10 @@ def without_rolling(block: Block, none: BoolArray) -> Block:
     return replace(block, cameras=tuple(cameras))
 
 
-def with_readouts(
-    result: Adjustment, found: Readouts, told: Correlations | None = None, scatter_m_s: float = float("nan")
-) -> Adjustment:
+def with_readouts(result: Adjustment, shutters: Shutters, scatter_m_s: float = float("nan")) -> Adjustment:
     """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
-    covariances, and what is to be warned of; with their correlations where they were among the unknowns, and what the
-    neighbours' velocities scatter by."""
-    told = Correlations.unknown(len(result.block.cameras)) if told is None else told
+    covariances, and what is to be warned of; with what the neighbours' velocities scatter by."""
+    found, told = shutters.found, shutters.correlations
     covariance = result.calibration_covariance.copy()
     covariance[:, READOUT, :] *= found.inflation[:, None]
     covariance[:, :, READOUT] *= found.inflation[:, None]
