@@ -60,13 +60,14 @@ class LevelHeights:
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Heights (rows, columns) of a window from whichever level, in m over the base, NaN in holes; their standard
-    deviations, correlations and numbers of photographs, and the side of the cells that they were matched in, in cells
-    of the finest level, 0 in holes."""
+    deviations, correlations, numbers of photographs that agree and of those that were looked at, and the side of the
+    cells that they were matched in, in cells of the finest level, 0 in holes."""
 
     height_m: Float32Array
     sigma_m: Float32Array
     correlation: Float32Array
     rays: ByteArray
+    seen: ByteArray
     cells: ByteArray
 
 
@@ -143,13 +144,14 @@ def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _take(
-    coarse: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray, place: tuple[int, int, int],
-    rise_m: float, out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray],
+    coarse: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray,
+    place: tuple[int, int, int], rise_m: float,
+    out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray, ByteArray],
 ) -> None:  # fmt: skip
     """Give cells without height what the coarser cell that holds them has; ``place`` as above. ``out`` are heights,
-    standard deviations, correlations, numbers of photographs, and sides of cells."""
+    standard deviations, correlations, numbers of photographs that agree and that look, and sides of cells."""
     top, left, cells = place
-    height, own, alike, agreeing, side = out
+    height, own, alike, agreeing, looking, side = out
     for r in range(height.shape[0]):
         for c in range(height.shape[1]):
             if not np.isnan(height[r, c]):
@@ -158,8 +160,8 @@ def _take(
             if not np.isnan(coarse[i, j]):
                 row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
                 height[r, c] = _height_at(coarse, i, j, row, column, rise_m)
-                own[r, c], alike[r, c], agreeing[r, c] = sigma[i, j], correlation[i, j], rays[i, j]
-                side[r, c] = cells
+                own[r, c], alike[r, c] = sigma[i, j], correlation[i, j]
+                agreeing[r, c], looking[r, c], side[r, c] = rays[i, j], seen[i, j], cells
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -223,13 +225,14 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
     """
     height, sigma = finest.height_m.copy(), finest.sigma_m.copy()
     cells = np.isfinite(height).astype(np.uint8)
-    correlation, rays = np.where(cells, finest.correlation, np.float32(0)), np.where(cells, finest.rays, np.uint8(0))
-    made = Surface(height, sigma, correlation, rays, cells)
+    correlation = np.where(cells, finest.correlation, np.float32(0))
+    rays, seen = (np.where(cells, counted, np.uint8(0)) for counted in (finest.rays, finest.seen))
+    made = Surface(height, sigma, correlation, rays, seen, cells)
     for level in coarser:
         place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
         spread, covered = around_cells(level, height, finest.height_m, place)
         adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * cell_m * level.cells)
         taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.hypot(level.sigma_m, spread)
-        rise_m, out = STEEPEST * cell_m * level.cells, (height, sigma, correlation, rays, cells)
-        _take(taken_m, own, level.correlation, level.rays, place, rise_m, out)
+        rise_m, out = STEEPEST * cell_m * level.cells, (height, sigma, correlation, rays, seen, cells)
+        _take(taken_m, own, level.correlation, level.rays, level.seen, place, rise_m, out)
     return made

@@ -43,6 +43,7 @@ from photogram.surface.dsm import (
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
+from photogram.surface.islands import REACH_CELLS, without_islands
 from photogram.surface.levels import HALF, SURE_SHARE, LevelHeights, confirmed, margin_cells, surface_of_levels, told_by
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.surface.water import (
@@ -319,7 +320,7 @@ def _tile(
     that neighbours share, with the datum's part and, where they are known, without; ``least`` the correlations below
     which a level's heights are doubtful."""
     grid = heights.grid
-    outer = grid.around_window(window, reach + 1 + margin_cells([*heights.levels][1:] * 2))
+    outer = grid.around_window(window, reach + 1 + REACH_CELLS + margin_cells([*heights.levels][1:] * 2))
     both = [
         heights.kept(store.grid.around_window(outer.coarser(cells), 2 if cells > 1 else 0), cells, least[cells])
         for cells, store in heights.levels.items()
@@ -328,7 +329,7 @@ def _tile(
     if len(kept) > 1:
         kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), told_by(kept[-1], SURE_SHARE)]
     rough = [told_by(level, HALF) for _, level in both[1:]]
-    found = surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m)
+    found = without_islands(surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m), grid.cell_m)
     filled = filled_heights(found.height_m, grid.cell_m, reach)
     known = np.isfinite(found.height_m)
     none, own = np.float32(np.nan), np.where(known, found.sigma_m, np.float32(0.0))
