@@ -1,6 +1,6 @@
 """Predicted beside measured time, disk and memory of whole surveys, stage by stage.
 
-    python benchmarks/predicted_costs.py [--sizes small,medium,large] [--seed 1] [--workers N]
+    python benchmarks/predicted_costs.py [--sizes small,medium,large,whole] [--seed 1] [--workers N]
     python benchmarks/predicted_costs.py --project PROJECT
 
 Each survey is simulated and rendered (SIZES: photographs, their size, default settings with dense surface and
@@ -42,8 +42,15 @@ from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import whole_survey_plan
 
-SIZES = {"small": (2, 3, 800, 600), "medium": (3, 5, 1200, 900), "large": (4, 8, 1800, 1350)}
+SIZES = {
+    "small": (2, 3, 800, 600),
+    "medium": (3, 5, 1200, 900),
+    "large": (4, 8, 1800, 1350),
+    "whole": (10, 20, 2592, 1944),
+}
 """Strips, photographs in each, width and height of a photograph in px."""
+
+USUAL = "small,medium,large"
 
 AIM = 1.5
 """The factor that a prediction of the whole command is meant to keep."""
@@ -134,7 +141,7 @@ def show(title: str, folder: Path) -> float:
 def main() -> int:
     """Measure every size, or a project, and print the tables; returns 1 where a time is off by more than AIM."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--sizes", default=",".join(SIZES), help="of the simulated surveys, by commas")
+    parser.add_argument("--sizes", default=USUAL, help="of the simulated surveys, by commas")
     parser.add_argument("--seed", type=int, default=1, help="of the simulated surveys")
     parser.add_argument("--workers", type=int, default=cores(), help="threads at once")
     parser.add_argument("--project", type=Path, help="a project file, in place of simulated surveys")
