@@ -24,7 +24,7 @@ from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import picture_scale
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, reductions_of, round_cell_m
-from photogram.surface.ortho.orthophoto import LEAST_HELD
+from photogram.surface.ortho.orthophoto import HELD_BYTES, LEAST_HELD
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
 
 BYTES_PER_KEY_POINT = 163
@@ -283,8 +283,7 @@ def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dic
         TERRAIN_BYTES * project.terrain.enabled,
         (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled,
     )
-    # more photographs than the least are held where memory is to spare
-    held = 3.0 * min(LEAST_HELD, len(project.photographs)) * largest_px
+    held = min(3.0 * len(project.photographs) * largest_px, max(3.0 * LEAST_HELD * largest_px, HELD_BYTES))
     lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
     matching = min(workers * MATCHING_BYTES, MATCHED_CELL_BYTES * cells) + BYTES_PER_PX * workers * largest_px
     tiles = min(workers * TILE_BYTES, MATCHED_CELL_BYTES * (size.orthophoto_cells + cells))

@@ -68,6 +68,8 @@ ForcedOf = Callable[[MapGrid], Int32Array]
 LEAST_HELD = 4
 """Decoded photographs that are kept, however little memory there is."""
 
+HELD_BYTES = 512 * 2**20
+"""Most memory of further ones, however many there are: the squares in which tiles are made show no more of them."""
 
 TILE_CELLS = 512
 GROUP_TILES = 8
