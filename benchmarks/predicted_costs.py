@@ -51,6 +51,7 @@ SIZES = {
 """Strips, photographs in each, width and height of a photograph in px."""
 
 USUAL = "small,medium,large"
+"""What runs where nothing else is asked for: `whole` takes a quarter of an hour."""
 
 AIM = 1.5
 """The factor that a prediction of the whole command is meant to keep."""

@@ -195,6 +195,18 @@ def kept_heights(
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+def steps_to_height(height: Float32Array, r: int, c: int, dr: int, dc: int, reach: int) -> int:
+    """Return after how many steps of (dr, dc) from cell (r, c) a height is met, 0 where none is within ``reach``."""
+    for step in range(1, reach + 1):
+        i, j = r + step * dr, c + step * dc
+        if not (0 <= i < height.shape[0] and 0 <= j < height.shape[1]):
+            return 0
+        if not np.isnan(height[i, j]):
+            return step
+    return 0
+
+
+@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) -> None:
     rows, columns = height.shape
     z, run = np.empty(8), np.empty(8)
@@ -208,14 +220,10 @@ def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) ->
                 dr, dc = k // 3 - 1, k % 3 - 1
                 if k == 4:
                     continue
-                for step in range(1, reach + 1):
-                    rr, cc = r + step * dr, c + step * dc
-                    if not (0 <= rr < rows and 0 <= cc < columns):
-                        break
-                    if not np.isnan(height[rr, cc]):
-                        z[met], run[met] = height[rr, cc], step * np.hypot(dr, dc)
-                        met += 1
-                        break
+                step = steps_to_height(height, r, c, dr, dc, reach)
+                if step > 0:
+                    z[met], run[met] = height[r + step * dr, c + step * dc], step * np.hypot(dr, dc)
+                    met += 1
             if met < FILL_DIRECTIONS:
                 continue
             low = 0

@@ -1,37 +1,34 @@
 """Heights that contradict a smooth surface all around them.
 
-On asphalt, on sand, at the water's edge photographs hardly correlate. What shines moves with the camera, shadows with
-the sun, and most of all in larger cells the photographs of one strip agree on a height metres from the ground. Such a
-piece hangs together, so that its cells support each other, and its standard deviations are small. What tells it is the
-ground around it. From every doubtful cell eight directions are looked along, to the first height in each that is sure.
-Where five of these lie on one plane, the ground is taken to go on between them. Nothing lies beneath it, so a height
-far below the plane is false; so is one far above it that rests on two photographs, or that the finest level took for
-detail. What larger cells show above a plane may be a crown.
+On asphalt, on sand, at the water's edge texture is weak. Reflections move with the camera, shadows with the sun, and
+the photographs of one strip may agree on a height metres from the ground, in larger cells above all. The cells of such
+a piece support each other, and their standard deviations are small; the ground around exposes it. From every doubtful
+cell the nearest sure height is found in each of eight directions. Where five of these lie on one plane, the ground is
+taken to continue between them: a height far below the plane is false, and so is one far above it that is of the finest
+level or rests on two photographs. Above a plane, larger cells may show a crown.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.dsm import STEEPEST, steps_to_height
 from photogram.surface.levels import SURE_RAYS, SURE_SHARE, Surface
 
 REACH_CELLS = 100
-"""How far is looked for sure heights, in cells; windows must reach so much further."""
+"""Distance to which sure heights are looked for, in cells; windows must reach so much further."""
 
 DIRECTIONS = 5
 """So many of eight directions must meet one plane."""
 
 ON_PLANE_CELLS, OFF_PLANE_CELLS = 3.0, 16.0
-"""How far heights are from a plane that they lie on, and from where on one is off it, in sides of a cell."""
+"""Largest distance from a plane of heights that lie on it, and smallest of one that is off it, over the cell size."""
 
 HELD, ALIKE_CELLS = 2, 8.0
-"""So many sure heights that are no farther from that of the cell, in its sides, hold it: the edge of a roof has ground
-on five sides, and the roof on three."""
+"""So many sure heights that differ by no more, over the cell size, keep a height: the edge of a roof has ground on five
+sides, and the roof on three."""
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -81,15 +78,12 @@ def _fill_above(
                 dr, dc = k // 3 - 1, k % 3 - 1
                 if k == 4:
                     continue
-                for step in range(1, REACH_CELLS + 1):
-                    i, j = r + step * dr, c + step * dc
-                    if not (0 <= i < rows and 0 <= j < columns):
-                        break
-                    if not np.isnan(sure[i, j]):
-                        down[met], right[met], z[met] = step * dr, step * dc, sure[i, j] - doubtful[r, c]
-                        alike += 1 if abs(z[met]) <= alike_m else 0
-                        met += 1
-                        break
+                step = steps_to_height(sure, r, c, dr, dc, REACH_CELLS)
+                if step > 0:
+                    down[met], right[met] = step * dr, step * dc
+                    z[met] = sure[r + step * dr, c + step * dc] - doubtful[r, c]
+                    alike += 1 if abs(z[met]) <= alike_m else 0
+                    met += 1
             if met >= DIRECTIONS and alike < HELD:
                 many, height = _plane_around(down[:met], right[:met], z[:met], on_plane_m, rise_m)
                 if many >= DIRECTIONS:
@@ -105,6 +99,8 @@ def without_islands(surface: Surface, cell_m: float) -> Surface:
     sure_m, doubtful_m = (np.where(which, surface.height_m, none) for which in (sure, ~sure))
     _fill_above(doubtful_m, sure_m, ON_PLANE_CELLS * cell_m, ALIKE_CELLS * cell_m, STEEPEST * cell_m, above_m)
     island = (above_m < -limit_m) | ((above_m > limit_m) & ((surface.cells == 1) | (agree < SURE_RAYS)))
-    nothing = {name: np.where(island, layer.dtype.type(0), layer) for name, layer in vars(surface).items()}
-    kept = {name: np.where(island, none, getattr(surface, name)) for name in ("height_m", "sigma_m")}
-    return replace(surface, **(nothing | kept))
+    layers = vars(surface).copy()
+    for name, layer in layers.items():
+        hole = none if name in ("height_m", "sigma_m") else layer.dtype.type(0)
+        layers[name] = np.where(island, hole, layer)
+    return Surface(**layers)

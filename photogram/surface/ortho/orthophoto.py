@@ -69,7 +69,7 @@ LEAST_HELD = 4
 """Decoded photographs that are kept, however little memory there is."""
 
 HELD_BYTES = 512 * 2**20
-"""Most memory of further ones, however many there are: the squares in which tiles are made show no more of them."""
+"""Most memory of decoded photographs that are kept, where LEAST_HELD take less."""
 
 TILE_CELLS = 512
 GROUP_TILES = 8
