@@ -4,6 +4,8 @@ A level is what the codes of `dsm_source.tif` tell: 1 measured in cells, 3, 4 an
 other codes but 0 (hole) and 2 (filled) are shown as they are. All is judged in cells that three photographs see:
 the ground where it is open, the highest leaf in canopy.
 
+`clear of canopy` is what lies off canopy, rims, building edges and water, all of it together.
+
 Where an error counts, its truth is that of the level: open ground and roofs have one height; a crown or hedge has the
 envelope of its window (photogram/simulation/cover_truth.py), the highest leaf of the cell at the finest level.
 """
@@ -37,6 +39,8 @@ BELOW_WIRE_M = 0.5  # a height nearer to the wire is the wire's
 LINE_CELLS = 2  # reach of a wire's curtain to each side, beside its own cells
 GROUND = "open ground"
 CANOPY = "crowns, hedges"
+CLEAR = "clear of canopy"
+CLEAR_GROUPS = (GROUND, "roofs", "high grass")
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +158,8 @@ def _errors(cover: MapCover, values: FloatArray, sigma: FloatArray, source: NDAr
     measured = np.isfinite(values) & (cover.truth.seen >= PHOTOGRAPHS)
     for code in _levels(source, measured):
         error = values - cover.reference_m(WINDOW_OF_CODE.get(code, 1))
-        for group, cells in cover.groups.items():
+        clear = np.logical_or.reduce([cover.groups[name] for name in CLEAR_GROUPS])
+        for group, cells in {CLEAR: clear, **cover.groups}.items():
             own = measured & cells & (source == code) & np.isfinite(error)
             e = error[own]
             z = e / sigma[own]
@@ -226,7 +231,7 @@ def canopy_scores(
         error[own] = (values - cover.reference_m(WINDOW_OF_CODE.get(code, 1)))[own]
     judged = seen & np.isfinite(error) & np.isfinite(spread)
     far = np.abs(error) > FAR_SIGMAS * spread
-    clear = groups[GROUND] | groups["roofs"] | groups["high grass"]
+    clear = np.logical_or.reduce([groups[name] for name in CLEAR_GROUPS])
     water = groups["water"] & there
     under, hangs = curtain_cells(cover.cover, values - cover.lift_m)
     return CanopyScores(

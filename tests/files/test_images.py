@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import tracemalloc
 import zlib
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
@@ -21,6 +22,7 @@ from photogram.camera import rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.files.photographs import identification, images
+from photogram.files.photographs.identification import MOST_BYTES, read_content
 from photogram.files.photographs.images import (
     Dewarp,
     PhotographTags,
@@ -36,6 +38,7 @@ from photogram.files.photographs.images import (
     write_photograph,
 )
 from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
+from photogram.files.reading import read_whole
 
 READERS = (read_pixels, read_grey, check_photograph)
 
@@ -198,12 +201,46 @@ def test_jpeg_keeps_its_pixels_and_its_luminance(photograph: Path) -> None:
     assert check_photograph(photograph, (160, 96)) == (160, 96)
 
 
+@pytest.mark.parametrize("mode", ["RGB", "L"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"subsampling": "4:2:0"},
+        {"subsampling": "4:2:2"},
+        {"subsampling": "4:4:4", "restart_marker_rows": 1},
+        {"progressive": True},
+    ],
+)
+def test_jpeg_is_decoded_to_the_pixels_that_pillow_gives(tmp_path: Path, mode: str, options: dict[str, Any]) -> None:
+    v, u = np.mgrid[:151, :203]
+    waves = 127 + 90 * np.sin(np.stack([u / 7, v / 5, (u + v) / 11], axis=2))
+    noise = np.random.default_rng(4).integers(-30, 30, waves.shape)
+    path = tmp_path / "waves.jpg"
+    Image.fromarray(np.clip(waves + noise, 0, 255).astype(np.uint8)).convert(mode).save(path, quality=88, **options)
+    with Image.open(path) as picture:
+        assert np.array_equal(read_pixels(path), np.array(picture.convert("RGB")))
+    with Image.open(path) as picture:
+        picture.draft("L", None)
+        assert np.array_equal(read_grey(path), np.array(picture.convert("L")))
+
+
+def test_reading_a_file_takes_the_memory_of_the_file(photograph: Path) -> None:
+    tracemalloc.start()
+    try:
+        read_content(photograph)
+        read_whole(photograph, MOST_BYTES)
+        assert tracemalloc.get_traced_memory()[1] < 4 * photograph.stat().st_size + 1_000_000
+    finally:
+        tracemalloc.stop()
+
+
 def test_orientation_tag_does_not_turn_the_pixels(tmp_path: Path) -> None:
     path = tmp_path / "turned.jpg"
     exif = Image.Exif()
     exif[274] = 6
     Image.new("RGB", (40, 24)).save(path, exif=exif)
     assert read_pixels(path).shape == (24, 40, 3)
+    assert read_grey(path).shape == (24, 40)
     assert check_photograph(path) == (40, 24)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import subprocess
 import sys
 
@@ -43,3 +44,23 @@ def test_peak_holds_what_is_let_go_again() -> None:
     with peak_memory() as peak, pytest.raises(RuntimeError):
         fail()
     assert peak.bytes is None or peak.bytes > 400 * MIB
+
+
+IN_PIECES = """
+from pathlib import Path
+from photogram.pipeline.store.memory import give_back_free_memory
+def held():
+    return int(next(s for s in Path("/proc/self/status").read_text().splitlines() if s.startswith("VmRSS")).split()[1])
+pieces = [b"x" * (60_000 + n) for n in range(4_000)]
+last = bytearray(60_000)
+before = held()
+del pieces
+give_back_free_memory()
+print((before - held()) // 1024)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the allocator is not that of glibc")
+def test_what_lies_free_below_something_held_is_given_back() -> None:
+    output = subprocess.run([sys.executable, "-c", IN_PIECES], capture_output=True, text=True, check=True).stdout
+    assert int(output) > 180

@@ -81,7 +81,7 @@ def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
 def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file. Raises ImageError where it is missing, or no picture."""
     with _opened_file(path) as (head, stream):
-        return head + stream.read(MOST_BYTES)
+        return head + stream.read()
 
 
 def read_leading(path: Path) -> bytes:
@@ -89,7 +89,7 @@ def read_leading(path: Path) -> bytes:
     read_content does."""
     with _opened_file(path) as (data, stream):
         if not data.startswith(_SIGNATURES[0]):
-            return data + stream.read(MOST_BYTES)
+            return data + stream.read()
         wanted = _LEADING_BYTES
         while True:
             more = stream.read(wanted)
