@@ -5,7 +5,7 @@ the photographs of one strip may agree on a height metres from the ground, in la
 a piece support each other, and their standard deviations are small; the ground around exposes it. From every doubtful
 cell the nearest sure height is found in each of eight directions. Where five of these lie on one plane, the ground is
 taken to continue between them: a height far below the plane is false, and so is one far above it that is of the finest
-level or rests on two photographs. Above a plane, larger cells may show a crown.
+level, rests on two photographs, or on some that show different things. Above a plane, larger cells may show a crown.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.surface.dsm import STEEPEST, steps_to_height
+from photogram.surface.dsm import ROUGH_CORRELATION, STEEPEST, steps_to_height
 from photogram.surface.levels import SURE_RAYS, SURE_SHARE, Surface
 
 REACH_CELLS = 100
@@ -98,7 +98,8 @@ def without_islands(surface: Surface, cell_m: float) -> Surface:
     none, above_m, limit_m = np.float32(np.nan), np.empty_like(surface.height_m), OFF_PLANE_CELLS * cell_m
     sure_m, doubtful_m = (np.where(which, surface.height_m, none) for which in (sure, ~sure))
     _fill_above(doubtful_m, sure_m, ON_PLANE_CELLS * cell_m, ALIKE_CELLS * cell_m, STEEPEST * cell_m, above_m)
-    island = (above_m < -limit_m) | ((above_m > limit_m) & ((surface.cells == 1) | (agree < SURE_RAYS)))
+    weak = (surface.cells == 1) | (agree < SURE_RAYS) | (surface.correlation < ROUGH_CORRELATION)
+    island = (above_m < -limit_m) | ((above_m > limit_m) & weak)
     layers = vars(surface).copy()
     for name, layer in layers.items():
         hole = none if name in ("height_m", "sigma_m") else layer.dtype.type(0)

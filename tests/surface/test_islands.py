@@ -32,32 +32,38 @@ def surface(height_m: Float32Array, **layers: Any) -> Surface:
     return Surface(height_m, np.full_like(height_m, 0.02), np.full_like(height_m, 0.8), **given)
 
 
-def with_box(off_m: float, agree: int, look: int, cells: int, ground: Float32Array | None = None) -> Surface:
-    """A plane with a box that is off it, in which so many photographs agree of those that look."""
+def with_box(
+    off_m: float, agree: int, look: int, cells: int, ground: Float32Array | None = None, alike: float = 0.8
+) -> Surface:
+    """A plane with a box that is off it, in which so many photographs agree of those that look, with a correlation."""
     height = plane() if ground is None else ground.copy()
     rays, seen, side = (np.full(height.shape, n, np.uint8) for n in (5, 5, 1))
     height[BOX] += np.float32(off_m)
     rays[BOX], seen[BOX], side[BOX] = agree, look, cells
-    return surface(height, rays=rays, seen=seen, cells=side)
+    made = surface(height, rays=rays, seen=seen, cells=side)
+    made.correlation[BOX] = alike
+    return made
 
 
 @pytest.mark.parametrize(
-    ("off_m", "agree", "look", "cells", "stays"),
+    ("off_m", "agree", "look", "cells", "alike", "stays"),
     [
-        (-FAR_M, 3, 6, 4, False),  # a pit
-        (-FAR_M, 5, 5, 8, False),  # nothing lies beneath smooth ground, whoever agrees on it in larger cells
-        (-FAR_M, 2, 3, 1, False),
-        (FAR_M, 3, 6, 4, True),  # a crown
-        (FAR_M, 2, 3, 2, False),  # two photographs
-        (FAR_M, 3, 6, 1, False),  # detail that the finest level took for one
-        (FAR_M, 4, 6, 1, True),  # what two thirds tell is sure itself
-        (0.5 * OFF_PLANE_CELLS * CELL_M, 2, 4, 4, True),  # near the plane
+        (-FAR_M, 3, 6, 4, 0.8, False),  # a pit
+        (-FAR_M, 5, 5, 8, 0.8, False),  # nothing lies beneath smooth ground, whoever agrees on it in larger cells
+        (-FAR_M, 2, 3, 1, 0.8, False),
+        (FAR_M, 3, 6, 4, 0.8, True),  # a crown
+        (FAR_M, 3, 6, 4, 0.7, False),  # asphalt, where photographs hardly show the same
+        (FAR_M, 4, 6, 1, 0.7, True),  # what two thirds tell is sure itself
+        (FAR_M, 2, 3, 2, 0.8, False),  # two photographs
+        (FAR_M, 3, 6, 1, 0.8, False),  # detail that the finest level took for one
+        (FAR_M, 4, 6, 1, 0.8, True),
+        (0.5 * OFF_PLANE_CELLS * CELL_M, 2, 4, 4, 0.7, True),  # near the plane
     ],
 )
 def test_what_goes_is_far_below_the_plane_or_far_above_it_and_doubtful(
-    off_m: float, agree: int, look: int, cells: int, stays: bool
+    off_m: float, agree: int, look: int, cells: int, alike: float, stays: bool
 ) -> None:
-    before = with_box(off_m, agree, look, cells)
+    before = with_box(off_m, agree, look, cells, alike=alike)
     after = without_islands(before, CELL_M)
     inside = np.zeros(before.height_m.shape, bool)
     inside[BOX] = True
