@@ -2,9 +2,9 @@
 
 A window of the finest level holds some cells; where nothing in it agrees between the photographs (crowns, low texture,
 the water's edge), a window of two, four or eight times the side may. Its height is that of a wider piece of ground, and
-the cell's own may be any of those there: the variance is that of the matching and the mean square by which the heights
-around, finer ones where there are any, differ from it. Beside a wall that is what lies on either side of the step, on
-level ground next to nothing.
+the cell's own may be any of those there: the variance is the mean square by which the heights around, finer ones where
+there are any, differ from it, with its own error in it, and that of the matching at least. Beside a wall that is what
+lies on either side of the step, on level ground next to nothing.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
         place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
         spread, covered = around_cells(level, height, finest.height_m, place)
         adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * cell_m * level.cells)
-        taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.hypot(level.sigma_m, spread)
+        taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.maximum(level.sigma_m, spread)
         rise_m, out = STEEPEST * cell_m * level.cells, (height, sigma, correlation, rays, seen, cells)
         _take(taken_m, own, level.correlation, level.rays, level.seen, place, rise_m, out)
     return made
