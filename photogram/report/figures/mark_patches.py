@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -206,7 +207,10 @@ def _words(mark: MarkRecord) -> str:
 def _uri(figure: Figure) -> str:
     """Return a figure as a data URI, as large as it is on the page with some to spare."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="jpeg", dpi=DPI, pil_kwargs={"quality": QUALITY, "optimize": True})
+    figure.dpi = DPI
+    saved = {"quality": QUALITY, "optimize": True}
+    # savefig draws twice
+    FigureCanvasAgg(figure).print_jpg(stream, pil_kwargs=saved)  # type: ignore[no-untyped-call, unused-ignore]
     return f"data:image/jpeg;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import Normalize
@@ -49,6 +50,7 @@ from photogram.survey import PointCloud, Raster
 PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40
 IMAGE_DPI = 170
+_UNDATED = {"Date": None, "Creator": None}
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,10 @@ class PageFigure:
 def embedded(figure: Figure) -> str:
     """Return a figure as a data URI of scalable graphics, without date."""
     stream = io.BytesIO()
+    figure.dpi = IMAGE_DPI
     with mpl.rc_context({"svg.hashsalt": "photogram", "svg.fonttype": "path", "svg.image_inline": True}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=IMAGE_DPI)
+        # savefig draws twice
+        FigureCanvasSVG(figure).print_svg(stream, metadata=_UNDATED)  # type: ignore[no-untyped-call, unused-ignore]
     return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

@@ -63,7 +63,8 @@ def save_picture(figure: Figure, path: Path) -> None:
     """
     make_folder(path.parent)
     with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": None})
+        # savefig draws twice
+        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})  # type: ignore[no-untyped-call, unused-ignore]
     figure.set_layout_engine("none")  # which else measures every text once more
 
 
