@@ -574,6 +574,12 @@ def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, flo
     return u, v, pz
 
 
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
+def seen_called(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+    """Return ``seen_at``, compiled once for all that ask seldom: inlined, each place takes seconds to compile."""
+    return seen_at(cameras, p, X)  # type: ignore[no-any-return]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
 def project_point_jacobians(
     cameras: OrientedCameras,

@@ -8,7 +8,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
-from photogram.projection import FOCAL, OrientedCameras, seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.survey import Block
 
 
@@ -48,7 +48,7 @@ class Views:
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
 def _see_all(cameras: OrientedCameras, view: int, X: FloatArray, out: FloatArray) -> None:
     for n in range(len(X)):
-        out[n, 0], out[n, 1], _ = seen_at(cameras, view, X[n])
+        out[n, 0], out[n, 1], _ = seen_called(cameras, view, X[n])
 
 
 def places_in_view(views: Views, view: int, places_world_m: FloatArray) -> FloatArray:

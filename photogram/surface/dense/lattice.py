@@ -19,7 +19,7 @@ import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.projection import OrientedCameras, seen_at
+from photogram.projection import OrientedCameras, seen_called
 
 FARTHEST_PX = 1.2
 """How far apart places of the lattice may lie, in pixels."""
@@ -117,7 +117,7 @@ def nearest_views(
             lean = np.hypot(dx, dy) / dz if dz > 0.0 else np.inf
             if not lean < tangent[n, most - 1]:
                 continue
-            x, y, _ = seen_at(cameras, v, X)
+            x, y, _ = seen_called(cameras, v, X)
             width, height = cameras.size_px[cameras.camera[v], 0], cameras.size_px[cameras.camera[v], 1]
             if margin_px <= x <= width - 1 - margin_px and margin_px <= y <= height - 1 - margin_px:
                 k = most - 1
@@ -157,7 +157,7 @@ def fill_places(crops: Crops, ground: Ground, nodes: Nodes, view: int, out: Floa
                 east = nodes.column + (j - 1) * nodes.column_reach - c
                 for k in range(3):
                     X[k] = foot[k] + h * up[k] + south * ground.south[k] + east * ground.east[k]
-                x, y, _ = seen_at(crops.cameras, view, X)
+                x, y, _ = seen_called(crops.cameras, view, X)
                 f[0, a, i, j], f[1, a, i, j] = x * crops.scale - crops.left[view], y * crops.scale - crops.top[view]
     for e in range(2):
         for a in range(3):
@@ -313,7 +313,7 @@ def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Floa
                 continue
             for k in range(3):
                 X[k] = ground.foot[r, c, k] + surface[r, c] * ground.up[r, c, k]
-            x, y, _ = seen_at(crops.cameras, v, X)
+            x, y, _ = seen_called(crops.cameras, v, X)
             x, y = x * crops.scale - crops.left[v], y * crops.scale - crops.top[v]
             if 0.0 <= x < crops.width[v] - 1 and 0.0 <= y < crops.height[v] - 1:
                 i, j = int(y), int(x)

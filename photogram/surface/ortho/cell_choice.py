@@ -13,7 +13,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.projection import OrientedCameras, seen_at
+from photogram.projection import OrientedCameras, seen_called
 from photogram.surface.ortho.visibility import BESIDE, MASKED, VISIBLE, height_at, place_between
 
 MIXED = 4
@@ -96,7 +96,7 @@ def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Ar
 
 @njit(cache=True, nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
 def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
-    u, v, _ = seen_at(cameras, n, X)
+    u, v, _ = seen_called(cameras, n, X)
     m = cameras.camera[n]
     return bool(u >= -0.5 and v >= -0.5 and u <= cameras.size_px[m, 0] - 0.5 and v <= cameras.size_px[m, 1] - 0.5)
 
@@ -219,7 +219,8 @@ def close_slivers(
         c = int((cells[0][j] - corner[0]) / corner[2] - corner[4])
         row = min((first[0] + i) // block, candidate.shape[0] - 1)
         column = min((first[1] + j) // block, candidate.shape[1] - 1)
-        n = _another(cameras, out.place[i, j], candidate[row, column], over, seen[:, r, c], slot, True, True)
+        sliver = slivers[i, j]  # it is, but True itself would be another type to compile for
+        n = _another(cameras, out.place[i, j], candidate[row, column], over, seen[:, r, c], slot, sliver, sliver)
         if n >= 0:
             out.label[i, j, 0], out.weight[i, j, 0] = n, 1.0
             out.used[n] = True

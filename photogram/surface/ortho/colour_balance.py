@@ -16,7 +16,7 @@ from scipy.sparse.linalg import spsolve
 
 from photogram.arrays import ByteArray, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.projection import FOCAL, OrientedCameras, seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.surface.ortho.seamlines import Lattice
 from photogram.surface.views import Views
 
@@ -89,7 +89,7 @@ def _mean_colours(
     focal, C = cameras.parameters[cameras.camera[view], FOCAL], cameras.position
     for n in range(len(X)):
         out[n, 0] = np.nan
-        u, v, depth = seen_at(cameras, view, X[n])
+        u, v, depth = seen_called(cameras, view, X[n])
         if not np.isfinite(u):
             continue
         half = min(max(int(0.5 * side_m * focal / depth), 1), LARGEST_HALF_PX)

@@ -11,7 +11,7 @@ from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import vertical_nodes
-from photogram.projection import FOCAL, OrientedCameras, seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.sfm.tie_points.masked import clear_px
 from photogram.surface.ortho.visibility import Terrain, place_between
 from photogram.surface.views import Views
@@ -65,7 +65,7 @@ def _masked_cells(
             if np.isnan(h):
                 continue
             place_between(nodes, first, first[0] + i, first[1] + j, h - base, X)
-            u, v, depth = seen_at(cameras, view, X)
+            u, v, depth = seen_called(cameras, view, X)
             if not (u >= -0.5 and v >= -0.5 and u <= clear.shape[1] - 0.5 and v <= clear.shape[0] - 0.5):
                 continue
             column = min(max(int(np.rint(u)), 0), clear.shape[1] - 1)

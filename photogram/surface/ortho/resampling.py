@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.projection import FOCAL, OrientedCameras, seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_at, seen_called
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -138,14 +138,14 @@ def _add_cell(
     colour: FloatArray,
 ) -> None:
     """Add the mean over n × n places of a cell centred at X (3,); its image is taken as a parallelogram."""
-    u, v, _ = seen_at(cameras, number, X)
+    u, v, _ = seen_called(cameras, number, X)
     east, south = sides
     for k in range(3):
         X[k] += east[k]
-    du, dv, _ = seen_at(cameras, number, X)
+    du, dv, _ = seen_called(cameras, number, X)
     for k in range(3):
         X[k] += south[k] - east[k]
-    eu, ev, _ = seen_at(cameras, number, X)
+    eu, ev, _ = seen_called(cameras, number, X)
     for k in range(3):
         X[k] -= south[k]
     if not np.isfinite(du + dv + eu + ev):

@@ -19,7 +19,7 @@ from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
-from photogram.projection import FOCAL, OrientedCameras, seen_at
+from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.surface.ortho.labelling import DIFFERENCE_UNIT, chosen_labels
 from photogram.surface.ortho.visibility import MASKED, VISIBLE, SeenCells, Terrain, height_at, place_between
 from photogram.surface.views import Views
@@ -340,7 +340,7 @@ def _cost_at(
     """Return what a photograph costs at a place, ``X`` in the world, ``place`` in the map, but for its scale: infinite
     where it lies farther out of it than a block reaches; the size of its pixel there; and whether it shows it."""
     C, size = cameras.position, cameras.size_px
-    u, v, depth = seen_at(cameras, n, X)
+    u, v, depth = seen_called(cameras, n, X)
     if not depth > 0.0:
         return np.inf, np.inf, False
     m = cameras.camera[n]
@@ -432,7 +432,7 @@ def _seen_beside(
     """Return what ``seen_at`` does of the place (3,) so many steps (3,) from another, which X is filled with."""
     for k in range(3):
         X[k] = centre[k] + steps * step[k]
-    return seen_at(cameras, view, X)  # type: ignore[no-any-return]
+    return seen_called(cameras, view, X)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
@@ -485,7 +485,7 @@ def _look(
                     k = n
             if k < 0:
                 continue
-            u0, v0, depth = seen_at(cameras, view, middle[i, j])
+            u0, v0, depth = seen_called(cameras, view, middle[i, j])
             eu, ev, _ = _seen_beside(cameras, view, middle[i, j], half, east, X)
             su, sv, _ = _seen_beside(cameras, view, middle[i, j], half, south, X)
             hu, hv, _ = _seen_beside(cameras, view, middle[i, j], step_m, up, X)
@@ -507,7 +507,7 @@ def _look(
                 else:
                     for b in range(3):
                         X[b] = middle[i, j, b] + block * (right * east[b] + down * south[b]) + rise * up[b]
-                    u, v, _ = seen_at(cameras, view, X)
+                    u, v, _ = seen_called(cameras, view, X)
                 if not (u >= -0.5 and v >= -0.5 and u <= width and v <= rows_px):
                     whole = False
                     continue
