@@ -84,9 +84,11 @@ def test_one_core_or_kept_kernels_need_none(
     assert started == []
 
 
-def test_it_compiles_what_orientation_and_adjustment_need() -> None:
-    """Most kernels of both stages; the others are those of surveys with more than positions, control and ties."""
+def test_it_compiles_what_orientation_adjustment_and_orthophoto_need() -> None:
+    """Most kernels of these stages; the others are those of surveys with more than positions, control and ties, and of
+    orthophotos with masks or several bands."""
     early_kernels.compile_all()
     share = compiled_share()
     assert share["adjustment"] > early_kernels.KEPT
     assert share["orientation"] > early_kernels.KEPT
+    assert share["orthophoto"] > early_kernels.KEPT
