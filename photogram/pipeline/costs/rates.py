@@ -78,15 +78,17 @@ CONSTANT_S: Mapping[str, float] = {
 """Seconds of a stage whatever the survey: the report draws its figures, kernels are loaded."""
 
 COMPILATION_S: Mapping[str, tuple[float, tuple[str, ...]]] = {
-    "pairs": (0.8, ("photogram.sfm.tie_points.pairs", "photogram.sfm.tie_points.matching")),
-    "orientation": (9.2, ("photogram.triangulation", "photogram.projection")),
-    "transfer": (3.0, ("photogram.sfm.tie_points.guided_matching",)),
-    "adjustment": (16.5, ("photogram.factors",)),
-    "dense": (27.0, ("photogram.surface.dense",)),
-    "surface": (1.0, ("photogram.surface.dsm",)),
-    "orthophoto": (24.0, ("photogram.surface.ortho",)),
+    "pairs": (0.6, ("photogram.sfm.tie_points.pairs", "photogram.sfm.tie_points.matching")),
+    "orientation": (12.0, ("photogram.triangulation", "photogram.projection")),
+    "transfer": (2.6, ("photogram.sfm.tie_points.guided_matching",)),
+    "adjustment": (1.0, ("photogram.factors",)),
+    "dense": (23.0, ("photogram.surface.dense",)),
+    "surface": (3.5, ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels")),
+    "orthophoto": (1.5, ("photogram.surface.ortho",)),
 }
-"""Seconds that a first run on a machine spends compiling kernels in a stage, and the modules of these kernels."""
+"""Seconds that a first run on a machine spends compiling kernels in a stage, and the modules of these kernels. Where
+there are two cores another process compiles most of adjustment and orthophoto meanwhile; on one they take 15 and 20 s
+more."""
 
 
 def amounts(work: Workload) -> dict[Part, float]:
