@@ -8,13 +8,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partialmethod
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import gtsam
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from PIL import Image
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -83,15 +86,25 @@ def undrawing() -> Iterator[None]:
     """Make figures but do not draw them, which takes most of the time of a small survey's last stage: an empty picture
     stands for each. For whole surveys of which a test looks at no picture, and others draw the same figures."""
 
-    def save(_: Figure, target: str | Path | BinaryIO, *, format: str, **options: object) -> None:  # noqa: ARG001
-        content = EMPTY_PICTURES[format]
+    def save(
+        _: FigureCanvasBase,
+        target: str | Path | BinaryIO,
+        *,
+        content: bytes,
+        **options: object,  # noqa: ARG001
+    ) -> None:
         if isinstance(target, str | Path):
             Path(target).write_bytes(content)
         else:
             target.write(content)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", save)
+        for canvas, method, kind in (
+            (FigureCanvasAgg, "print_png", "png"),
+            (FigureCanvasAgg, "print_jpg", "jpeg"),
+            (FigureCanvasSVG, "print_svg", "svg"),
+        ):
+            patch.setattr(canvas, method, partialmethod(save, content=EMPTY_PICTURES[kind]))
         yield
 
 
