@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partialmethod
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -86,17 +85,18 @@ def undrawing() -> Iterator[None]:
     """Make figures but do not draw them, which takes most of the time of a small survey's last stage: an empty picture
     stands for each. For whole surveys of which a test looks at no picture, and others draw the same figures."""
 
-    def save(
-        _: FigureCanvasBase,
-        target: str | Path | BinaryIO,
-        *,
-        content: bytes,
-        **options: object,  # noqa: ARG001
-    ) -> None:
-        if isinstance(target, str | Path):
-            Path(target).write_bytes(content)
-        else:
-            target.write(content)
+    def stand_in(canvas: type[FigureCanvasBase], method: str, content: bytes) -> Callable[..., None]:
+        drawn = getattr(canvas, method)
+
+        def save(self: FigureCanvasBase, target: str | Path | BinaryIO, **options: object) -> None:
+            if "draw" in vars(self.figure):  # matplotlib asks for what measures texts, and ends before it draws
+                drawn(self, target, **options)
+            elif isinstance(target, str | Path):
+                Path(target).write_bytes(content)
+            else:
+                target.write(content)
+
+        return save
 
     with pytest.MonkeyPatch.context() as patch:
         for canvas, method, kind in (
@@ -104,7 +104,7 @@ def undrawing() -> Iterator[None]:
             (FigureCanvasAgg, "print_jpg", "jpeg"),
             (FigureCanvasSVG, "print_svg", "svg"),
         ):
-            patch.setattr(canvas, method, partialmethod(save, content=EMPTY_PICTURES[kind]))
+            patch.setattr(canvas, method, stand_in(canvas, method, EMPTY_PICTURES[kind]))
         yield
 
 
