@@ -1,11 +1,12 @@
-"""Seconds and memory of the whole command by stage, on surveys of one, four and sixteen times the area.
+"""Seconds and memory of the whole command by stage, on surveys of one, four and sixteen times the photographs.
 
     python benchmarks/areas.py [--photographs 24,96,384] [--seed 1] [--keep DIRECTORY]
 
 Simulated and rendered: photographs of 1200 × 900 px, overlap 80/70, default settings with dense surface and orthophoto,
 each survey in a process of its own. Seconds are those without the compilation of kernels. `exponent`: slope of log
 seconds over log photographs from one survey to the next; 1 is linear, and what does not depend on the survey brings it
-down. Memory is the most that the process holds in a stage; `cells` are those of the surface and of the orthophoto.
+down. Memory is the most that the process holds in a stage; `cells` are those of the surface and of the orthophoto, of
+which more photographs show each the larger the survey: the last line has the exponents over cells of the orthophoto.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import argparse
 import multiprocessing
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -63,27 +65,35 @@ def seconds(summary: StageSummary) -> float:
     return float(summary["seconds"] - summary["compilation_seconds"])
 
 
-def _exponents(values: list[float], counts: list[int]) -> str:
+def _exponents(values: list[float], counts: Sequence[float]) -> str:
     pairs = pairwise(zip(values, counts, strict=True))
     slopes = [np.log(b / a) / np.log(n / m) if min(a, b) >= 1.0 else np.nan for (a, m), (b, n) in pairs]
     return "".join(f"{slope:8.2f}" if np.isfinite(slope) else f"{'–':>8}" for slope in slopes)
 
 
+def _row(name: str, took: list[float], held: list[float], counts: list[int]) -> str:
+    cells = "".join(f"{s:9.1f} s{m:5.2f} GiB" for s, m in zip(took, held, strict=True))
+    return f"{name:14}{cells}{_exponents(took, counts)}"
+
+
 def table(counts: list[int], runs: list[Summaries]) -> str:
     """Return the table of surveys of so many photographs as text."""
     lines = [f"{'photographs':14}" + "".join(f"{count:18}" for count in counts) + "    exponents"]
-    for name in STAGE_NAMES:
-        took = [seconds(run[name]) for run in runs]
-        held = [(run[name]["peak_memory_bytes"] or 0) / 2**30 for run in runs]
-        cells = "".join(f"{s:9.1f} s{m:5.2f} GiB" for s, m in zip(took, held, strict=True))
-        lines.append(f"{name:14}{cells}{_exponents(took, counts)}")
-    whole = [sum(seconds(run[name]) for name in STAGE_NAMES) for run in runs]
-    most = [max((run[name]["peak_memory_bytes"] or 0) for name in STAGE_NAMES) / 2**30 for run in runs]
-    cells = "".join(f"{s:9.1f} s{m:5.2f} GiB" for s, m in zip(whole, most, strict=True))
-    lines.append(f"{'whole':14}{cells}{_exponents(whole, counts)}")
-    for name in ("surface", "orthophoto"):
-        sizes = [run[name]["rows"] * run[name]["columns"] / 1e6 for run in runs]
+    took = {name: [seconds(run[name]) for run in runs] for name in STAGE_NAMES}
+    held = {name: [(run[name]["peak_memory_bytes"] or 0) / 2**30 for run in runs] for name in STAGE_NAMES}
+    lines += [_row(name, took[name], held[name], counts) for name in STAGE_NAMES]
+    whole, most = ([f(of) for of in zip(*by.values(), strict=True)] for f, by in ((sum, took), (max, held)))
+    lines.append(_row("whole", whole, most, counts))
+    cells = {
+        name: [run[name]["rows"] * run[name]["columns"] / 1e6 for run in runs] for name in ("surface", "orthophoto")
+    }
+    for name, sizes in cells.items():
         lines.append(f"{name + ', cells':20}" + "".join(f"{size:10.2f} million" for size in sizes)[6:])
+    over = (
+        f"{name} {_exponents(of, cells['orthophoto'])}"
+        for name, of in (("whole", whole), ("orthophoto", took["orthophoto"]))
+    )
+    lines.append("exponents over cells of the orthophoto: " + ", ".join(over))
     return "\n".join(lines)
 
 

@@ -6,6 +6,7 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 MEGABYTE = 1_000_000
 _KINDS = (
@@ -45,11 +46,20 @@ def check_size(path: Path, most_bytes: int) -> int:
     return size
 
 
+def read_rest(stream: BinaryIO, most_bytes: int) -> bytes:
+    """Return what is left of an open file, at most so many bytes. Python sets aside as much memory as it is asked to
+    read: that is the size of the file, unless there turns out to be more."""
+    left = max(os.fstat(stream.fileno()).st_size - stream.tell(), 0)
+    data = stream.read(min(left, most_bytes))
+    more = stream.read(1) if len(data) < most_bytes else b""
+    return data + more + stream.read(most_bytes - len(data) - 1) if more else data
+
+
 def read_whole(path: Path, most_bytes: int) -> bytes:
     """Return the content of an ordinary file of at most so many bytes. Raises OSError as check_size does."""
     check_size(path, most_bytes)
     with path.open("rb") as stream:
-        data = stream.read()  # given a limit, Python sets aside as much memory, more than small machines have
+        data = read_rest(stream, most_bytes + 1)
     if len(data) > most_bytes:  # it has grown, or its file system does not say how large it is
         raise OSError(errno.EFBIG, f"it has more than the {most_bytes / MEGABYTE:.0f} MB that are read here")
     return data

@@ -54,7 +54,7 @@ from photogram.pipeline.store.dependence import (
     stretches,
     surface_settings,
 )
-from photogram.pipeline.store.memory import peak_memory
+from photogram.pipeline.store.memory import give_back_free_memory, peak_memory
 from photogram.pipeline.store.pools import Pool
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.store.run import Run
@@ -453,6 +453,7 @@ class _Progress:
 def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bool) -> None:
     if fresh:
         run.workspace.discard(stage.name)
+    give_back_free_memory()
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark, watcher.warn)
     with journalled(folder), peak_memory() as peak, compile_time() as compiled, ordered(run, folder):

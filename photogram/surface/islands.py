@@ -5,7 +5,7 @@ the photographs of one strip may agree on a height metres from the ground, in la
 a piece support each other, and their standard deviations are small; the ground around exposes it. From every doubtful
 cell the nearest sure height is found in each of eight directions. Where five of these lie on one plane, the ground is
 taken to continue between them: a height far below the plane is false, and so is one far above it that is of the finest
-level, rests on two photographs, or on some that show different things. Above a plane, larger cells may show a crown.
+level, rests on two photographs, or on some that correlate weakly. Above a plane, larger cells may show a crown.
 """
 
 from __future__ import annotations

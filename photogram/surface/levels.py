@@ -2,9 +2,9 @@
 
 A window of the finest level holds some cells; where nothing in it agrees between the photographs (crowns, low texture,
 the water's edge), a window of two, four or eight times the side may. Its height is that of a wider piece of ground, and
-the cell's own may be any of those there: the variance is the mean square by which the heights around, finer ones where
-there are any, differ from it, with its own error in it, and that of the matching at least. Beside a wall that is what
-lies on either side of the step, on level ground next to nothing.
+the cell's own may be any of those there: the variance is the mean square of the differences between it and the heights
+around, finer ones where there are any, and that of the matching at least. Its own error is in these differences. Beside
+a wall they are the step, on level ground next to nothing.
 """
 
 from __future__ import annotations

@@ -38,9 +38,16 @@ from photogram.files.photographs.images import (
     write_photograph,
 )
 from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
-from photogram.files.reading import read_whole
+from photogram.files.reading import read_rest, read_whole
 
 READERS = (read_pixels, read_grey, check_photograph)
+
+JPEG_OPTIONS: list[dict[str, Any]] = [
+    {"subsampling": "4:2:0"},
+    {"subsampling": "4:2:2"},
+    {"subsampling": "4:4:4", "restart_marker_rows": 1},
+    {"progressive": True},
+]
 
 TAGS = PhotographTags(
     make="DJI",
@@ -202,15 +209,7 @@ def test_jpeg_keeps_its_pixels_and_its_luminance(photograph: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", ["RGB", "L"])
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"subsampling": "4:2:0"},
-        {"subsampling": "4:2:2"},
-        {"subsampling": "4:4:4", "restart_marker_rows": 1},
-        {"progressive": True},
-    ],
-)
+@pytest.mark.parametrize("options", JPEG_OPTIONS)
 def test_jpeg_is_decoded_to_the_pixels_that_pillow_gives(tmp_path: Path, mode: str, options: dict[str, Any]) -> None:
     v, u = np.mgrid[:151, :203]
     waves = 127 + 90 * np.sin(np.stack([u / 7, v / 5, (u + v) / 11], axis=2))
@@ -222,6 +221,17 @@ def test_jpeg_is_decoded_to_the_pixels_that_pillow_gives(tmp_path: Path, mode: s
     with Image.open(path) as picture:
         picture.draft("L", None)
         assert np.array_equal(read_grey(path), np.array(picture.convert("L")))
+
+
+def test_what_a_file_holds_beyond_its_stated_size_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some file systems do not say how large a file is."""
+    path = tmp_path / "unsized"
+    path.write_bytes(bytes(range(100)))
+    unsized = path.stat()
+    monkeypatch.setattr("os.fstat", lambda _: type("Stat", (), {"st_size": 10, "st_mode": unsized.st_mode})())
+    for most, kept in ((1000, 100), (100, 100), (40, 40), (10, 10)):
+        with path.open("rb") as stream:
+            assert read_rest(stream, most) == bytes(range(kept))
 
 
 def test_reading_a_file_takes_the_memory_of_the_file(photograph: Path) -> None:
@@ -639,16 +649,7 @@ def test_camera_with_geotags_and_exif_alone(tmp_path: Path, unit: int | None, re
     assert camera_angles(tags) == (None, None, None)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"subsampling": "4:2:0"},
-        {"subsampling": "4:2:2"},
-        {"subsampling": "4:4:4", "restart_marker_rows": 1},
-        {"progressive": True},
-        {"grey": True},
-    ],
-)
+@pytest.mark.parametrize("options", [*JPEG_OPTIONS, {"grey": True}])
 @pytest.mark.parametrize("reduction", [1, 2, 4, 8])
 def test_a_window_is_what_decoding_everything_gives(tmp_path: Path, options: dict[str, Any], reduction: int) -> None:
     path, rng = tmp_path / "a.jpg", np.random.default_rng(4)

@@ -52,7 +52,7 @@ def with_box(
         (-FAR_M, 5, 5, 8, 0.8, False),  # nothing lies beneath smooth ground, whoever agrees on it in larger cells
         (-FAR_M, 2, 3, 1, 0.8, False),
         (FAR_M, 3, 6, 4, 0.8, True),  # a crown
-        (FAR_M, 3, 6, 4, 0.7, False),  # asphalt, where photographs hardly show the same
+        (FAR_M, 3, 6, 4, 0.7, False),  # asphalt: they correlate weakly
         (FAR_M, 4, 6, 1, 0.7, True),  # what two thirds tell is sure itself
         (FAR_M, 2, 3, 2, 0.8, False),  # two photographs
         (FAR_M, 3, 6, 1, 0.8, False),  # detail that the finest level took for one

@@ -21,7 +21,7 @@ from photogram.files.photographs.depth import Layout, damaged, layout_of, tiff_l
 from photogram.files.photographs.dng import Directory, first_directory, is_dng, is_tiff, preview_of, with_tags
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 from photogram.files.photographs.tags import PhotographTags, tags_of
-from photogram.files.reading import check_size
+from photogram.files.reading import check_size, read_rest
 
 LARGEST_PIXELS = 1_000_000_000
 """Of one photograph: three times the largest aerial camera's, and 3 GB of memory when decoded."""
@@ -81,7 +81,7 @@ def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
 def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file. Raises ImageError where it is missing, or no picture."""
     with _opened_file(path) as (head, stream):
-        return head + stream.read()
+        return head + read_rest(stream, MOST_BYTES)
 
 
 def read_leading(path: Path) -> bytes:
@@ -89,7 +89,7 @@ def read_leading(path: Path) -> bytes:
     read_content does."""
     with _opened_file(path) as (data, stream):
         if not data.startswith(_SIGNATURES[0]):
-            return data + stream.read()
+            return data + read_rest(stream, MOST_BYTES)
         wanted = _LEADING_BYTES
         while True:
             more = stream.read(wanted)

@@ -1,4 +1,4 @@
-"""How much memory a stage of work takes at its highest."""
+"""How much memory a stage of work takes at its highest, and what it leaves unused given back."""
 
 from __future__ import annotations
 
@@ -53,10 +53,8 @@ def give_back_free_memory() -> None:
 def peak_memory() -> Iterator[Peak]:
     """Measure the most memory that this process holds during the block, all its threads together.
 
-    What earlier work has left unused is given back before. On Linux the system's high-water mark is reset then;
-    elsewhere only a peak above all earlier ones can be told.
+    On Linux the system's high-water mark is reset before. Elsewhere only a peak above all earlier ones can be told.
     """
-    give_back_free_memory()
     found, before, reset = Peak(), _lifetime_peak(), reset_highest_memory()
     try:
         yield found

@@ -11,13 +11,12 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from photogram.arrays import ByteArray
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.figures.style import BLUE, SKY, VERMILION, new_figure
+from photogram.report.figures.style import BLUE, SKY, VERMILION, new_figure, write_figure
 from photogram.report.marks import UNKNOWN, by_misfit, largest_w, residual_length_px
 from photogram.report.numbers.wording import signed
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
@@ -208,9 +207,7 @@ def _uri(figure: Figure) -> str:
     """Return a figure as a data URI, as large as it is on the page with some to spare."""
     stream = io.BytesIO()
     figure.dpi = DPI
-    saved = {"quality": QUALITY, "optimize": True}
-    # savefig draws twice
-    FigureCanvasAgg(figure).print_jpg(stream, pil_kwargs=saved)  # type: ignore[no-untyped-call, unused-ignore]
+    write_figure(figure, stream, "jpeg", pil_kwargs={"quality": QUALITY, "optimize": True})
     return f"data:image/jpeg;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import Normalize
@@ -41,6 +40,7 @@ from photogram.report.figures.style import (
     residual_figure,
     round_length,
     surface_figure,
+    write_figure,
 )
 from photogram.report.numbers.overlap import Overlap
 from photogram.report.titles import CLOUD_TITLES
@@ -50,7 +50,6 @@ from photogram.survey import PointCloud, Raster
 PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40
 IMAGE_DPI = 170
-_UNDATED = {"Date": None, "Creator": None}
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,7 @@ def embedded(figure: Figure) -> str:
     stream = io.BytesIO()
     figure.dpi = IMAGE_DPI
     with mpl.rc_context({"svg.hashsalt": "photogram", "svg.fonttype": "path", "svg.image_inline": True}):
-        # savefig draws twice
-        FigureCanvasSVG(figure).print_svg(stream, metadata=_UNDATED)  # type: ignore[no-untyped-call, unused-ignore]
+        write_figure(figure, stream, "svg", metadata={"Date": None, "Creator": None})
     return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import BinaryIO, Literal
 
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LightSource, Normalize
@@ -57,14 +59,29 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return figure
 
 
+_PRINTED = {
+    "png": (FigureCanvasAgg, "print_png"),
+    "jpeg": (FigureCanvasAgg, "print_jpg"),
+    "svg": (FigureCanvasSVG, "print_svg"),
+}
+
+
+def write_figure(
+    figure: Figure, target: Path | BinaryIO, kind: Literal["png", "jpeg", "svg"], **options: Mapping[str, object]
+) -> None:
+    """Draw a figure and write it as a picture, with ``options`` of matplotlib's canvas; ``savefig`` draws one that has
+    a layout twice."""
+    canvas, method = _PRINTED[kind]
+    getattr(canvas(figure), method)(target, **options)
+
+
 def save_picture(figure: Figure, path: Path) -> None:
     """Write the figure as PNG, whole or not at all, without date or program name; where it is drawn again its parts
     stand where they stood. Raises WorkspaceError if it cannot be written.
     """
     make_folder(path.parent)
     with replacing(path) as temporary:
-        # savefig draws twice
-        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})  # type: ignore[no-untyped-call, unused-ignore]
+        write_figure(figure, temporary, "png", metadata={"Software": None})
     figure.set_layout_engine("none")  # which else measures every text once more
 
 
