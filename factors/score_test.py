@@ -75,7 +75,7 @@ def least_statistic(problem: Problem, state: State, camera: int, parameter: int)
     return float(score**2 / information) if information > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _score(
     first: IntArray, photograph: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
     cameras: OrientedCameras, X: FloatArray, known: FloatArray, own: FloatArray, parameter: int, place_of: IntArray,

@@ -24,6 +24,9 @@ Float32Array = NDArray[np.float32]
 
 Int32Array = NDArray[np.int32]
 
+Index = int | np.uint64
+"""A place in an array: compiled code does not test whether an unsigned one counts from the end."""
+
 
 def grouped(number: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Return the indices (N,) of numbers below ``count`` in the order of the numbers, those of one ascending, and where

@@ -326,7 +326,7 @@ def oriented_by(cameras: Sequence[Camera], camera_of: IntArray, poses: Sequence[
     )
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _shift_all(cameras: OrientedCameras, pixel: FloatArray) -> FloatArray:
     shift = np.empty_like(pixel)
     for i in range(len(pixel)):
@@ -338,11 +338,10 @@ def field_at(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Return the lens field (N, 2) of a camera at measured pixels (N, 2), px; zero where it has none."""
     if camera.field is None:
         return np.zeros((len(pixel), 2))
-    shift: FloatArray = _shift_all(oriented_by([camera], np.zeros(0, dtype=np.int64), []), _contiguous(pixel))
-    return shift
+    return _shift_all(oriented_by([camera], np.zeros(0, dtype=np.int64), []), _contiguous(pixel))
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _project_all(cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     pixel = np.empty((len(X), 2))
     for i in range(len(X)):
@@ -350,7 +349,7 @@ def _project_all(cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     return pixel
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _distort_all(model: int, parameters: FloatArray, ideal: FloatArray) -> FloatArray:
     pixel, q = np.empty_like(ideal), lens_of(parameters, 0)
     for i in range(len(ideal)):
@@ -363,7 +362,7 @@ def _distort_all(model: int, parameters: FloatArray, ideal: FloatArray) -> Float
     return pixel
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _undistort_all(model: int, parameters: FloatArray, pixel: FloatArray) -> FloatArray:
     ideal, q = np.empty_like(pixel), lens_of(parameters, 0)
     for i in range(len(pixel)):
@@ -382,7 +381,7 @@ def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArra
     NaN for points at or behind the projection centre, and for those so far off the axis that the distortion folds back.
     """
     one = oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
-    pixel: FloatArray = _project_all(one, _contiguous(points_world_m))
+    pixel = _project_all(one, _contiguous(points_world_m))
     limit = camera.largest_radius
     if np.isfinite(limit):
         x, y, z = pose.camera_from_world(points_world_m).T
@@ -396,8 +395,7 @@ def image_plane_or_nan(camera: Camera, pixel: FloatArray) -> FloatArray:
     at = _contiguous(pixel)
     if camera.field is not None:
         at = at - field_at(camera, at)
-    ideal: FloatArray = _undistort_all(camera.kind, camera.parameters[None], at)
-    return ideal
+    return _undistort_all(camera.kind, camera.parameters[None], at)
 
 
 def image_plane(camera: Camera, pixel: FloatArray) -> FloatArray:
@@ -431,7 +429,7 @@ def distort(camera: Camera, pixel: FloatArray) -> FloatArray:
     """Apply distortion, lens field and affinity to ideal pixels (N, 2), and the bend of a fisheye; the inverse of
     undistort."""
     ideal = (_contiguous(pixel) - camera.principal_point_px) / camera.focal_px
-    distorted: FloatArray = _distort_all(camera.kind, camera.parameters[None], ideal)
+    distorted = _distort_all(camera.kind, camera.parameters[None], ideal)
     if camera.field is None:
         return distorted
     return distorted + field_at(camera, distorted + field_at(camera, distorted))

@@ -16,42 +16,45 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numba import config
 from numba import njit as numba_njit  # noqa: TID251 - here it is wrapped
 from numba.core import event
 
-Function = Callable[..., Any]
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 _kept: list[Any] = []  # every function whose compiled code is to be kept, as numba's dispatcher
 
 
-def njit(**options: Any) -> Callable[[Function], Any]:  # noqa: ANN401 - numba's own options
+def njit(**options: Any) -> Callable[[Function], Function]:  # noqa: ANN401 - numba's own options
     """Return numba's decorator njit with these options; with ``cache`` the compiled code is kept where it can be."""
 
-    def compiled(function: Function) -> Any:  # noqa: ANN401 - numba carries no types
-        found = None
+    def compiled(function: Function) -> Function:
+        kernel: Function | None = None
         if options.get("cache"):
             # without a home numba would make a folder called ~ where the command runs
-            found = _cached(function, options) if os.path.isabs(os.path.expanduser("~")) else None
-            found = found or _cached_in(temporary_folder(), function, options)
-        if found is not None:
-            _kept.append(found)
-        return found or numba_njit(**{**options, "cache": False})(function)
+            kernel = _cached(function, options) if os.path.isabs(os.path.expanduser("~")) else None
+            kernel = kernel or _cached_in(temporary_folder(), function, options)
+        if kernel is not None:
+            _kept.append(kernel)
+            return kernel
+        not_kept: Function = numba_njit(**{**options, "cache": False})(function)
+        return not_kept
 
     return compiled
 
 
-def _cached(function: Function, options: dict[str, Any]) -> Any:  # noqa: ANN401
+def _cached(function: Function, options: dict[str, Any]) -> Function | None:
     """Return the compiled function, None where numba finds no place to keep its code in."""
     try:
-        return numba_njit(**options)(function)
+        kernel: Function = numba_njit(**options)(function)
     except RuntimeError:
         return None
+    return kernel
 
 
-def _cached_in(folder: Path | None, function: Function, options: dict[str, Any]) -> Any:  # noqa: ANN401
+def _cached_in(folder: Path | None, function: Function, options: dict[str, Any]) -> Function | None:
     """Return the compiled function, its code kept in a folder; None where that cannot be."""
     if folder is None:
         return None

@@ -34,11 +34,11 @@ photographs and cameras are given to it unsigned, so that none is tested for bei
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import FloatArray, Index, IntArray
 from photogram.compilation import njit
 
 Model = Literal["brown", "fisheye"]
@@ -133,6 +133,8 @@ NEAR_AXIS = 1e-3
 
 Six = tuple[float, float, float, float, float, float]
 
+Number = TypeVar("Number", float, FloatArray)
+
 Lens = tuple[float, ...]
 """The parameters (12,) of one camera, in the order of PARAMETER_NAMES."""
 
@@ -175,7 +177,7 @@ def recalibrated(cameras: OrientedCameras, parameters: FloatArray) -> OrientedCa
     return cameras._replace(parameters=np.ascontiguousarray(parameters), shift=np.ascontiguousarray(shift))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def equidistant(px: float, py: float, pz: float) -> tuple[float, float, float]:
     """Return s = θ/ρ of a point p in front of a fisheye, so that (x, y) = s (X, Y), and t and e of its derivatives.
 
@@ -193,8 +195,8 @@ def equidistant(px: float, py: float, pz: float) -> tuple[float, float, float]:
     return s, (pz * e - s) / rho2, e
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def turned(cameras: OrientedCameras, p: int, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def turned(cameras: OrientedCameras, p: Index, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
     """Turn an offset from the projection centre, in the world, into the frame of photograph ``p``."""
     R = cameras.rotation
     px = R[p, 0, 0] * dx + R[p, 1, 0] * dy + R[p, 2, 0] * dz
@@ -203,28 +205,28 @@ def turned(cameras: OrientedCameras, p: int, dx: float, dy: float, dz: float) ->
     return px, py, pz
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def in_camera(cameras: OrientedCameras, p: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def in_camera(cameras: OrientedCameras, p: Index, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return a place of the world in the frame of photograph ``p``."""
     C = cameras.position
-    return turned(cameras, p, x - C[p, 0], y - C[p, 1], z - C[p, 2])  # type: ignore[no-any-return]
+    return turned(cameras, p, x - C[p, 0], y - C[p, 1], z - C[p, 2])
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def share_at_row(v: float, height_px: float) -> float:
-    """Return how far the read-out is at row ``v``, from −1/2 at the first row to 1/2 at the last."""
+@njit(inline="always")
+def share_at_row(v: Number, height_px: Number) -> Number:
+    """Return how far the read-out is at row ``v``, of one or of (N,), from −1/2 at the first row to 1/2 at the last."""
     return v / (height_px - 1.0) - 0.5
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def drift_at_row(cameras: OrientedCameras, p: int, height_px: float, v: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def drift_at_row(cameras: OrientedCameras, p: Index, height_px: float, v: float) -> tuple[float, float, float]:
     """Return by how much the world drifts through the frame of photograph ``p`` until row ``v``, m per second of
     read-out: −Rᵀ w (v / (h − 1) − 1/2), the derivative of a place in that frame by the read-out time."""
     w, share = cameras.velocity, share_at_row(v, height_px)
-    return turned(cameras, p, -share * w[p, 0], -share * w[p, 1], -share * w[p, 2])  # type: ignore[no-any-return]
+    return turned(cameras, p, -share * w[p, 0], -share * w[p, 1], -share * w[p, 2])
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def image_plane_of(model: int, px: float, py: float, pz: float) -> tuple[float, float, float, float, float]:
     """Return the image-plane coordinates (x, y) of a point in front of the camera, and s, t and e of ``stretch_of``."""
     s, t, e = 1.0 / pz, 0.0, 1.0 / (pz * pz)
@@ -235,7 +237,7 @@ def image_plane_of(model: int, px: float, py: float, pz: float) -> tuple[float, 
     return x, y, s, t, e
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def stretch_of(model: int, px: float, py: float, pz: float) -> tuple[float, float, float]:
     """Return s of (x, y) = s (X, Y), and t and e of its derivatives, see ``equidistant``; Brown's has s = 1/Z.
 
@@ -248,8 +250,8 @@ def stretch_of(model: int, px: float, py: float, pz: float) -> tuple[float, floa
     return s, t, e
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def lens_of(parameters: FloatArray, c: int) -> Lens:
+@njit(inline="always")
+def lens_of(parameters: FloatArray, c: Index) -> Lens:
     """Return the parameters of camera ``c`` as numbers.
 
     Read them before the first branch: an array that is taken out of a tuple and used on both sides of a branch is
@@ -262,7 +264,7 @@ def lens_of(parameters: FloatArray, c: int) -> Lens:
     )  # fmt: skip
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def distorted(q: Lens, x: float, y: float) -> tuple[float, float, float, float, float]:
     """Distort image-plane coordinates (x, y) of either model; returns x_d, y_d and ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x,
     ∂y_d/∂y."""
@@ -278,27 +280,27 @@ def distorted(q: Lens, x: float, y: float) -> tuple[float, float, float, float, 
     return xd, yd, xx, xy, yy
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def pixel_of(q: Lens, xd: float, yd: float) -> tuple[float, float]:
     """Return the pixel of distorted image-plane coordinates."""
     return q[FOCAL] * xd + q[CX] + (q[B1] * xd + q[B2] * yd), q[FOCAL] * yd + q[CY]
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def misfit(q: Lens, xd: float, yd: float, u: float, v: float) -> tuple[float, float]:
     """Return the pixel of distorted coordinates less the measured one: ``pixel_of`` with an operation less."""
     du = (q[FOCAL] + q[B1]) * xd + q[B2] * yd + q[CX] - u
     return du, q[FOCAL] * yd + q[CY] - v
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def pixel_slopes(q: Lens, weight: float, xx: float, xy: float, yy: float) -> tuple[float, float, float, float]:
     """Return ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y times ``weight`` from the derivatives of the distortion."""
     f, fu, skew = q[FOCAL], q[FOCAL] + q[B1], q[B2]
     return weight * (fu * xx + skew * xy), weight * (fu * xy + skew * yy), weight * f * xy, weight * f * yy
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def slopes_in_camera(
     gx: float, gy: float, px: float, py: float, s: float, t: float, e: float
 ) -> tuple[float, float, float]:
@@ -307,7 +309,7 @@ def slopes_in_camera(
     return gx * s + t * along * px, gy * s + t * along * py, -e * along
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def slopes_of_pose(g0: float, g1: float, g2: float, px: float, py: float, pz: float) -> Six:
     """Return the derivatives by the pose's tangent from those by p in the camera frame.
 
@@ -317,8 +319,8 @@ def slopes_of_pose(g0: float, g1: float, g2: float, px: float, py: float, pz: fl
     return g1 * pz - g2 * py, g2 * px - g0 * pz, g0 * py - g1 * px, -g0, -g1, -g2
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def slopes_in_world(cameras: OrientedCameras, p: int, g0: float, g1: float, g2: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def slopes_in_world(cameras: OrientedCameras, p: Index, g0: float, g1: float, g2: float) -> tuple[float, float, float]:
     """Return the derivatives by the point in the world from those in the camera frame: ∂p/∂X = Rᵀ."""
     R = cameras.rotation
     gx = R[p, 0, 0] * g0 + R[p, 0, 1] * g1 + R[p, 0, 2] * g2
@@ -327,7 +329,7 @@ def slopes_in_world(cameras: OrientedCameras, p: int, g0: float, g1: float, g2: 
     return gx, gy, gz
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def fill_parameter_slopes(
     q: Lens, unit: Lens, weight: float, x: float, y: float, xd: float, yd: float, J: FloatArray,
     row: int, column: int,
@@ -367,7 +369,7 @@ def fill_parameter_slopes(
         J[a, k], J[d, k] = weight * yd * unit[B2], 0.0
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def node_before(at_px: float, side_px: float, nodes: int) -> tuple[int, float]:
     """Return the last node before a pixel's coordinate, and how far on it lies towards the next, from 0 to 1."""
     at = min(max((at_px + 0.5) / side_px, 0.0), 1.0) * (nodes - 1)
@@ -375,8 +377,8 @@ def node_before(at_px: float, side_px: float, nodes: int) -> tuple[int, float]:
     return before, at - before
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def shift_within(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+@njit(inline="always")
+def shift_within(S: FloatArray, c: Index, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
     """Return the lens field S (C, R, Q, 2) of camera ``c`` at a pixel, px; beyond the picture that of its edge."""
     du, dv = 0.0, 0.0
     if np.isfinite(u + v):
@@ -389,22 +391,22 @@ def shift_within(S: FloatArray, c: int, width_px: int, height_px: int, u: float,
     return du, dv
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
-def shift_called(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def shift_called(S: FloatArray, c: Index, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
     """Return ``shift_within``; inlined, it would count the array in loops that count references."""
-    return shift_within(S, c, width_px, height_px, u, v)  # type: ignore[no-any-return]
+    return shift_within(S, c, width_px, height_px, u, v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
-def shown_called(S: FloatArray, c: int, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def shown_called(S: FloatArray, c: Index, width_px: int, height_px: int, u: float, v: float) -> tuple[float, float]:
     """Return where a picture of camera ``c`` shows what the parameters project to (u, v): there the field is added."""
     du, dv = shift_within(S, c, width_px, height_px, u, v)
     du, dv = shift_within(S, c, width_px, height_px, u + du, v + dv)
     return u + du, v + dv
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def shift_at(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple[float, float]:
+@njit(inline="always")
+def shift_at(cameras: OrientedCameras, c: Index, u: float, v: float) -> tuple[float, float]:
     """Return the lens field of camera ``c`` at a pixel, px, zero where it has none."""
     S, width_px, height_px = cameras.shift, cameras.size_px[c, 0], cameras.size_px[c, 1]
     du, dv = 0.0, 0.0
@@ -413,14 +415,14 @@ def shift_at(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple[floa
     return du, dv
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def without_field(cameras: OrientedCameras, c: int, u: float, v: float) -> tuple[float, float]:
+@njit(inline="always")
+def without_field(cameras: OrientedCameras, c: Index, u: float, v: float) -> tuple[float, float]:
     """Return a measured pixel of camera ``c`` less the lens field there: what the parameters alone describe."""
     du, dv = shift_at(cameras, c, u, v)
     return u - du, v - dv
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _without_fields(cameras: OrientedCameras, photograph: IntArray, measured: FloatArray) -> FloatArray:
     bare = measured.copy()
     for i in range(len(bare)):
@@ -434,13 +436,12 @@ def without_fields(cameras: OrientedCameras, photograph: IntArray, measured: Flo
     the array itself where no camera has one, so that loops over such blocks know nothing of fields."""
     if cameras.shift.shape[1] < 2:
         return measured
-    bare: FloatArray = _without_fields(cameras, photograph, measured)
-    return bare
+    return _without_fields(cameras, photograph, measured)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def fill_field_slopes(
-    cameras: OrientedCameras, c: int, u: float, v: float, weight: float, count: int, J: FloatArray, row: int,
+    cameras: OrientedCameras, c: Index, u: float, v: float, weight: float, count: int, J: FloatArray, row: int,
     column: int,
 ) -> None:  # fmt: skip
     """Fill two rows of J, from ``row`` and ``column`` on, with the derivatives of (u, v) by the first ``count``
@@ -457,7 +458,7 @@ def fill_field_slopes(
             J[row + n, column + k] = upper + lower
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def pixel_in_front(model: int, q: Lens, px: float, py: float, pz: float) -> tuple[float, float]:
     """Return the pixel at which a camera shows a point in its frame and in front of it."""
     if model == FISHEYE:
@@ -466,7 +467,7 @@ def pixel_in_front(model: int, q: Lens, px: float, py: float, pz: float) -> tupl
     else:
         x, y = px / pz, py / pz
     xd, yd, _, _, _ = distorted(q, x, y)
-    return pixel_of(q, xd, yd)  # type: ignore[no-any-return]
+    return pixel_of(q, xd, yd)
 
 
 ROWS_TRIED = 3
@@ -474,7 +475,7 @@ ROWS_TRIED = 3
 that the picture moves on meanwhile, some hundredths."""
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def at_its_row(
     model: int, q: Lens, height_px: float, px: float, py: float, pz: float, wx: float, wy: float, wz: float
 ) -> tuple[float, float, float]:
@@ -490,9 +491,9 @@ def at_its_row(
     return x, y, z
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def in_camera_at_its_row(
-    cameras: OrientedCameras, p: int, model: int, q: Lens, height_px: float, x: float, y: float, z: float
+    cameras: OrientedCameras, p: Index, model: int, q: Lens, height_px: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """Return a place of the world in the frame of photograph ``p`` when it reads the row that shows it."""
     w = cameras.velocity
@@ -503,27 +504,27 @@ def in_camera_at_its_row(
     return px, py, pz
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def in_camera_at_row(
-    cameras: OrientedCameras, p: int, readout_s: float, height_px: float, v: float, x: float, y: float, z: float
+    cameras: OrientedCameras, p: Index, readout_s: float, height_px: float, v: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
     """Return a place of the world in the frame of photograph ``p`` when it reads row ``v``."""
     C, w, way = cameras.position, cameras.velocity, readout_s * share_at_row(v, height_px)
-    return turned(  # type: ignore[no-any-return]
+    return turned(
         cameras, p, x - (C[p, 0] + way * w[p, 0]), y - (C[p, 1] + way * w[p, 1]), z - (C[p, 2] + way * w[p, 2])
     )
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def centre_at_row(cameras: OrientedCameras, p: int, v: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def centre_at_row(cameras: OrientedCameras, p: Index, v: float) -> tuple[float, float, float]:
     """Return where in the world the projection centre of photograph ``p`` stands when it reads row ``v``."""
     C, w, c = cameras.position, cameras.velocity, cameras.camera[p]
     way = cameras.parameters[c, READOUT] * share_at_row(v, cameras.size_px[c, 1])
     return C[p, 0] + way * w[p, 0], C[p, 1] + way * w[p, 1], C[p, 2] + way * w[p, 2]
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def project_at_row(cameras: OrientedCameras, p: int, X: FloatArray, v: float) -> tuple[float, float, float]:
+@njit(inline="always")
+def project_at_row(cameras: OrientedCameras, p: Index, X: FloatArray, v: float) -> tuple[float, float, float]:
     """Project X (3,) as ``project_point``, with the projection centre of row ``v``, where the point was measured, and
     by the parameters alone: what it is compared with is the measurement less the lens field, ``without_fields``."""
     i = np.uint64(p)
@@ -536,8 +537,8 @@ def project_at_row(cameras: OrientedCameras, p: int, X: FloatArray, v: float) ->
     return x, y, pz
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def project_point(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+@njit(inline="always")
+def project_point(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
     """Project X (3,) of the world into photograph ``p``; returns u, v and the depth in m.
 
     The pixel of a point with depth at or below zero means nothing: the caller must test the depth.
@@ -555,8 +556,8 @@ def project_point(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[floa
     return u, v, pz
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
-def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+@njit(inline="always")
+def seen_at(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
     """Return u, v and the depth of X (3,) as ``project_point``; NaN for u and v where the point lies behind the camera
     or beyond the radius at which the distortion folds back."""
     i = np.uint64(p)
@@ -574,16 +575,16 @@ def seen_at(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, flo
     return u, v, pz
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)  # type: ignore[misc, unused-ignore]
-def seen_called(cameras: OrientedCameras, p: int, X: FloatArray) -> tuple[float, float, float]:
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def seen_called(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
     """Return ``seen_at``, compiled once for all that ask seldom: inlined, each place takes seconds to compile."""
-    return seen_at(cameras, p, X)  # type: ignore[no-any-return]
+    return seen_at(cameras, p, X)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def project_point_jacobians(
     cameras: OrientedCameras,
-    p: int,
+    p: Index,
     X: FloatArray,
     v_px: float,
     J_pose: FloatArray,
@@ -618,7 +619,7 @@ def project_point_jacobians(
     return u, v, pz
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def undistort_point(q: Lens, xd: float, yd: float) -> tuple[float, float]:
     """Invert ``distorted`` by Newton's method with its analytic Jacobian; NaN where it does not converge."""
     x, y = xd, yd
@@ -638,7 +639,7 @@ def undistort_point(q: Lens, xd: float, yd: float) -> tuple[float, float]:
     return np.nan, np.nan
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def ideal_point(model: int, q: Lens, u: float, v: float) -> tuple[float, float]:
     """Return the ideal coordinates (X/Z, Y/Z) that a pixel shows; NaN
     where the model cannot be undone, such as where a fisheye looks sideways."""

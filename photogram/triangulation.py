@@ -103,7 +103,7 @@ def intersect(block: Block, rays: int | None = None) -> FloatArray:
     return intersect_tie_points(block.tie_points, ideal, block.poses, rays)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _largest_ray_angles(
     first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray
 ) -> FloatArray:
@@ -132,17 +132,16 @@ def ray_angles(
     tie_points: TiePoints, used: NDArray[np.bool_], centre_world_m: FloatArray, position_world_m: FloatArray
 ) -> FloatArray:
     """Return the largest angle (P,) in rad between any two used rays of each point; 0 with fewer than two rays."""
-    angle: FloatArray = _largest_ray_angles(
+    return _largest_ray_angles(
         tie_points.first_observation,
         tie_points.photograph,
         used,
         np.ascontiguousarray(centre_world_m),
         np.ascontiguousarray(position_world_m),
     )
-    return angle
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _intersect_two(
     Ra: FloatArray, Ca: FloatArray, a: FloatArray, Rb: FloatArray, Cb: FloatArray, b: FloatArray, X: FloatArray
 ) -> bool:
@@ -164,7 +163,7 @@ def _intersect_two(
     return bool(ta > 0.0 and tb > 0.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _consensus(
     begin: int,
     end: int,
@@ -207,7 +206,7 @@ def _consensus(
     return best
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _consensus_of_all(
     begin: int,
     end: int,

@@ -232,7 +232,7 @@ def map_polynomial(frame: LocalFrame, points_world_m: FloatArray) -> MapFromWorl
     return lambda p: np.asarray(terms((p - middle) / half) @ coefficients + offset)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _grouped(
     cell: NDArray[np.int64], z: NDArray[np.float32], cells: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -253,7 +253,7 @@ def _grouped(
     return begin, value
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _medians(begin: NDArray[np.int64], value: NDArray[np.float32], least: int) -> NDArray[np.float32]:
     """Return the median of each cell's values, NaN where there are fewer than ``least``."""
     result = np.full(len(begin) - 1, np.nan, np.float32)
@@ -264,7 +264,7 @@ def _medians(begin: NDArray[np.int64], value: NDArray[np.float32], least: int) -
     return result
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _modes(begin: NDArray[np.int64], value: NDArray[np.float32], least: int, reach: float) -> NDArray[np.float32]:
     """Return the mean of the most values of each cell within ``reach`` of each other, NaN for fewer than ``least``; of
     two such groups the tighter."""

@@ -18,7 +18,7 @@ from photogram.factors.elimination.kernels import (
 from photogram.projection import OrientedCameras
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def two_dots(A: FloatArray, at: int, J: FloatArray, o: int) -> tuple[float, float]:
     """Products of a ray's two Jacobian rows on its pose with six elements of A from ``at`` on."""
     u = np.uint64(at)
@@ -29,7 +29,7 @@ def two_dots(A: FloatArray, at: int, J: FloatArray, o: int) -> tuple[float, floa
     return first, J[q, 0] * a0 + J[q, 1] * a1 + J[q, 2] * a2 + J[q, 3] * a3 + J[q, 4] * a4 + J[q, 5] * a5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, H: FloatArray) -> None:
     """Add Z_oᵀ (A_o C A_sᵀ) Z_s to H, and its transpose; half of both where the rays are the same.
 
@@ -52,7 +52,7 @@ def add_pair(o: int, s: int, J: FloatArray, A: FloatArray, at: int, H: FloatArra
             H[m, k] += product
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: FloatArray) -> None:
     """Set a point's covariance L⁻ᵀ (I + H) L⁻¹; H is used up."""
     for k in range(3):
@@ -66,7 +66,7 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
         result[number, k, 2] = M[5] * H[k, 2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,

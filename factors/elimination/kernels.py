@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import FloatArray, Index, IntArray
 from photogram.compilation import njit
 from photogram.projection import (
     PROJECTIVE,
@@ -54,7 +54,7 @@ CALIBRATION = 13  # first column of a work row that belongs to free parameters
 Six = tuple[float, float, float, float, float, float]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def robust(square: float, loss: int, threshold: float) -> tuple[float, float, float]:
     """Cost ρ, weight ρ' and radial curvature 1 + 2 s ρ''/ρ' of a squared whitened norm s, as loss.robust_terms."""
     if loss == 1 and square > threshold * threshold:
@@ -66,16 +66,16 @@ def robust(square: float, loss: int, threshold: float) -> tuple[float, float, fl
     return square, 1.0, 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def fill_free_slopes(
-    q: Lens, c: int, unit: FloatArray, weight: float, x: float, y: float, xd: float, yd: float, J: FloatArray,
+    q: Lens, c: Index, unit: FloatArray, weight: float, x: float, y: float, xd: float, yd: float, J: FloatArray,
     row: int,
 ) -> None:  # fmt: skip
     """Fill a ray's derivatives by the free parameters of camera ``c``."""
     fill_parameter_slopes(q, lens_of(unit, np.uint64(c)), weight, x, y, xd, yd, J, row, CALIBRATION)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def linearise_point(
     begin: int, end: int, photograph: IntArray, measured: FloatArray, bare: FloatArray, cameras: OrientedCameras,
     unit: FloatArray, X: FloatArray, number: int, free_of: IntArray, loss: int, threshold: float, least: float,
@@ -160,7 +160,7 @@ def linearise_point(
     return behind
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def point_cost(
     begin: int, end: int, photograph: IntArray, measured: FloatArray, bare: FloatArray, cameras: OrientedCameras,
     X: FloatArray, number: int, loss: int, threshold: float,
@@ -188,7 +188,7 @@ def point_cost(
     return 0.5 * cost, bad
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def inverse_factor(V: FloatArray, damping: float, M: FloatArray) -> bool:
     """The inverse of the lower Cholesky factor of V, its diagonal scaled by 1 + damping, as its elements 00 10 11 20 21
     22 in M; False when V is singular."""
@@ -213,7 +213,7 @@ def inverse_factor(V: FloatArray, damping: float, M: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def eliminate_coordinates(rows: int, M: FloatArray, J: FloatArray) -> None:
     """Fill Z = B L⁻ᵀ of a point's work rows from their Jacobians B on the point."""
     for o in range(rows):
@@ -221,7 +221,7 @@ def eliminate_coordinates(rows: int, M: FloatArray, J: FloatArray) -> None:
         J[o, 10], J[o, 11], J[o, 12] = u0 * M[0], u0 * M[1] + u1 * M[2], u0 * M[3] + u1 * M[4] + u2 * M[5]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def add_six(A: FloatArray, at: int, p: Six, m: float, s: Six, n: float) -> None:
     """Add p m + s n to six elements of A from ``at`` on."""
     u = np.uint64(at)
@@ -232,7 +232,7 @@ def add_six(A: FloatArray, at: int, p: Six, m: float, s: Six, n: float) -> None:
     A[u], A[i1], A[i2], A[i3], A[i4], A[i5] = t0, t1, t2, t3, t4, t5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, block_at: IntArray, start: int) -> None:
     """Subtract A_iᵀ Z_i Z_jᵀ A_j of all pairs of a point's rays, in the order of the band, from their blocks of A
     (flat), the first of which is number ``start``."""
@@ -268,7 +268,7 @@ def subtract_pairs(count: int, place: IntArray, J: FloatArray, A: FloatArray, bl
                     A[corner + 6 * min(a, b) + max(a, b)] += 2.0 * value if a == b else value
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def add_pose(
     block: int,
     o: int,
@@ -303,7 +303,7 @@ def add_pose(
             add_six(Q, start + 6 * t, p, m, s, n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def add_border(
     count: int, first: int, photograph: IntArray, camera_of: IntArray, free_of: IntArray, J: FloatArray, y: FloatArray,
     slot_of: IntArray, own: IntArray, Yc: FloatArray, H: FloatArray,
@@ -348,7 +348,7 @@ def add_border(
     return slots
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def accumulate(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
@@ -391,7 +391,7 @@ def accumulate(
     return -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def settle_point(
     begin: int, end: int, photograph: IntArray, measured: FloatArray, bare: FloatArray, cameras: OrientedCameras,
     unit: FloatArray, X: FloatArray, number: int, held: IntArray, loss: int, threshold: float, least: float,
@@ -434,7 +434,7 @@ def settle_point(
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def cost_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, X: FloatArray, loss: int, threshold: float,
@@ -446,7 +446,7 @@ def cost_of_points(
     return cost
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def substitute_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
     bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,

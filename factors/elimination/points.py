@@ -55,7 +55,7 @@ def first_observations(point: IntArray, count: int) -> IntArray:
     return np.searchsorted(point, np.arange(count + 1)).astype(np.int64)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _in_band_order(number: IntArray, place: IntArray, points: int, places: int) -> tuple[IntArray, IntArray, IntArray]:
     """Return the points in the order of their lowest place, the index of each one's first observation in what follows,
     and the observations, sorted by these points, then by ``place`` (N,), −1 first; ``number`` (N,) is their point."""
@@ -214,12 +214,11 @@ def substitute(
     moved_bare = without_fields(moved, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> tuple[float, float]:
-        found: tuple[float, float] = substitute_points(
+        return substitute_points(
             begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
             points.prior, *step, moved, moved_bare, bend, result,
         )  # fmt: skip
-        return found
 
     parts = in_chunks(work, rays, pool)
     return result, sum(p[0] for p in parts), sum(p[1] for p in parts)

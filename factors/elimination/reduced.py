@@ -144,7 +144,7 @@ class Layout:
         return table
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _neighbours(first: IntArray, photograph: IntArray, number: IntArray, adjacent: BoolArray) -> None:
     for p in range(len(first) - 1):
         for i in range(first[p], first[p + 1]):
@@ -391,7 +391,7 @@ class Terms:
             np.add.at(normal.A.reshape(-1), layout.element(*self.between_at.T), self.between)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill(A: FloatArray, blocks: FloatArray, block_at: IntArray, U: FloatArray, stride: int) -> None:
     for n in range(len(U)):
         for after in range(block_at.shape[1]):
@@ -418,7 +418,7 @@ def scale_matrix(A: FloatArray, scale: FloatArray, layout: Layout) -> None:
     _scale(A, scale, layout.stride, layout.columns, layout.columns if layout.dense else layout.stride)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _scale(A: FloatArray, scale: FloatArray, stride: int, size: int, width: int) -> None:
     for c in range(size):
         for r in range(c, min(size, c + width + 1)):

@@ -59,7 +59,7 @@ class Linearisation:
     camera: IntArray
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _residuals(
     photograph: IntArray, point: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
     cameras: OrientedCameras, X: FloatArray,
@@ -74,7 +74,7 @@ def _residuals(
     return residual
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _linearise(
     photograph: IntArray, point: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
     cameras: OrientedCameras, X: FloatArray,
@@ -99,7 +99,7 @@ def _linearise(
     return residual, J_pose, J_camera, J_point
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _projected(photograph: IntArray, point: IntArray, cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     pixel = np.empty((len(photograph), 2))
     for i in range(len(photograph)):
@@ -110,7 +110,7 @@ def _projected(photograph: IntArray, point: IntArray, cameras: OrientedCameras, 
 def predicted(photograph: IntArray, point: IntArray, cameras: OrientedCameras, X: FloatArray) -> Observations:
     """Return observations of points X (P, 3) where photographs (N,) show points (N,) of them, with a sigma of 1 px; NaN
     behind a camera."""
-    pixel: FloatArray = _projected(photograph, point, cameras, X)
+    pixel = _projected(photograph, point, cameras, X)
     return Observations(photograph, point, pixel, np.ones(len(point)))
 
 
@@ -118,8 +118,7 @@ def residuals(observations: Observations, cameras: OrientedCameras, X: FloatArra
     """Return whitened residuals (N, 2) of points X (P, 3) in the world, m; infinite for points at or behind the
     projection centre."""
     o, bare = observations, without_fields(cameras, observations.photograph, observations.pixel)
-    result: FloatArray = _residuals(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
-    return result
+    return _residuals(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
 
 
 def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> Linearisation:

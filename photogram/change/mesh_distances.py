@@ -79,7 +79,7 @@ def _cells(mesh: TriangulatedCloud) -> _Cells:
     return _Cells(corners, corner, cell_m, (shape[0], shape[1]), starts, triangle[order])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _square_distance(p: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Return the square of the distance of a point (3,) to a triangle (Ericson 2005, Real-Time Collision Detection,
     5.1.5)."""
@@ -112,7 +112,7 @@ def _square_distance(p: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray)
     return float(np.dot(off, off))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _nearest(
     points: FloatArray,
     at_most: FloatArray,

@@ -136,10 +136,11 @@ def cover_truth(scene: Scene, centres_m: FloatArray) -> CoverTruth:
         return CoverTruth(
             height, none, np.full(windows, np.nan), np.zeros(windows), kind, edge_m, none, np.zeros(shape, bool)
         )
-    found = leaves_over(
+    highest, leaf, mean, square = leaves_over(
         scene.cover.at_rest, flat[:, 0].copy(), flat[:, 1].copy(), ground, np.ascontiguousarray(step), SAMPLES
     )
-    highest, leaf, mean, square = (a.reshape(shape) for a in found)
+    highest, mean, square = (a.reshape(shape) for a in (highest, mean, square))
+    leaf = leaf.reshape(shape)
     plants, there = scene.cover.plants.kind[scene.cover.leaves.plant], leaf >= 0
     for plant, code in ((PlantKind.HEDGE, Kind.HEDGE), (PlantKind.CROWN, Kind.CANOPY)):
         own = there.copy()

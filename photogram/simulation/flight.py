@@ -209,7 +209,7 @@ def footprints(flight: Flight, height_m: float) -> FloatArray:
     return np.asarray((centre + direction * ((height_m - centre[..., 2:]) / direction[..., 2:]))[..., :2])
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _sight(
     cameras: OrientedCameras, X: FloatArray, i: IntArray, p: IntArray, reach: float, limits: FloatArray
 ) -> tuple[FloatArray, BoolArray]:  # fmt: skip

@@ -71,7 +71,7 @@ def _field(scene: Scene) -> _Field:
     )  # fmt: skip
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _first_root(A: float, B: float, C: float) -> float:
     """Return the smallest positive root of A s² + B s + C with C > 0, infinity when there is none."""
     discriminant = B * B - 4.0 * A * C
@@ -83,7 +83,7 @@ def _first_root(A: float, B: float, C: float) -> float:
     return float(-(B + root) / (2.0 * A)) if A < 0.0 else float(np.inf)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _hit_in_block(
     height: NDArray[np.float32], block: tuple[int, int], o: FloatArray, d: FloatArray, start: float, end: float
 ) -> float:
@@ -118,7 +118,7 @@ def _hit_in_block(
     return float(np.nan)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _first_hit(f: _Field, origin: FloatArray, direction: FloatArray, end: float) -> float:
     """Return the parameter of the first hit of the ray origin + t direction (world, m) before ``end``, NaN for none."""
     o = np.array([(origin[0] - f.west) / f.cell, (origin[1] - f.south) / f.cell, origin[2]])
@@ -150,7 +150,7 @@ def _first_hit(f: _Field, origin: FloatArray, direction: FloatArray, end: float)
     return float(np.nan)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _hit_all(f: _Field, origin: FloatArray, direction: FloatArray, end: float) -> FloatArray:
     t = np.empty(len(direction))
     for i in range(len(direction)):
@@ -158,7 +158,7 @@ def _hit_all(f: _Field, origin: FloatArray, direction: FloatArray, end: float) -
     return t
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _paint_target(f: _Field, x: float, y: float, footprint: float, rgb: FloatArray) -> None:
     """Paint a quartered disc with a light ring over ``rgb``, its edges as soft as a pixel's footprint (m)."""
     rows, columns = f.block_target.shape
@@ -178,7 +178,7 @@ def _paint_target(f: _Field, x: float, y: float, footprint: float, rgb: FloatArr
         rgb[k] += disc * (quarters - rgb[k])
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: FloatArray) -> None:
     """Fill ``rgb`` with the light that a place of the surface sends to the camera, 1 for white in full sun."""
     rows, columns = f.height.shape
@@ -226,7 +226,7 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
     rgb[2] *= 1.0 + 0.12 * (1.0 - light)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _wave(seed: int, wavelength: FloatArray, amplitude: FloatArray, x: float, y: float, exposure: int) -> float:
     value = 0.0
     for o in range(len(wavelength)):
@@ -235,7 +235,7 @@ def _wave(seed: int, wavelength: FloatArray, amplitude: FloatArray, x: float, y:
     return value
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _water_colour(f: _Field, x: float, y: float, d: FloatArray, exposure: int, rgb: FloatArray) -> None:
     """Fill ``rgb`` with what water sends along a ray d: its own colour, the sky and the sun in its waves (Fresnel by
     Schlick 1994)."""
@@ -254,7 +254,7 @@ def _water_colour(f: _Field, x: float, y: float, d: FloatArray, exposure: int, r
         rgb[k] = _WATER_RGB[k] * max(body, 0.2) + mirror * (_SKY_RGB[k] * sky) + sun * mirror
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _all_of(f: _Field, x: float, y: float) -> int:
     """Return the material of a place whose four vertices are alike, −1 where they are not."""
     rows, columns = f.height.shape
@@ -265,7 +265,7 @@ def _all_of(f: _Field, x: float, y: float) -> int:
     return int(m) if alike else -1
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _moving_colour(
     f: _Field, x: float, y: float, z: float, d: FloatArray, footprint: float, exposure: int, rgb: FloatArray
 ) -> None:
@@ -284,7 +284,7 @@ def _moving_colour(
     _colour(f, x, y, z, footprint, rgb)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _covered_colour(
     f: _Field, p: Pieces, colours: tuple[FloatArray, FloatArray], C: FloatArray, d: FloatArray, parts: FloatArray,
     pixel: float, exposure: int, rgb: FloatArray,
@@ -319,7 +319,7 @@ def _covered_colour(
         rgb[0], rgb[1], rgb[2] = rgb[0] + weight * c0, rgb[1] + weight * c1, rgb[2] + weight * c2
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _render_covered_rows(
     f: _Field,
     p: Pieces,
@@ -363,7 +363,7 @@ def _render_covered_rows(
                 out[row, column, k] = 255.0 * np.sqrt(max(rgb[k] * falloff, 0.0))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _render_rows(
     f: _Field,
     cameras: OrientedCameras,
@@ -449,7 +449,7 @@ def render(
 def _first_met(scene: Scene, origin: FloatArray, direction: FloatArray, end: float, exposure: int) -> FloatArray:
     """Return where rays (N, 3) from one place (3,) first meet ground or leaves before ``end``, NaN for none."""
     origin, direction = np.ascontiguousarray(origin, np.float64), np.ascontiguousarray(direction, np.float64)
-    t: FloatArray = _hit_all(_field(scene), origin, direction, end)
+    t = _hit_all(_field(scene), origin, direction, end)
     if scene.cover is None:
         return t
     pieces = scene.cover.at_rest if exposure == REST else scene.cover.pieces(exposure)

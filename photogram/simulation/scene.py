@@ -81,7 +81,7 @@ _GRADIENTS = np.array(
 )  # fmt: skip
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _corner(node: int, x: float, y: float, z: float) -> float:
     node = (node ^ (node >> 15)) * 0x2C1B3C6D
     node = (node ^ ((node >> 12) & 0xFFFFF)) * 0x297A2D39
@@ -89,7 +89,7 @@ def _corner(node: int, x: float, y: float, z: float) -> float:
     return float(_GRADIENTS[g, 0] * x + _GRADIENTS[g, 1] * y + _GRADIENTS[g, 2] * z)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def gradient_noise(seed: int, x: float, y: float, z: float) -> float:
     """Return gradient noise (Perlin 2002), about −1 to 1 with mean 0, at a position in units of the lattice."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
@@ -108,7 +108,7 @@ def gradient_noise(seed: int, x: float, y: float, z: float) -> float:
     return float(low + w * (high - low))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _octaves(seed: int, x: FloatArray, y: FloatArray, wavelength: FloatArray, amplitude: FloatArray) -> FloatArray:
     value = np.zeros(len(x))
     for n in range(len(x)):
@@ -121,8 +121,7 @@ def _octaves(seed: int, x: FloatArray, y: FloatArray, wavelength: FloatArray, am
 def noise(seed: int, xy: FloatArray, wavelength_m: FloatArray, amplitude: FloatArray) -> FloatArray:
     """Return octaves (O,) of gradient noise at positions (N, 2), in units of their amplitudes."""
     x, y = np.ascontiguousarray(xy[:, 0], np.float64), np.ascontiguousarray(xy[:, 1], np.float64)
-    value: FloatArray = _octaves(seed % 2**31, x, y, wavelength_m, amplitude)
-    return value
+    return _octaves(seed % 2**31, x, y, wavelength_m, amplitude)
 
 
 def terrain_height(seed: int, relief_m: float, xy: FloatArray) -> FloatArray:

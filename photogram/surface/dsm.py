@@ -78,7 +78,7 @@ FILL_DIRECTIONS = 5
 _NEAREST = 8
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: int, out: NDArray[np.bool_]) -> None:
     rows, columns = height.shape
     for r in range(rows):
@@ -103,7 +103,7 @@ def supported_cells(
     return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: NDArray[np.int32]) -> None:
     """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
     standard deviation of a cell that may count, NaN where none may."""
@@ -194,7 +194,7 @@ def kept_heights(
     return height
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def steps_to_height(height: Float32Array, r: int, c: int, dr: int, dc: int, reach: int) -> int:
     """Return after how many steps of (dr, dc) from cell (r, c) a height is met, 0 where none is within ``reach``."""
     for step in range(1, reach + 1):
@@ -206,7 +206,7 @@ def steps_to_height(height: Float32Array, r: int, c: int, dr: int, dc: int, reac
     return 0
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) -> None:
     rows, columns = height.shape
     z, run = np.empty(8), np.empty(8)
@@ -276,7 +276,7 @@ def shared_error(
     return SharedError(wide, six.reshape(wide.rows, wide.columns, 6))
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _gentler(behind: float, ahead: float) -> float:
     """Return the step of the gentler side; 0 where neither is known."""
     if np.isnan(behind) and np.isnan(ahead):
@@ -286,7 +286,7 @@ def _gentler(behind: float, ahead: float) -> float:
     return behind
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_sigma(
     covariance: FloatArray, row: FloatArray, column: FloatArray, height: Float32Array, own: Float32Array,
     cell_m: float, out: Float32Array,

@@ -31,7 +31,7 @@ HELD, ALIKE_CELLS = 2, 8.0
 sides, and the roof on three."""
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _plane_around(
     down: FloatArray, right: FloatArray, z: FloatArray, on_plane_m: float, rise_m: float
 ) -> tuple[int, float]:
@@ -60,7 +60,7 @@ def _plane_around(
     return many, height
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_above(
     doubtful: Float32Array, sure: Float32Array, on_plane_m: float, alike_m: float, rise_m: float, out: Float32Array
 ) -> None:

@@ -71,7 +71,7 @@ class Surface:
     cells: ByteArray
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_moments(
     fine: Float32Array, place: tuple[int, int, int], coarse: Float32Array, share: Float32Array, mean: Float32Array,
     variance: Float32Array,
@@ -100,7 +100,7 @@ def _fill_moments(
                 variance[i, j] = max(squares / counted - (total / counted) ** 2, 0.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_spread(
     height: Float32Array, share: Float32Array, mean: Float32Array, variance: Float32Array, finer: Float32Array,
     spread: Float32Array, covered: Float32Array,
@@ -125,7 +125,7 @@ def _fill_spread(
             spread[r, c], covered[r, c] = np.sqrt(squares / weight), fine / whole
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, rise_m: float) -> float:
     """Return the height at a place near the centre of cell (r, c), linear between it and those of the three cells
     around the place that are known and hang together with it."""
@@ -142,7 +142,7 @@ def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, 
     return float(total / weight)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _take(
     coarse: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray,
     place: tuple[int, int, int], rise_m: float,
@@ -164,7 +164,7 @@ def _take(
                 agreeing[r, c], looking[r, c], side[r, c] = rays[i, j], seen[i, j], cells
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _keep_near(
     fine: Float32Array, coarse: Float32Array, place: tuple[int, int, int], rise_m: float, out: Float32Array
 ) -> None:  # fmt: skip

@@ -45,7 +45,7 @@ class Views:
         return Views(np.array(index, dtype=np.int64), block.oriented_cameras(index))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _see_all(cameras: OrientedCameras, view: int, X: FloatArray, out: FloatArray) -> None:
     for n in range(len(X)):
         out[n, 0], out[n, 1], _ = seen_called(cameras, view, X[n])

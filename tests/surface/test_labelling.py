@@ -46,7 +46,7 @@ class Costs:
         return Costs(candidate, cost, (right, below), (a, b, 0.002))
 
     def labels(self) -> NDArray[np.int32]:
-        return np.asarray(chosen_labels(self.candidate, self.cost, self.prices, self.differ, 15))
+        return chosen_labels(self.candidate, self.cost, self.prices, self.differ, 15)
 
     def energy(self, label: NDArray[Any]) -> float:
         rows, columns = label.shape

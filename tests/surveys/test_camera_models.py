@@ -96,7 +96,9 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
     ray, of_free = (0, 1, np.zeros(1, np.int64), measured, measured, cameras), np.where(free, unit, 0.0)[None]
     assert linearise_point(*ray, of_free, X[None], 0, free_of, 0, 1.0, 1.0, J, V) == 0
     np.testing.assert_allclose(J[:, 9], [6.0, -8.0], rtol=1e-9)
-    assert point_cost(*ray, X[None], 0, 0, 1.0) == (pytest.approx(50.0), 0)
+    cost, bad = point_cost(*ray, X[None], 0, 0, 1.0)
+    assert cost == pytest.approx(50.0)
+    assert bad == 0
     for part, expected in ((J[:, :6], J_pose), (J[:, 6:9], J_point)):
         np.testing.assert_allclose(part, 2.0 * expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     own = 2.0 * (J_camera * unit)[:, chosen]

@@ -36,6 +36,7 @@ def test_level_ground_and_the_edge_of_the_patch_have_none() -> None:
 def test_parameters_of_starts_can_be_drawn() -> None:
     picture = render(np.random.default_rng(9), "cross", 24.0, 20.0, 0.8, ground="asphalt")
     for start in cross_starts(picture.grey.astype(np.float64), picture.centre_px, 5.0):
-        left, _, right, _ = box(int(start.pattern), start.theta, *picture.grey.shape, start.reach)
+        rows, columns = picture.grey.shape
+        left, _, right, _ = box(int(start.pattern), start.theta, rows, columns, start.reach)
         assert right > left
         assert start.pattern in (Pattern.OPEN_CROSS, Pattern.CROSS, Pattern.CROSSED_SQUARE)

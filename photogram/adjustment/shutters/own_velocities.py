@@ -42,7 +42,7 @@ LEAST_M_S, MOST_M_S = 1e-3, 10.0
 UNKNOWNS = 9
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _normal_equations(
     photograph: IntArray, point: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
     cameras: OrientedCameras, X: FloatArray, loss: int, threshold: float,

@@ -47,7 +47,7 @@ class Overlap:
         return float(np.mean(self.counts >= photographs))
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _count(cameras: OrientedCameras, widest: FloatArray, X: FloatArray) -> FloatArray:
     R, C, size_px = cameras.rotation, cameras.position, cameras.size_px
     seen = np.zeros(len(X))
@@ -78,8 +78,7 @@ def _views(result: Adjustment, points_world_m: FloatArray) -> FloatArray:
     # the squared secant of the widest ray: beyond it the distortion folds points from outside back into the format
     widest = 1.0 + np.array([c.largest_radius for c in cameras]) ** 2
     chosen = [i for i, pose in enumerate(result.block.poses) if pose is not None]
-    counts: FloatArray = _count(result.block.oriented_cameras(chosen), widest, np.ascontiguousarray(points_world_m))
-    return counts
+    return _count(result.block.oriented_cameras(chosen), widest, np.ascontiguousarray(points_world_m))
 
 
 def _thinned(tie_point_map_m: FloatArray) -> tuple[FloatArray, float]:

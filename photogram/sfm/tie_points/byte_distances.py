@@ -75,7 +75,6 @@ def distances_of_tile(tile: Tile) -> Value:
         _Writer(builder, tile).write(*arguments)
         return context.get_dummy_value()
 
-    @intrinsic
     def distances(  # the names of its arguments are those of _Writer.write
         _: Value, rows: Value, columns: Value, groups: Value, norm: Value, norms: Value, place: Value, top: Value,  # noqa: ARG001
         best: Value, second: Value, back: Value, least: Value,  # noqa: ARG001
@@ -84,7 +83,7 @@ def distances_of_tile(tile: Tile) -> Value:
         signature = (address, address, number, address, address, number, number, *(address,) * 4)
         return types.void(*signature), code
 
-    return distances
+    return intrinsic(distances)
 
 
 _FOUR, _EIGHT = ir.IntType(32), ir.IntType(64)

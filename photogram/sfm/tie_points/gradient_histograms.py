@@ -21,7 +21,7 @@ _SIDE, _DEEP = _CELLS + 2, _BINS + 1  # with a margin, into which the outermost 
 Float32 = np.float32
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _polar(dx: Float32Array, dy: Float32Array) -> None:
     """Replace the gradients (L,) by their lengths and their angles in degrees, from 0 to 360."""
     for n in range(len(dx)):
@@ -38,7 +38,7 @@ def _polar(dx: Float32Array, dy: Float32Array) -> None:
         dy[n] = Float32(360.0) - a if y < Float32(0.0) else a
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _gather(
     picture: Float32Array, y: int, start: int, stop: int, factor: float, weight: Float32Array,
     dx: Float32Array, dy: Float32Array, share: Float32Array,
@@ -52,7 +52,7 @@ def _gather(
         share[n] = Float32(factor) * weight[n]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def orientations(
     level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, largest_px: float,
     angle_deg: Float32Array,
@@ -100,7 +100,7 @@ def orientations(
             angle_deg[n, i] = np.nan
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _span(low: float, high: float, slope: float, offset: float) -> tuple[float, float]:
     """The least and greatest j for which slope · j + offset lies between low and high, and a little more."""
     if abs(slope) < 1e-9:
@@ -109,7 +109,7 @@ def _span(low: float, high: float, slope: float, offset: float) -> tuple[float, 
     return (a, b) if a < b else (b, a)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _bins(length: Float32Array, weight: Float32Array, angle: Float32Array, turned: float, at: Int32Array) -> None:
     """Weight the lengths (L,), turn angles into shares of the bin above, both in place, and fill the bin below."""
     zero, per_degree = Float32(turned), Float32(_BINS / 360.0)
@@ -122,7 +122,7 @@ def _bins(length: Float32Array, weight: Float32Array, angle: Float32Array, turne
         angle[n] = direction - below
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _cells(
     row: Float32Array, column: Float32Array, cosine: float, sine: float, length: Float32Array, at: Int32Array
 ) -> None:
@@ -143,7 +143,7 @@ def _cells(
         at[n] = np.int32(at[n] + cell * np.int32(_DEEP))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _add(
     length: Float32Array, angle: Float32Array, row: Float32Array, column: Float32Array, at: Int32Array,
     cell: Float32Array,
@@ -165,7 +165,7 @@ def _add(
         cell[k + np.uint64(_SIDE * _DEEP + _DEEP + 1)] += lower_right * o
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _histogram(
     picture: Float32Array, y0: int, x0: int, turned: float, sigma_px: float,
     weight: Float32Array, room: Float32Array, at: Int32Array, cell: Float32Array,
@@ -202,7 +202,7 @@ def _histogram(
     _add(length, angle, row, column, at[:count], cell)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def descriptors(
     level: Float32Array, layer: Int32Array, pixel: Int32Array, sigma_px: Float32Array, largest_px: float,
     angle_deg: Float32Array, descriptor: ByteArray,

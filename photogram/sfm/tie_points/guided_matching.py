@@ -88,7 +88,7 @@ def cut_patches(
     return Patches(source, grey, tie.pixel[view] - whole + HALF_PATCH)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _template(patch: ByteArray, u0: float, v0: float, warp: FloatArray, half: int, floor: float, T: FloatArray) -> bool:
     """Sample a patch at (u0, v0) + warp · (du, dv), bilinear, to mean 0 and norm 1; False where it ends or is flat."""
     size = patch.shape[0]
@@ -122,7 +122,7 @@ def _template(patch: ByteArray, u0: float, v0: float, warp: FloatArray, half: in
     return True
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _correlations(
     picture: ByteArray, u: int, v: int, T: FloatArray, half: int, search: int, floor: float, score: FloatArray
 ) -> None:
@@ -142,14 +142,14 @@ def _correlations(
             score[sv + search, su + search] = cross / np.sqrt(variance) if variance > floor else -1.0
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _peak(before: float, here: float, after: float) -> float:
     """Place of the top of the parabola through three values, from the middle one."""
     bend = before - 2.0 * here + after
     return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def search_patches(
     picture: ByteArray, grey: ByteArray, centre: FloatArray, warp: FloatArray, predicted: FloatArray,
     half: int, search: int, least: float, contrast: float, pixel: FloatArray,

@@ -50,7 +50,7 @@ class NearestDescriptors:
     back: IntArray
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _read_tile(
     product: Float32Array, corner: tuple[int, int], start: int, place: int, norm: Uint32Array, norms: Uint32Array,
     best: Uint32Array, second: Uint32Array, back: Int32Array, least: Uint32Array,
@@ -76,7 +76,7 @@ def _read_tile(
             least[left + c] = distance
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _close_row(start: int, best: Uint32Array, second: Uint32Array, nearest: Int32Array, distance: Int32Array) -> None:
     """Compare the two smallest distances of a row, ``start`` columns from the left, with those found before."""
     at, smallest, next_smallest = 0, _NONE, _NONE
@@ -96,7 +96,7 @@ def _close_row(start: int, best: Uint32Array, second: Uint32Array, nearest: Int3
         distance[1] = near
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _nearest_by_numbers(
     first: WholeArray, second: WholeArray, norm: Uint32Array, norms: Uint32Array,
     nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,
@@ -120,7 +120,7 @@ def _nearest_by_numbers(
                 _close_row(left * width, best[r], lower[r], nearest[top + r : top + r + 1], distance[top + r])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _nearest_in_rows(
     product: Float32Array, start: int, norm: Uint32Array, norms: Uint32Array,
     nearest: Int32Array, distance: Int32Array, back: Int32Array, least: Uint32Array,

@@ -150,13 +150,13 @@ def _aim(photographs: Sequence[Photograph], cameras: Sequence[Camera]) -> _Aim:
     return aim.only(hits.mean(axis=1) >= _GROUND_SHARE)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _inside(value: float, low: float, high: float, margin: float) -> float:
     """How likely a value that may be off by the margin lies between two limits: a ramp from outside to inside."""
     return min(1.0, max(0.0, (min(value - low, high - value) + margin) / (2.0 * margin)))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _share(
     i: int,
     j: int,
@@ -194,7 +194,7 @@ def _share(
     return seen / total
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _overlaps(
     pair: IntArray,
     C: FloatArray,
@@ -220,8 +220,7 @@ def _overlaps(
 def _aimed_overlap(aim: _Aim, pair: IntArray) -> FloatArray:
     pair = np.ascontiguousarray(pair, dtype=np.int64)
     C, h, R = aim.position_m, aim.height_m, aim.rotation
-    result: FloatArray = _overlaps(pair, C, h, R, aim.ground_m, aim.frame, aim.sigma_rad, aim.sigma_m)
-    return result
+    return _overlaps(pair, C, h, R, aim.ground_m, aim.frame, aim.sigma_rad, aim.sigma_m)
 
 
 def predicted_overlap(

@@ -74,7 +74,7 @@ def octaves(grey: ByteArray, largest_px: float, *, inner_only: bool = False) -> 
         step *= 2
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _row_of_difference(
     upper: Float32Array, lower: Float32Array, difference: Float32Array, high: Float32Array, low: Float32Array
 ) -> None:
@@ -89,7 +89,7 @@ def _row_of_difference(
         bottom[x] = c if c < smaller else smaller
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _greatest(one: Float32Array, two: Float32Array, three: Float32Array, result: Float32Array) -> None:
     """Fill the greatest of three rows."""
     for x in range(len(result)):
@@ -97,7 +97,7 @@ def _greatest(one: Float32Array, two: Float32Array, three: Float32Array, result:
         result[x] = three[x] if three[x] > greater else greater
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _least(one: Float32Array, two: Float32Array, three: Float32Array, result: Float32Array) -> None:
     """Fill the least of three rows."""
     for x in range(len(result)):
@@ -105,7 +105,7 @@ def _least(one: Float32Array, two: Float32Array, three: Float32Array, result: Fl
         result[x] = three[x] if three[x] < smaller else smaller
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _mark(value: Float32Array, high: Float32Array, low: Float32Array, least: float, marked: ByteArray) -> None:
     """Fill 1 where a row is as great, or as small, as the greatest or least around it, 0 elsewhere."""
     limit = np.float32(least)
@@ -115,7 +115,7 @@ def _mark(value: Float32Array, high: Float32Array, low: Float32Array, least: flo
         marked[x] = np.uint8(peak | pit)
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _extrema(
     level: Float32Array, outer: Float32Array, least: float, room: Float32Array, marked: ByteArray, found: Int32Array
 ) -> int:
@@ -153,7 +153,7 @@ def _extrema(
     return count
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _difference(level: Float32Array, outer: Float32Array, k: int, y: int, x: int) -> float:
     """The difference ``k`` of the levels at a pixel."""
     if k == 0:
@@ -165,7 +165,7 @@ def _difference(level: Float32Array, outer: Float32Array, k: int, y: int, x: int
     return np.float64(outer[2, y, x] - outer[1, y, x])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _refined(level: Float32Array, outer: Float32Array, contrast: float, found: Int32Array, place: FloatArray) -> None:
     """Move extrema (N, 3) to the pixel of the parabola's extremum (Brown & Lowe 2002), and fill ``place`` (N, 4): scale
     and row and column there, and response; the scale is NaN where there is none, its contrast is too small, or it lies

@@ -64,7 +64,7 @@ class Pieces(NamedTuple):
     ceiling_m: float
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _filed(low: FloatArray, high: FloatArray, order: NDArray[np.int64], columns: int, rows: int) -> tuple[_I32, _I32]:
     """File boxes (N, 2), in units of columns, in all columns they touch, each column in the order given."""
     first = np.zeros(rows * columns + 1, np.int32)
@@ -84,7 +84,7 @@ def _filed(low: FloatArray, high: FloatArray, order: NDArray[np.int64], columns:
     return first, item
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _block_heights(
     low: FloatArray, high: FloatArray, z_low: FloatArray, z_high: FloatArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
@@ -134,7 +134,7 @@ def filed(
     )  # fmt: skip
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def disc_hit(centre: FloatArray, normal: FloatArray, radius: float, o: FloatArray, d: FloatArray) -> float:
     """Return the parameter of the ray o + t d where it meets a disc, infinity where it does not for t > 0."""
     slope = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
@@ -148,7 +148,7 @@ def disc_hit(centre: FloatArray, normal: FloatArray, radius: float, o: FloatArra
     return float(t) if x * x + y * y + z * z <= radius * radius else float(np.inf)
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def line_share(
     a: FloatArray, b: FloatArray, radius: float, o: FloatArray, d: FloatArray, pixel: float
 ) -> tuple[float, float]:
@@ -170,7 +170,7 @@ def line_share(
     return max(min(distance + half, radius) - max(distance - half, -radius), 0.0) / (2.0 * half), t
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def _in_block(
     p: Pieces, block: tuple[int, int], o: FloatArray, d: FloatArray, span: tuple[float, float], pixel: float,
     best: tuple[float, int, float, float, int],
@@ -211,7 +211,7 @@ def _in_block(
     return hit, leaf, share, line_t, line
 
 
-@njit(cache=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True)
 def first_cover(
     p: Pieces, o: FloatArray, d: FloatArray, end: float, pixel: float, touch: bool
 ) -> tuple[float, int, float, float, int]:
@@ -261,7 +261,7 @@ def first_cover(
     return best
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def leaf_hits(p: Pieces, origin: FloatArray, direction: FloatArray, end: float) -> FloatArray:
     """Return where rays (N, 3), (N, 3) meet their first disc before ``end``, in units of their direction, infinity for
     none."""
@@ -271,7 +271,7 @@ def leaf_hits(p: Pieces, origin: FloatArray, direction: FloatArray, end: float) 
     return t
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def leaves_over(
     p: Pieces, x: FloatArray, y: FloatArray, ground: FloatArray, step: FloatArray, samples: int
 ) -> tuple[FloatArray, _I32, FloatArray, FloatArray]:

@@ -80,7 +80,7 @@ class _Layer(NamedTuple):
     pairs: Float32Array
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def room_for_agreement(most: int, cells: int) -> Agreement:
     """Return room for the agreement of ``most`` views on up to ``cells`` cells."""
     return Agreement(
@@ -89,13 +89,13 @@ def room_for_agreement(most: int, cells: int) -> Agreement:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def share_of(count: int, share: float) -> int:
     """Return how many of ``count`` photographs must agree, two at least."""
     return max(min(count, 2), int(np.ceil(share * count)))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def views_of_patch(ground: Ground, box: Box, out: IntArray) -> int:
     """Fill ``out`` with the views in which the cells of a patch are looked up; returns how many."""
     seen = 0
@@ -106,13 +106,13 @@ def views_of_patch(ground: Ground, box: Box, out: IntArray) -> int:
     return seen
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _add(pair: Float32Array, total: Float32Array) -> None:
     for k in range(len(total)):
         total[k] += pair[k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _find_worst(a: Float32Array, number: int, worst: Float32Array, lowest: Float32Array) -> None:
     """Note where a view's sum of correlations is the lowest so far of those not left out."""
     i = np.float32(number)
@@ -122,7 +122,7 @@ def _find_worst(a: Float32Array, number: int, worst: Float32Array, lowest: Float
         lowest[k] = a[k] if lower else lowest[k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _leave_out(pair: Float32Array, number: int, worst: Float32Array, a: Float32Array) -> None:
     """Take the correlation with view ``number`` from a sum where that is the worst."""
     i, none = np.float32(number), np.float32(0.0)
@@ -130,14 +130,14 @@ def _leave_out(pair: Float32Array, number: int, worst: Float32Array, a: Float32A
         a[k] -= pair[k] if worst[k] == i else none
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _mark_left_out(number: int, worst: Float32Array, a: Float32Array) -> None:
     i = np.float32(number)
     for k in range(len(a)):
         a[k] = LEFT_OUT if worst[k] == i else a[k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _sum_up(pairs: Float32Array, found: Agreement) -> None:
     """Fill the sums of the correlations of each view, their sum, and how many views show a window."""
     count, _, n = pairs.shape
@@ -156,7 +156,7 @@ def _sum_up(pairs: Float32Array, found: Agreement) -> None:
             a[k] = a[k] if shown else np.float32(2.0) * LEFT_OUT
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill_agreement(pairs: Float32Array, share: float, found: Agreement) -> None:
     """Fill ``found`` from the correlations of all ``pairs`` (K, K, n): a ``share`` of the views that show a window must
     agree.
@@ -189,7 +189,7 @@ def fill_agreement(pairs: Float32Array, share: float, found: Agreement) -> None:
         score[k] = score[k] / among if used[k] > np.float32(1.5) else np.float32(-1.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _box_of(tried: Hypotheses, patch: Box, k: int) -> Box:
     """Return the cells of a patch around all that have the hypothesis ``k``; no rows where none has."""
     top, bottom, left, right = patch.row + patch.rows, -1, patch.column + patch.columns, -1
@@ -200,7 +200,7 @@ def _box_of(tried: Hypotheses, patch: Box, k: int) -> Box:
     return Box(top, left, max(bottom - top + 1, 0), max(right - left + 1, 0))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _range_of(tried: Hypotheses, patch: Box) -> tuple[int, int]:
     """Return the lowest hypothesis of a patch's cells, and the one after the highest."""
     low, high = 1 << 30, -(1 << 30)
@@ -211,7 +211,7 @@ def _range_of(tried: Hypotheses, patch: Box) -> tuple[int, int]:
     return low, high
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreement, cost: NDArray[np.uint8]) -> None:
     """Fill the costs of hypothesis ``k`` in a box from the agreement on it."""
     for r in range(box.rows):
@@ -223,7 +223,7 @@ def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreemen
                 cost[tried.start[row, column] + at] = np.uint8(min(max(byte, 0.0), float(FULL_COST)))
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _fill_patch(
     crops: Crops,
     ground: Ground,
@@ -270,7 +270,7 @@ def _fill_patch(
             _fill_layer(tried, box, k, width, found, cost)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_costs(crops: Crops, ground: Ground, window: Window, tried: Hypotheses, cost: NDArray[np.uint8]) -> None:
     """Fill the costs of all hypotheses, 0 for perfect agreement, NEUTRAL for none."""
     rows, columns = tried.surface.shape

@@ -88,7 +88,7 @@ class Room(NamedTuple):
     down: Float32Array
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def room_for_samples(cells: int) -> Room:
     """Return room for patches of up to ``cells`` places in a phase."""
     return Room(
@@ -102,7 +102,7 @@ def places_per_cell(spacing: float) -> int:
     return int(np.ceil(1.0 / (FARTHEST_PX * spacing) - 1e-9))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def nearest_views(
     cameras: OrientedCameras, margin_px: float, place: FloatArray, out: IntArray, tangent: FloatArray
 ) -> None:
@@ -127,7 +127,7 @@ def nearest_views(
                 out[n, k], tangent[n, k] = v, lean
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def nodes_of(box: Box, reach: float, low_m: float, high_m: float) -> Nodes:
     """Return what places up to ``reach`` cells around a box, at heights from ``low_m`` to ``high_m``, count from."""
     row_reach, column_reach = 0.5 * (box.rows - 1) + reach, 0.5 * (box.columns - 1) + reach
@@ -142,7 +142,7 @@ TERMS = 12
 vt², v². The others are below a hundredth of a pixel over a patch."""
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_places(crops: Crops, ground: Ground, nodes: Nodes, view: int, out: Float32Array) -> None:
     """Fill ``out`` (2, TERMS) with the coefficients of the places in a crop, x and y, as ``nodes`` count them; NaN
     where the view does not show all nodes."""
@@ -173,14 +173,14 @@ def fill_places(crops: Crops, ground: Ground, nodes: Nodes, view: int, out: Floa
         out[e, 6], out[e, 7], out[e, 11] = f[e, 0, 0, 2], f[e, 0, 1, 1], f[e, 0, 2, 0]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _to_powers(f: FloatArray) -> None:
     """Turn values (3,) at −1, 0 and 1 into the coefficients of the parabola through them."""
     below, middle, above = f[0], f[1], f[2]
     f[0], f[1], f[2] = middle, 0.5 * (above - below), 0.5 * (above + below) - middle
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_lattice(surface: Float32Array, box: Box, per_cell: int, half: int, columns: int, out: Float32Array) -> None:
     """Fill ``out`` (per_cell², Y × ``columns``) with a surface (rows, columns of a block) on the lattice of a box and
     ``half`` places around it, bilinear between the cells."""
@@ -200,7 +200,7 @@ def fill_lattice(surface: Float32Array, box: Box, per_cell: int, half: int, colu
                     out[i * per_cell + j, y * columns + x] = low + v * (high - low)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_part(whole: Float32Array, patch: Box, across: int, box: Box, columns: int, out: Float32Array) -> None:
     """Fill ``out`` (per_cell², Y × ``columns``) with the part of a lattice of a ``patch``, ``whole`` (per_cell², Y ×
     ``across``), that belongs to a box of it."""
@@ -212,7 +212,7 @@ def fill_part(whole: Float32Array, patch: Box, across: int, box: Box, columns: i
                 out[n, start + x] = whole[n, at + x]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_plan(nodes: Nodes, box: Box, columns: int, room: Room, size: int) -> None:
     """Fill ``room.east`` and ``room.south`` (``size``,) with the places (Y × ``columns``) of the first phase of the
     lattice of a box, as ``nodes`` count them, as if its windows began with its cells."""
@@ -223,7 +223,7 @@ def fill_plan(nodes: Nodes, box: Box, columns: int, room: Room, size: int) -> No
             room.east[y * columns + x] = np.float32((box.column + x - nodes.column) / nodes.column_reach)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _sample_phase(
     crop: Float32Array,
     size: tuple[int, int],
@@ -265,7 +265,7 @@ def _sample_phase(
         out[k] = (top + down[k] * (low - top)) - out[k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def sample_lattice(
     crops: Crops,
     view: int,
@@ -299,7 +299,7 @@ def sample_lattice(
             _sample_phase(crop, size, places, (east, south), height, less, surface[n], room, out[n])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Float32Array) -> None:
     """Fill ``out`` (rows, columns) with the grey values of a surface (m over the base), each in the first of its views;
     0 where that does not show it."""

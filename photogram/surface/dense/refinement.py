@@ -120,7 +120,7 @@ class _Rooms(NamedTuple):
     south: Float32Array
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def own_side_mean(z: Float32Array, slope: Float32Array, tolerance_m: float, half: int, out: Float32Array) -> None:
     """Fill ``out`` (rows, columns) with the mean of heights ``z`` over ± ``half`` cells, less what the ``slope``
     (rows, columns, 2), in m per cell to the east and to the south, explains; of those cells alone that lie within a
@@ -138,7 +138,7 @@ def own_side_mean(z: Float32Array, slope: Float32Array, tolerance_m: float, half
             out[r, c] = middle + total / np.float32(max(many, 1))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _count_support(
     surface: Float32Array, start: np.uint64, middle: Float32Array, east: Float32Array, south: Float32Array,
     place: tuple[float, float], tolerance_m: float, out: Float32Array,
@@ -151,7 +151,7 @@ def _count_support(
         out[n] += np.float32(1.0) if abs(over) < limit else np.float32(0.0)
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms: _Rooms) -> None:
     """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
@@ -176,7 +176,7 @@ def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms
             patch.supported[k] = side * side
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _find_support(patch: _Patch, k: int, start: Start, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
     """Return which samples of the lattice lie in the window of cell ``k`` and on its surface."""
     side, m, size, many, lattice = 2 * half + 1, per_cell, patch.surface.shape[1], 0, patch.surface.ravel()
@@ -191,7 +191,7 @@ def _find_support(patch: _Patch, k: int, start: Start, per_cell: int, half: int,
     return rooms.which[:many]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _product(a: Float32Array, b: Float32Array) -> np.float32:
     """Return the scalar product of two vectors (n,), in an order of its own that keeps the processor busy."""
     s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -206,7 +206,7 @@ def _product(a: Float32Array, b: Float32Array) -> np.float32:
     return (s + t) + (u + v)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _total(a: Float32Array) -> np.float32:
     """Return the sum of a vector (n,), as `_product`."""
     s, t, u, v = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -218,7 +218,7 @@ def _total(a: Float32Array) -> np.float32:
     return (s + t) + (u + v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_partly(
     samples: Float32Array, which: Int32Array, noise: float, p: Float32Array, n: int, pairs: Float32Array
 ) -> None:
@@ -242,7 +242,7 @@ def _fill_partly(
             pairs[j, i, n] = pairs[i, j, n]
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _fill_pairs(
     crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, widely: bool, rooms: _Rooms
 ) -> Float32Array:
@@ -270,7 +270,7 @@ def _fill_pairs(
     return pairs
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _mean_correlation(pairs: Float32Array, n: int, used: IntArray) -> tuple[float, int]:
     """Return the mean correlation of all pairs of the photographs in use, and how many they are."""
     total, kept = 0.0, 0
@@ -283,7 +283,7 @@ def _mean_correlation(pairs: Float32Array, n: int, used: IntArray) -> tuple[floa
     return 2.0 * total / max(kept * (kept - 1), 1), kept
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _take_in_alike(pairs: Float32Array, n: int, used: IntArray) -> None:
     """Add the photographs that are like those in use."""
     count, among, kept = len(used), 0.0, 0
@@ -304,7 +304,7 @@ def _take_in_alike(pairs: Float32Array, n: int, used: IntArray) -> None:
         used[i] = min(used[i], 1)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: tuple[int, int]) -> tuple[float, float]:
     """Return where the parabola through the correlations of three heights has its peak, in their distance from the
     middle one, NaN where it has none, and how much it bends."""
@@ -313,7 +313,7 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
     return 0.5 * (above - below) / bend if bend > 0.0 else np.nan, bend
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _refine_patch(
     crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, rooms: _Rooms, using: IntArray,
     found: Refined,
@@ -350,7 +350,7 @@ def _refine_patch(
             found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
 
 
-@njit(inline="always")  # type: ignore[misc, unused-ignore]
+@njit(inline="always")
 def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
     """Return room for patches of up to ``cells`` places in a phase and windows of ``whole`` samples."""
     return _Rooms(
@@ -361,7 +361,7 @@ def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def refine_heights(crops: Crops, ground: Ground, window: Window, start: Start, found: Refined) -> None:
     """Fill heights to a fraction of a hypothesis.
 

@@ -44,7 +44,7 @@ class CostVolume:
         return rows, columns
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _along_path(
     cost: NDArray[np.uint8],
     start: IntArray,
@@ -93,7 +93,7 @@ def _along_path(
         column += step[1]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _all_paths(
     cost: NDArray[np.uint8],
     start: IntArray,
@@ -121,7 +121,7 @@ def _all_paths(
     return total
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _best(
     cost: NDArray[np.uint8],
     total: NDArray[np.uint16],

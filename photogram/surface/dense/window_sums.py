@@ -37,7 +37,7 @@ class Sums(NamedTuple):
     scale: Float32Array
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def room_for_sums(most: int, per_cell: int, cells: int) -> Sums:
     """Return room for patches of ``cells`` places in a phase, in ``most`` views."""
     return Sums(
@@ -45,7 +45,7 @@ def room_for_sums(most: int, per_cell: int, cells: int) -> Sums:
     )
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _set_products(
     a: Float32Array, b: Float32Array, one: np.uint64, two: np.uint64, three: np.uint64, out: Float32Array,
     start: np.uint64, n: int,
@@ -55,7 +55,7 @@ def _set_products(
         out[k + start] = a[k + one] * b[k + one] + a[k + two] * b[k + two] + a[k + three] * b[k + three]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _add_products(
     a: Float32Array, b: Float32Array, one: np.uint64, two: np.uint64, out: Float32Array, start: np.uint64, n: int
 ) -> None:
@@ -64,7 +64,7 @@ def _add_products(
         out[k + start] += a[k + one] * b[k + one] + a[k + two] * b[k + two]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _set_sum(
     a: Float32Array, one: np.uint64, two: np.uint64, three: np.uint64, out: Float32Array, start: np.uint64, n: int
 ) -> None:
@@ -73,20 +73,20 @@ def _set_sum(
         out[k + start] = a[k + one] + a[k + two] + a[k + three]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _add_sum(a: Float32Array, one: np.uint64, two: np.uint64, out: Float32Array, start: np.uint64, n: int) -> None:
     for i in range(n):
         k = np.uint64(i)
         out[k + start] += a[k + one] + a[k + two]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _south(d: int, phase: int, per_cell: int, width: int, size: int) -> np.uint64:
     """Return where the samples of a phase column begin that are ``d`` places to the south of the first of a window."""
     return np.uint64((d % per_cell * per_cell + phase) * size + d // per_cell * width)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _along_rows(columns: Float32Array, half: int, per_cell: int, out: Float32Array) -> None:
     """Fill ``out`` (n,) with the sums over 2 ``half`` + 1 places along the rows of sums along columns."""
     n, m, nothing = len(out), per_cell, np.uint64(0)
@@ -98,7 +98,7 @@ def _along_rows(columns: Float32Array, half: int, per_cell: int, out: Float32Arr
         _add_sum(columns, np.uint64(d % m * size + d // m), np.uint64(e % m * size + e // m), out, nothing, n)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _sum_of_windows(
     a: Float32Array, half: int, per_cell: int, width: int, size: int, columns: Float32Array, out: Float32Array
 ) -> None:
@@ -113,7 +113,7 @@ def _sum_of_windows(
     _along_rows(columns, half, per_cell, out)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _product_of_windows(
     a: Float32Array, b: Float32Array, half: int, per_cell: int, width: int, size: int, columns: Float32Array,
     out: Float32Array,
@@ -129,7 +129,7 @@ def _product_of_windows(
     _along_rows(columns, half, per_cell, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _to_scale(square: Float32Array, mean: Float32Array, n: float, noise: float, scale: Float32Array) -> None:
     """Turn sums of squares of windows of n samples into squared lengths of the normalised samples, given the sums
     ``mean``."""
@@ -141,7 +141,7 @@ def _to_scale(square: Float32Array, mean: Float32Array, n: float, noise: float, 
         square[k] = length / (length + least) if shown else np.float32(np.nan)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _to_correlation(
     product: Float32Array, one: Float32Array, other: Float32Array, n: float, of_one: Float32Array,
     of_other: Float32Array, mirrored: Float32Array,
@@ -154,7 +154,7 @@ def _to_correlation(
         mirrored[k] = product[k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def fill_correlations(
     samples: Float32Array, window: Window, per_cell: int, width: int, room: Sums, pairs: Float32Array
 ) -> None:

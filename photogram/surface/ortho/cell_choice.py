@@ -64,7 +64,7 @@ def edges_of(height: Float32Array, cell_m: float) -> BoolArray:
     return np.asarray(step > EDGE_CELLS * cell_m)
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, inline="always")
 def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Array, share: FloatArray) -> bool:
     """Fill the labels (4,) of the blocks around the centre of a cell of the grid, each once, else −1, and how much of a
     bilinear mean they make; False where there are none."""
@@ -94,14 +94,14 @@ def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Ar
     return bool(found[0] >= 0)
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, inline="always")
 def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
     u, v, _ = seen_called(cameras, n, X)
     m = cameras.camera[n]
     return bool(u >= -0.5 and v >= -0.5 and u <= cameras.size_px[m, 0] - 0.5 and v <= cameras.size_px[m, 1] - 0.5)
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def choose(
     relief: tuple[Float32Array, BoolArray, BoolArray, ByteArray, Int32Array],
     corner: tuple[float, float, float, int, int],
@@ -206,7 +206,7 @@ def choose(
                     m += 1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def close_slivers(
     slivers: BoolArray, corner: tuple[float, float, float, int, int], cameras: OrientedCameras,
     cells: tuple[FloatArray, FloatArray], first: tuple[int, int], candidate: Int32Array, block: int, over: Int32Array,
@@ -226,7 +226,7 @@ def close_slivers(
             out.used[n] = True
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _another(
     cameras: OrientedCameras,
     X: FloatArray,

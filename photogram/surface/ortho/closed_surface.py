@@ -146,7 +146,7 @@ def _torn(height: Float32Array, sigma: Float32Array, cell_m: float) -> Float32Ar
     return np.asarray(np.clip((SURE_SHARE - best) / (SURE_SHARE - TORN_SHARE), 0.0, 1.0), np.float32)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _middle(values: FloatArray, count: int) -> float:
     """Return the median of the first ``count`` values, and sort them (insertion)."""
     for n in range(1, count):
@@ -158,7 +158,7 @@ def _middle(values: FloatArray, count: int) -> float:
     return float(0.5 * (values[(count - 1) // 2] + values[count // 2]))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_blocks(height: Float32Array, out: Float32Array, count: NDArray[np.int32]) -> None:
     values = np.empty(BLOCK_CELLS * BLOCK_CELLS)
     for i in range(out.shape[0]):
@@ -192,7 +192,7 @@ def _block_means(values: Float32Array) -> FloatArray:
     return np.asarray(total / size)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _medians_around(
     block: Float32Array,
     count: NDArray[np.int32],

@@ -74,7 +74,7 @@ class Samples:
     colour: FloatArray
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _mean_colours(
     picture: ByteArray,
     cameras: OrientedCameras,

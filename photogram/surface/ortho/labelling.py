@@ -19,7 +19,7 @@ NEVER = np.float32(1e30)
 """Cost of what a list does not have; finite, so that what comes back can be taken off."""
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _edge_costs(
     first: Int32Array, second: Int32Array, price: float, differ: ByteArray, unit: float, out: Float32Array
 ) -> None:
@@ -34,7 +34,7 @@ def _edge_costs(
                 out[a, b] = price + unit * differ[a, b]
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, inline="always")
 def _send(
     belief: FloatArray, back: Float32Array, edge: Float32Array, turned: bool, message: Float32Array, least: FloatArray
 ) -> None:
@@ -60,7 +60,7 @@ def _send(
         message[b] = least[b] - lowest
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _sweep(candidate: Int32Array, cost: Float32Array, edge: Float32Array, message: Float32Array, step: int) -> None:
     """Pass messages through the lattice, row by row from the north-west (step 1) or from the south-east (step −1).
 
@@ -89,7 +89,7 @@ def _sweep(candidate: Int32Array, cost: Float32Array, edge: Float32Array, messag
                 _send(belief, message[back, i, j], edge[1, at, j], turned, message[to, i + step, j], least)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def chosen_labels(
     candidate: Int32Array,
     cost: Float32Array,

@@ -44,7 +44,7 @@ class Masks:
         return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _masked_cells(
     height: Float32Array,
     cell_m: float,

@@ -308,7 +308,7 @@ def plain_blocks(seams: Seams) -> BoolArray:
     return np.asarray(same & whole & (label >= 0))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def ideal_radius2(cameras: OrientedCameras, camera: int, pixel: FloatArray) -> FloatArray:
     """Return the squared ideal radii (N,) of pixels (N, 2); 16 where a pixel shows no direction in front."""
     out, q = np.empty(len(pixel)), lens_of(cameras.parameters, camera)
@@ -320,7 +320,7 @@ def ideal_radius2(cameras: OrientedCameras, camera: int, pixel: FloatArray) -> F
     return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _rounded(colour: Float32Array, label: Int32Array, curve: float, out: ByteArray) -> None:
     """Fill red, green, blue and alpha (R, C, 4); what is brighter than KNEE_DN by x becomes brighter by
     x / (1 + ``curve`` x)."""

@@ -118,7 +118,7 @@ def cells_inside(sides: FloatArray, grid: MapGrid, window: Window) -> BoolArray:
     return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _fill_inside(sides: FloatArray, east: FloatArray, north: FloatArray, out: BoolArray) -> None:
     for i in range(len(north)):
         for k in range(len(sides)):

@@ -12,7 +12,7 @@ from photogram.compilation import njit
 from photogram.projection import FOCAL, OrientedCameras, seen_at, seen_called
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def catmull_rom(t: float, weight: FloatArray) -> None:
     """Fill the weights (4,) of four equidistant values for the place t, 0 to 1, between the middle two (Keys 1981,
     eq. 8, a = −1/2)."""
@@ -22,7 +22,7 @@ def catmull_rom(t: float, weight: FloatArray) -> None:
     weight[3] = t * t * (0.5 * t - 0.5)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def add_cubic(
     picture: ByteArray, u: float, v: float, scale: float, across: FloatArray, down: FloatArray, out: FloatArray
 ) -> None:
@@ -41,7 +41,7 @@ def add_cubic(
                 out[k] += w * picture[row, column, k]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def add_linear(picture: ByteArray, u: float, v: float, scale: float, out: FloatArray) -> None:
     """Add ``scale`` times the colour at the pixel (u, v), bilinear, to ``out`` (3,)."""
     height, width = picture.shape[0], picture.shape[1]
@@ -76,7 +76,7 @@ class Tone:
         return Tone(np.exp(-log_gain - falloff * radius2), per_radius2)
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def add_photograph(
     number: int,
     picture: ByteArray,
@@ -127,7 +127,7 @@ def add_photograph(
                 out[i, j, k] += w * colour[k] * (factor[m, k] + share * (factor[m + 1, k] - factor[m, k]))
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _add_cell(
     picture: ByteArray,
     cameras: OrientedCameras,

@@ -229,7 +229,8 @@ def seams_of(lattice: Lattice, terrain: Terrain, grid: MapGrid, log_gain: FloatA
     flying = float(np.median(terrain.position_map_m[:, 2]) - np.nanmedian(rated.height_map_m[..., 0]))
     side = lattice.block_cells * grid.cell_m
     right, below, full = _prices(rated.height_map_m, side, max(flying, side))
-    candidate, cost = (np.ascontiguousarray(a[..., :LABELS]) for a in (rated.candidate, rated.cost))
+    candidate = np.ascontiguousarray(rated.candidate[..., :LABELS])
+    cost = np.ascontiguousarray(rated.cost[..., :LABELS])
     right_by, below_by = (np.zeros((*candidate.shape, LABELS), np.uint8) for _ in range(2))
     _compare(rated.candidate, rated.grey, log_gain, right_by, below_by)
     label = chosen_labels(candidate, cost, (right, below), (right_by, below_by, full * DIFFERENCE_UNIT), SWEEPS)
@@ -306,7 +307,7 @@ def _prices(height: Float32Array, side_m: float, flying_m: float) -> tuple[Float
     return right, below, float(full)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _block_heights(
     height: Float32Array,
     corner: tuple[float, float, float],
@@ -328,7 +329,7 @@ def _block_heights(
     return (total / count, low, high) if count else (np.nan, np.nan, np.nan)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _cost_at(
     cameras: OrientedCameras,
     n: int,
@@ -357,7 +358,7 @@ def _cost_at(
     return cost, depth / focal, u >= 0.0 and v >= 0.0 and u <= right and v <= bottom
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _insert(number: int, value: float, candidate: Int32Array, cost: Float32Array) -> None:
     """Put a photograph into a list sorted by cost, the last falls out."""
     k = len(cost) - 1
@@ -369,7 +370,7 @@ def _insert(number: int, value: float, candidate: Int32Array, cost: Float32Array
     candidate[k], cost[k] = number, value
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _rate(
     surface: Float32Array,
     corner: tuple[float, float, float],
@@ -425,17 +426,17 @@ def _rate(
                     _insert(near[k], FORCED_COST if near[k] == wanted[i, j] else own[k], candidate[i, j], cost[i, j])
 
 
-@njit(nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
+@njit(nogil=True, inline="always")
 def _seen_beside(
     cameras: OrientedCameras, view: int, centre: FloatArray, steps: float, step: FloatArray, X: FloatArray
 ) -> tuple[float, float, float]:
     """Return what ``seen_at`` does of the place (3,) so many steps (3,) from another, which X is filled with."""
     for k in range(3):
         X[k] = centre[k] + steps * step[k]
-    return seen_called(cameras, view, X)  # type: ignore[no-any-return]
+    return seen_called(cameras, view, X)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _grey_at(picture: ByteArray, u: float, v: float) -> int:
     """Return the grey value, 1 to 255, of a photograph around the pixel (u, v): the mean of four pixels."""
     c = min(max(int(np.floor(u)), 0), picture.shape[1] - 2)
@@ -447,7 +448,7 @@ def _grey_at(picture: ByteArray, u: float, v: float) -> int:
     return max(total // 16, 1)
 
 
-@njit(cache=True, nogil=True, _nrt=False)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, _nrt=False)
 def _look(
     cameras: OrientedCameras,
     view: int,
@@ -462,7 +463,7 @@ def _look(
     height: Float32Array,
     sample: Float32Array,
     middle: FloatArray,
-    out: tuple[ByteArray, ByteArray, ByteArray, ByteArray],
+    out: tuple[ByteArray, BoolArray, ByteArray, ByteArray],
     X: FloatArray,
 ) -> None:
     """Fill how much of the blocks a photograph sees, whether it shows all of them, its grey values there, and how much
@@ -524,7 +525,7 @@ def _look(
             inside[i, j, k] = whole
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _place(number: int, candidate: Int32Array) -> int:
     for k in range(len(candidate)):
         if candidate[k] == number:
@@ -532,7 +533,7 @@ def _place(number: int, candidate: Int32Array) -> int:
     return -1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _add_differences(candidate: Int32Array, grey: ByteArray, factor: FloatArray, sums: FloatArray) -> None:
     """Fill the differences of each two candidates (K,) of a block and their number: ``sums`` (K, K, 2)."""
     sums[:] = 0.0
@@ -549,7 +550,7 @@ def _add_differences(candidate: Int32Array, grey: ByteArray, factor: FloatArray,
             sums[b, a, 0], sums[b, a, 1] = total, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compare_two(
     mine: Int32Array, yours: Int32Array, in_mine: FloatArray, in_yours: FloatArray, out: ByteArray
 ) -> None:
@@ -571,7 +572,7 @@ def _compare_two(
             out[a, b] = np.uint8(share * share / DIFFERENCE_UNIT + 0.5)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _compare(candidate: Int32Array, grey: ByteArray, log_gain: FloatArray, right: ByteArray, below: ByteArray) -> None:
     """Fill how much the candidates of each block and those of its neighbours differ over both: the square of their mean
     difference in DIFFERENCE_DN, at most 1, in DIFFERENCE_UNIT."""

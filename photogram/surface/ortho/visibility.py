@@ -200,7 +200,7 @@ def _range_in(coarse: NDArray[np.float32], box: Window) -> tuple[float, float]:
     return float(coarse[0][at].min()), float(coarse[1][at].max())
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _border_rays(cameras: OrientedCameras, across: int, out: FloatArray) -> None:
     """Fill directions (V, 4 across, 3) in the world of rays along the border of each photograph; NaN where there are
     none."""
@@ -301,7 +301,7 @@ def _targets(border: FloatArray, shape: tuple[int, int]) -> NDArray[np.int64]:
     return np.concatenate(found)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def _entry(place: float, slope: float, cells: int, first: float, last: float) -> tuple[float, float]:
     """Return the part of first to last, along the one axis, in which place + slope t lies in 0 to cells − 1."""
     if slope == 0.0:
@@ -310,7 +310,7 @@ def _entry(place: float, slope: float, cells: int, first: float, last: float) ->
     return max(first, min(a, b)), min(last, max(a, b))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, error_model="numpy")
 def _follow_rays(
     height: Float32Array,
     allowed: Float32Array,
@@ -367,8 +367,8 @@ def _follow_rays(
             widest, two, one = max(widest, two), one, (d / lowered if lowered > 0.0 else np.inf)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
-def _add_rim(height: Float32Array, rise: float, out: ByteArray) -> None:
+@njit(cache=True, nogil=True)
+def _add_rim(height: Float32Array, rise: np.float32, out: ByteArray) -> None:
     """Mark the cells BESIDE those that are HIDDEN, where both belong to the same ground."""
     rows, columns = height.shape
     for r in range(rows):
@@ -450,7 +450,7 @@ class SeenCells:
                 total -= size
 
 
-@njit(cache=True, nogil=True)  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True)
 def height_at(height: Float32Array, y: float, x: float) -> float:
     """Return the height of a place, in cells from the outer corner of an array of heights: bilinear between the centres
     of four cells where all are known, else that of the cell itself; NaN where it is not known."""
@@ -469,7 +469,7 @@ def height_at(height: Float32Array, y: float, x: float) -> float:
     return float(height[r, c])
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[misc, unused-ignore]
+@njit(cache=True, nogil=True, inline="always")
 def place_between(
     nodes: FloatArray, first: tuple[int, int], row: int, column: int, height: float, X: FloatArray
 ) -> None:
