@@ -28,17 +28,16 @@ from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages.surface import FILL_CELLS
 from photogram.pipeline.store.run import Run
 from photogram.surface.dense.pyramid import (
-    CELL_GSD,
     MINIMUM_RAYS,
     Level,
     choose_views,
     correlation_histogram,
+    default_cell_m,
     finer_prior,
     first_prior,
     known_ground,
     least_correlation_of,
     plan_levels,
-    round_cell_m,
     survey_grid,
 )  # fmt: skip
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, Heights, Scene, match_block
@@ -79,7 +78,7 @@ def matched_levels(
     those of the finest."""
     settings, points = run.project.dense, run.cloud("adjusted").position_map_m
     known = known_ground(points, scene.frame.world_from_map(points), scene.views, settings.photographs)
-    cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
+    cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
     grid = survey_grid(scene.frame, known, scene.views, cell_m, MINIMUM_RAYS)
     levels = list(plan_levels(known, scene.views, grid))
     base, found, block = scene.frame.origin_map_m[2], [], None

@@ -19,9 +19,9 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.errors import ReportError
 from photogram.files.clouds.described_points import DescribedCloud
+from photogram.measures.round_lengths import round_down
 from photogram.projection import RADIAL_TERMS
 from photogram.report.distances import error_grid
-from photogram.report.figures.style import round_length
 from photogram.report.identity import grouped
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
@@ -294,4 +294,4 @@ def _exaggeration(report: Report, extent_m: float) -> float:
     size = np.linalg.norm(np.array(vectors).reshape(-1, 3), axis=1)
     if not len(size) or not size.max() > 0:
         return 1.0
-    return max(round_length(0.025 * extent_m / max(float(np.percentile(size, 90)), 1e-9)), 1.0)
+    return max(round_down(0.025 * extent_m / max(float(np.percentile(size, 90)), 1e-9)), 1.0)

@@ -15,6 +15,7 @@ from contourpy import ContourGenerator, LineType, contour_generator
 from photogram.arrays import FloatArray, IntArray
 from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.grid import block_means
+from photogram.measures.round_lengths import round_near
 from photogram.survey import Contours, Raster
 
 LINES_OVER_RELIEF = 20
@@ -57,10 +58,7 @@ class ContourSettings:
 def interval_for(relief_m: float) -> float:
     """Return the interval, 1, 2 or 5 times a power of ten and 1 cm at least, that comes nearest to LINES_OVER_RELIEF
     lines over a relief."""
-    wanted = max(relief_m / LINES_OVER_RELIEF, _FINEST_INTERVAL_M)
-    decade = np.floor(np.log10(wanted))
-    candidates = [step * 10.0 ** (decade + shift) for shift in (0, 1) for step in (1, 2, 5)]
-    return float(f"{min(candidates, key=lambda interval: abs(np.log(interval / wanted))):.1g}")
+    return round_near(max(relief_m / LINES_OVER_RELIEF, _FINEST_INTERVAL_M))
 
 
 def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Contours:

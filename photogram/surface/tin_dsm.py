@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray
 from photogram.errors import PhotogramError, SettingError, check_positive, check_range
+from photogram.measures.round_lengths import round_near
 from photogram.survey import PointCloud, Raster
 
 Rule = Callable[[IntArray, FloatArray], FloatArray]
@@ -364,10 +365,7 @@ def _cell_from_density(corners_m: FloatArray, points: int) -> float:
     """Return the mean spacing of the points of triangles (T, 3, 3), rounded to 1, 2 or 5 times a power of ten, in m."""
     edge = corners_m[:, 1:, :2] - corners_m[:, :1, :2]
     area_m2 = 0.5 * np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]).sum()
-    spacing_m = float(np.sqrt(area_m2 / points))
-    decade = np.floor(np.log10(spacing_m))
-    candidates = [step * 10.0 ** (decade + shift) for shift in (0, 1) for step in (1, 2, 5)]
-    return float(f"{min(candidates, key=lambda cell: abs(np.log(cell / spacing_m))):.1g}")
+    return round_near(float(np.sqrt(area_m2 / points)))
 
 
 def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tuple[float, float, tuple[int, int]]:

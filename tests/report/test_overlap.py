@@ -1,4 +1,4 @@
-"""How many photographs see the ground, and how large a pixel is there: against geometry and a second projection."""
+"""How many photographs see the ground: against geometry and a second projection."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, project
 from photogram.frames import LocalFrame
-from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap, ground_sampling_distance_m
+from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap
 from photogram.results import Adjustment, Reliability, VarianceComponents
 from photogram.survey import Block, ControlPoints, Photograph, Raster, TiePoints
 
@@ -165,19 +165,3 @@ def test_ground_beyond_a_wide_gap_is_not_bridged() -> None:
 )
 def test_points_that_span_no_area_have_no_overlap(points: FloatArray) -> None:
     assert overlap_of(block_of(points, [Pose(NADIR, np.array([0.0, 0.0, 80.0]))])) is None
-
-
-def test_ground_sampling_distance_is_height_over_focal_length() -> None:
-    poses = [Pose(NADIR, np.array([0.0, 0.0, 80.0])), None, Pose(NADIR, np.array([10.0, 0.0, 120.0]))]
-    gsd = ground_sampling_distance_m(block_of(level(60.0, 40.0), poses))
-    assert gsd[[0, 2]] == pytest.approx([0.1, 0.15])
-    assert np.isnan(gsd[1])
-    assert np.isnan(ground_sampling_distance_m(block_of(nothing(0, 3), poses))).all()
-
-
-def test_ground_sampling_distance_counts_along_the_axis() -> None:
-    points = level(60.0, 40.0)
-    pose = Pose(rotation_from_gimbal(70.0, -40.0, 5.0), np.array([-60.0, -10.0, 80.0]))
-    expected = np.median(pose.camera_from_world(points)[:, 2]) / 800.0
-    assert ground_sampling_distance_m(block_of(points, [pose])) == pytest.approx([expected])
-    assert expected < 0.97 * np.median(np.linalg.norm(points - pose.position_world_m, axis=1)) / 800.0

@@ -28,7 +28,6 @@ from photogram.pipeline.stages.surface import model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.workspace import Workspace
 from photogram.surface.dense import tile_matching as dense_matching
-from photogram.surface.dense.pyramid import round_cell_m
 from photogram.surface.dense.semi_global import regularised
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -246,13 +245,6 @@ def test_surfaces_do_not_depend_on_tiles(
         truth = file.read(1)
     assert np.isfinite(height).mean() > 0.3
     assert np.nanmin(truth) - 2.0 < np.nanmin(height) < np.nanmax(height) < np.nanmax(truth) + 2.0
-
-
-@pytest.mark.parametrize(
-    ("cell_m", "rounded"), [(0.0612, 0.06), (0.117, 0.125), (0.0099, 0.01), (1.04, 1.0), (23.0, 25.0), (0.07, 0.08)]
-)
-def test_cells_have_a_round_side(cell_m: float, rounded: float) -> None:
-    assert round_cell_m(cell_m) == pytest.approx(rounded)
 
 
 def test_the_dense_cloud_ends_with_the_work_beside_it(adjusted_survey: Path) -> None:

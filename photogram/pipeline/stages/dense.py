@@ -23,16 +23,15 @@ from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
-    CELL_GSD,
     MINIMUM_RAYS,
     KnownGround,
     Level,
     Prior,
+    default_cell_m,
     finer_prior,
     first_prior,
     known_ground,
     plan_levels,
-    round_cell_m,
     survey_grid,
 )
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
@@ -145,7 +144,7 @@ class _Matching:
         frame, views = block.frame, Views.of(block)
         points = site.cloud().position_map_m
         known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
-        cell_m = run.project.surface.cell_m or round_cell_m(CELL_GSD * known.gsd_m)
+        cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
         levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
         reductions = tuple(sorted({level.reduction for level in levels}))
         pictures = ReducedPictures(

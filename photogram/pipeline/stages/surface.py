@@ -17,6 +17,7 @@ from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_geotiff
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
+from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.pipeline.stages.dense import heights_folder
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
@@ -25,7 +26,6 @@ from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.report.numbers.overlap import ground_sampling_distance_m
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
 from photogram.surface.dsm import (
@@ -378,7 +378,7 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     settings = run.project.surface
     if settings.spike_minimum_m is None:
-        gsd_m = ground_sampling_distance_m(run.adjustment())
+        gsd_m = photographs_ground_sampling_m(run.adjustment().block)
         settings = replace(settings, spike_minimum_m=SPIKE_GSD * float(np.nanmedian(gsd_m)))
     surface = surface_with_sigma(site.cloud(), site.precision(), settings, site.shape())
     raster, note = surface.heights, site.note

@@ -17,13 +17,14 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
+from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.tie_points.features import picture_scale
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
-from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, reductions_of, round_cell_m
+from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, default_cell_m, reductions_of
 from photogram.surface.ortho.orthophoto import HELD_BYTES, LEAST_HELD
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
 
@@ -129,7 +130,7 @@ def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> Sur
         known = survey.positioned & np.isfinite(survey.flying_height_m)
     if survey is None or 2 * np.count_nonzero(known) < len(known):
         return _sized(project, _pixels(project) / USUAL_RAYS, None, 1.0)
-    gsd_m = float(np.median(survey.flying_height_m[known] / focal_px[known]))
+    gsd_m = ground_sampling_m(survey.flying_height_m[known], focal_px[known])
     area_m2, share = _seen_area_m2(project, survey, known)
     return _sized(project, area_m2 / gsd_m**2, gsd_m, share)
 
@@ -138,7 +139,7 @@ def _sized(project: Project, area_gsd2: float, gsd_m: float | None, covered_shar
     """Return the size for a ground of so many squares of the ground sampling distance, itself None if not known."""
     surface_gsd, picture_gsd = CELL_GSD, 1.0
     if gsd_m is not None:
-        surface_gsd = (project.surface.cell_m or round_cell_m(CELL_GSD * gsd_m)) / gsd_m
+        surface_gsd = (project.surface.cell_m or default_cell_m(gsd_m)) / gsd_m
         picture_gsd = (project.orthophoto.cell_m or gsd_m) / gsd_m
     # without dense matching a surface has about as many cells as there are tie points, unless it is told otherwise
     made = project.dense.enabled or project.surface.cell_m is not None

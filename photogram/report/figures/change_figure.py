@@ -19,7 +19,8 @@ from matplotlib.patheffects import withStroke
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import MapGrid
-from photogram.report.figures.style import map_axes, new_figure, round_up, save_picture
+from photogram.measures.round_lengths import round_up
+from photogram.report.figures.style import map_axes, new_figure, save_picture
 
 Geometry = Any  # of shapely, which has no types
 PALE = 0.45

@@ -22,6 +22,7 @@ from scipy.stats import binned_statistic_2d, norm
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, LensField
+from photogram.measures.round_lengths import round_down
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.report.figures.plan_view import plan_contents, plan_figure
@@ -38,7 +39,6 @@ from photogram.report.figures.style import (
     new_figure,
     relabel_plane,
     residual_figure,
-    round_length,
     surface_figure,
     write_figure,
 )
@@ -187,7 +187,7 @@ def _ellipse_figure(groups: list[_Uncertain]) -> tuple[Figure, dict[str, float]]
 def _ellipse_scale(groups: list[_Uncertain], span_m: float) -> float:
     """Return the round enlargement that draws a large but usual sigma of these groups as a twentieth of the plan."""
     sigma = np.concatenate([np.sqrt(np.einsum("nii->ni", g.covariance_m2)).max(axis=1) for g in groups])
-    return round_length(0.05 * span_m / max(float(np.percentile(sigma, 90)), 1e-9))
+    return round_down(0.05 * span_m / max(float(np.percentile(sigma, 90)), 1e-9))
 
 
 def _sigma_keys(axes: Axes, groups: list[_Uncertain], scales: Mapping[str, float], span: float) -> None:
@@ -195,7 +195,7 @@ def _sigma_keys(axes: Axes, groups: list[_Uncertain], scales: Mapping[str, float
     west, north = axes.get_xlim()[0], axes.get_ylim()[1]
     place = west
     for scale in dict.fromkeys(scales.values()):
-        key_m = round_length(0.07 * span / scale)
+        key_m = round_down(0.07 * span / scale)
         titles = [group for group in groups if scales[group.title] == scale]
         height = north + 0.035 * span
         axes.plot(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray, check_shape
+from photogram.measures.round_lengths import round_down
 from photogram.report.figures.style import (
     BLUE,
     GREEN,
@@ -30,7 +31,6 @@ from photogram.report.figures.style import (
     new_figure,
     save_picture,
 )
-from photogram.report.figures.style import round_length as round_down
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.numbers.overlap import Overlap
 from photogram.results import Adjustment

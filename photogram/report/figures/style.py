@@ -32,6 +32,7 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, LensField
 from photogram.files.atomic import make_folder, replacing
 from photogram.grid import decimated
+from photogram.measures.round_lengths import round_down, round_up
 from photogram.quality.cloud_comparison import Comparison
 from photogram.survey import Raster
 
@@ -85,12 +86,6 @@ def save_picture(figure: Figure, path: Path) -> None:
     figure.set_layout_engine("none")  # which else measures every text once more
 
 
-def round_length(length: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that does not exceed a positive length."""
-    decade = 10.0 ** np.floor(np.log10(length) + 1e-12)
-    return float(f"{max(step * decade for step in (1, 2, 5) if step * decade <= length * (1 + 1e-12)):.1g}")
-
-
 def length_label(length_m: float) -> str:
     """Return a length with a unit that suits it: 2 mm, 5 cm, 20 m, 1 km."""
     for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01)):
@@ -117,7 +112,7 @@ def map_axes(axes: Axes) -> None:
         tick.set_verticalalignment("center")
     axes.set_xlabel(EASTING, fontsize=9)
     axes.set_ylabel("northing, m", fontsize=9)
-    bar_m = round_length(width / 4)
+    bar_m = round_down(width / 4)
     bar = AuxTransformBox(axes.transData)
     bar.add_artist(Rectangle((0, 0), bar_m, 0.006 * height, facecolor="black"))
     packed = VPacker(children=[bar, TextArea(length_label(bar_m), textprops={"size": 8})], align="center", pad=0, sep=3)
@@ -304,12 +299,6 @@ def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = 
     return figure
 
 
-def round_up(length: float) -> float:
-    """Return the least of 1, 1.5, 2, 3, 4, 6, 8 times a power of ten that is not below a positive length."""
-    decade = 10.0 ** np.floor(np.log10(length))
-    return float(decade * min(step for step in (1, 1.5, 2, 3, 4, 6, 8, 10) if step * decade >= length * (1 - 1e-9)))
-
-
 def _difference_map(axes: Axes, comparison: Comparison, scale: ScalarMappable) -> None:
     known = np.flatnonzero(np.isfinite(comparison.surface_difference_m))
     shown = known[_evenly(len(known), MAXIMUM_DOTS)]
@@ -355,7 +344,7 @@ def residual_figure(
     side_px, averaged = camera.width_px / 24, len(pixel) > MAXIMUM_ARROWS
     root, vector, count = _grid_means(pixel, residual_px, side_px) if averaged else (pixel, residual_px, np.ones(1))
     typical_px = float(np.percentile(np.hypot(*vector.T), 95)) if len(vector) else 0.0
-    enlargement = round_length((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
+    enlargement = round_down((1.2 if averaged else 2.5) * side_px / max(typical_px, 1e-6))
     figure = new_figure(width_in, (width_in - 0.3) * camera.height_px / camera.width_px + 1.5)
     axes = figure.add_subplot()
     axes.add_patch(Rectangle((-0.5, -0.5), camera.width_px, camera.height_px, facecolor="#f4f4f4", edgecolor=GREY))
@@ -373,7 +362,7 @@ def residual_figure(
     if title:
         figure.suptitle(title, fontsize=12)
     axes.set_title(f"{len(pixel)} residuals, RMS {rms_px:.2f} px per coordinate; {drawn}", fontsize=9, pad=24)
-    key_px = round_length(1.5 * side_px / enlargement)
+    key_px = round_down(1.5 * side_px / enlargement)
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
@@ -401,7 +390,7 @@ def field_figure(
     ground = axes.imshow(sigma_px, extent=around, interpolation="bilinear", cmap="Blues", vmin=0.0)
     every = max(1, columns // 20)
     shift, size_px = field.shift[::every, ::every], float(np.linalg.norm(field.shift, axis=2).max())
-    enlargement = round_length(1.4 * every * camera.width_px / columns / max(size_px, 1e-6))
+    enlargement = round_down(1.4 * every * camera.width_px / columns / max(size_px, 1e-6))
     arrows = axes.quiver(
         *np.meshgrid(u[::every], v[::every]), shift[..., 0], shift[..., 1], angles="xy", scale_units="xy",
         scale=1 / enlargement, color=VERMILION, width=0.0022, headwidth=4,
@@ -413,7 +402,7 @@ def field_figure(
     bar = figure.colorbar(ground, ax=axes, fraction=0.034, pad=0.02)
     bar.ax.tick_params(labelsize=8)
     bar.set_label("standard deviation of a coordinate, px", fontsize=9)
-    key_px = round_length(0.7 * size_px)
+    key_px = round_down(0.7 * size_px)
     label = f"{key_px:g} px (enlarged {enlargement:g} times)"
     axes.quiverkey(arrows, 0.05, 1.04, key_px, label, labelpos="E", fontproperties={"size": 9})
     if title:

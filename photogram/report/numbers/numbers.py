@@ -14,11 +14,12 @@ from photogram.arrays import FloatArray
 from photogram.camera import Pose, omega_phi_kappa_deg
 from photogram.factors.common_errors import common_shifts
 from photogram.frames import LocalFrame
+from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.numbers.diagnosis import diagnosis_numbers
-from photogram.report.numbers.overlap import Overlap, ground_sampling_distance_m
+from photogram.report.numbers.overlap import Overlap
 from photogram.report.numbers.statistics import consistency_numbers
 from photogram.report.numbers.verdicts import NO_BLUNDERS, FoundBlunders, control_test, control_verdict
 from photogram.report.record.block import (
@@ -126,7 +127,7 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str
     block, frame, reliability = result.block, result.block.frame, result.reliability
     control = block.control_points.fully_controlled()
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
-    gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
+    gsd_m, residual_m = photographs_ground_sampling_m(result.block), gnss_residual_m(result)
     numbers: dict[str, PhotographRecord] = {}
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         camera = block.cameras[photograph.camera].name
@@ -190,7 +191,7 @@ def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap
     components = [
         names[orientation.component == c].tolist() for c in range(int(orientation.component.max(initial=-1)) + 1)
     ]
-    gsd_m, residual_m = ground_sampling_distance_m(result), gnss_residual_m(result)
+    gsd_m, residual_m = photographs_ground_sampling_m(result.block), gnss_residual_m(result)
     squares = residual_m[np.isfinite(residual_m).all(axis=1)] ** 2
     return {
         "registered": sum(pose is not None for pose in block.poses),

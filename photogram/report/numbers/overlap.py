@@ -1,4 +1,4 @@
-"""How many photographs see each place of the ground, and how large a pixel is there.
+"""How many photographs see each place of the ground.
 
 The ground is the surface of the tie points on a coarse grid. What hides behind houses and trees counts as seen: tie
 points do not describe them well enough to tell.
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy.ndimage import median
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import FloatArray
 from photogram.compilation import njit
 from photogram.projection import OrientedCameras, project_point
 from photogram.results import Adjustment
@@ -62,14 +62,6 @@ def _count(cameras: OrientedCameras, widest: FloatArray, X: FloatArray) -> Float
             if -0.5 <= u <= size_px[c, 0] - 0.5 and -0.5 <= v <= size_px[c, 1] - 0.5:
                 seen[n] += 1.0
     return seen
-
-
-def _registered(result: Adjustment) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the indices (M,) of registered photographs, their rotations (M, 3, 3) and centres (M, 3)."""
-    known = [(i, pose) for i, pose in enumerate(result.block.poses) if pose is not None]
-    index = np.array([i for i, _ in known], dtype=np.int64)
-    rotation = np.array([pose.rotation_world_from_camera for _, pose in known]).reshape(-1, 3, 3)
-    return index, rotation, np.array([pose.position_world_m for _, pose in known]).reshape(-1, 3)
 
 
 def _views(result: Adjustment, points_world_m: FloatArray) -> FloatArray:
@@ -134,22 +126,3 @@ def ground_overlap(result: Adjustment, tie_point_map_m: FloatArray) -> Overlap |
     values = np.full(ground.values.shape, np.nan, dtype=np.float32)
     values[row, column] = _views(result, result.block.frame.world_from_map(centre_map_m))
     return Overlap(Raster(values, ground.west_map_m, ground.north_map_m, ground.cell_m))
-
-
-def ground_sampling_distance_m(result: Adjustment) -> FloatArray:
-    """Return the size (N,) of a pixel on the ground, in m: of each photograph the median, over its tie points, of depth
-    over focal length; NaN where it has none.
-    """
-    block, tie = result.block, result.block.tie_points
-    index, rotation, centre = _registered(result)
-    axis, position = (np.full((len(block.photographs), 3), np.nan) for _ in range(2))
-    axis[index], position[index] = rotation[:, :, 2], centre
-    depth = np.zeros(len(tie.photograph))
-    for k in range(3):  # coordinate by coordinate: millions of observations need no (N, 3, 3) array
-        depth += axis[tie.photograph, k] * (tie.position_world_m[tie.point, k] - position[tie.photograph, k])
-    gsd = np.full(len(block.photographs), np.nan)
-    used = np.unique(tie.photograph)
-    if len(used):
-        focal = np.array([block.cameras[photograph.camera].focal_px for photograph in block.photographs])
-        gsd[used] = np.asarray(median(depth, tie.photograph, used)) / focal[used]
-    return gsd

@@ -13,6 +13,8 @@ from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
+from photogram.measures.ground_sampling import ground_sampling_m
+from photogram.measures.round_lengths import CELL_STEPS, round_near
 from photogram.surface.dense.lattice import nearest_views
 from photogram.surface.views import Views
 
@@ -107,7 +109,7 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     flying = float(np.median(above))
     if not flying > 0:
         raise PhotogramError("dense matching needs photographs above the ground they show")
-    gsd = float(np.median(above / views.focal_px))
+    gsd = ground_sampling_m(above, views.focal_px)
     neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
     away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
     spread = float(np.median(away)) / flying
@@ -304,10 +306,7 @@ CELL_GSD = 2.0
 
 MINIMUM_RAYS = 2
 
-_ROUND_CELLS = np.array([1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
 
-
-def round_cell_m(cell_m: float) -> float:
-    """Return the round length, in m, that is nearest to ``cell_m``."""
-    power = 10.0 ** np.floor(np.log10(cell_m))
-    return float(np.round(_ROUND_CELLS[np.argmin(np.abs(np.log(_ROUND_CELLS * power / cell_m)))] * power, 9))
+def default_cell_m(gsd_m: float) -> float:
+    """Return the cell of the surface where none is asked for: about CELL_GSD ground sampling distances."""
+    return round_near(CELL_GSD * gsd_m, CELL_STEPS)

@@ -22,6 +22,7 @@ from photogram.compilation import njit
 from photogram.errors import PhotogramError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
+from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
 from photogram.surface.ortho.cell_choice import (
     EDGE_REACH,
@@ -104,8 +105,8 @@ class OrthophotoSettings:
         check_range("feather_cells", self.feather_cells, 0, SMALLEST_BLOCK)
 
 
-def ground_sampling_distance_m(views: Views, terrain: Terrain) -> float:
-    """Return the median over the photographs of the side of a pixel on the ground below them, in m.
+def _above_ground_m(views: Views, terrain: Terrain) -> FloatArray:
+    """Return how high the views (V,) are over the ground below them, in m.
 
     Ground without a height counts with the mean of the heights there are.
     """
@@ -116,7 +117,7 @@ def ground_sampling_distance_m(views: Views, terrain: Terrain) -> float:
     for n in np.flatnonzero((row >= 0) & (row < dsm.rows) & (column >= 0) & (column < dsm.columns)).tolist():
         height = float(terrain.heights(Window(int(row[n]), int(column[n]), int(row[n]) + 1, int(column[n]) + 1))[0, 0])
         ground[n] = height if np.isfinite(height) else ground[n]
-    return float(np.median((terrain.position_map_m[:, 2] - ground) / views.focal_px))
+    return np.asarray(terrain.position_map_m[:, 2] - ground)
 
 
 def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None) -> MapGrid:
@@ -125,7 +126,7 @@ def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None)
     Raises PhotogramError where no photograph is above the surface.
     """
     if cell_m is None:
-        gsd = ground_sampling_distance_m(views, terrain)
+        gsd = ground_sampling_m(_above_ground_m(views, terrain), views.focal_px)
         if not gsd > 0:
             raise PhotogramError("orthophoto: the photographs are not above the surface: check the surface's heights")
         cell_m = float(f"{gsd:.1e}")
