@@ -30,12 +30,12 @@ from scipy.spatial import cKDTree
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray, IntArray
-from photogram.audit.audit import audited
-from photogram.audit.findings import contradictions, left_out
-from photogram.audit.foreign_block import foreign_block
+from photogram.exchange.audit.audit import audited
+from photogram.exchange.audit.findings import contradictions, left_out
+from photogram.exchange.audit.foreign_block import foreign_block
+from photogram.exchange.formats.recognition import read_solution
 from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.joint_covariance import ray_covariances
-from photogram.files.exchange.recognition import read_solution
 from photogram.projection import B1, FOCAL, K1, K2, P1, P2
 from photogram.survey import Block
 

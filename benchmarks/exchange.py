@@ -31,14 +31,14 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project
-from photogram.files.exchange.angle_tables import write_omega_phi_kappa
-from photogram.files.exchange.assembly import tie_points_of
-from photogram.files.exchange.bundler import read_bundler, write_bundler
-from photogram.files.exchange.colmap.sparse_models import read_colmap, write_colmap
-from photogram.files.exchange.metashape.metashape_cameras import read_metashape_cameras, write_metashape_cameras
-from photogram.files.exchange.opensfm.reconstructions import read_opensfm, write_opensfm
-from photogram.files.exchange.pix4d.opf import read_opf, write_opf
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.exchange.formats.angle_tables import write_omega_phi_kappa
+from photogram.exchange.formats.assembly import tie_points_of
+from photogram.exchange.formats.bundler import read_bundler, write_bundler
+from photogram.exchange.formats.colmap.sparse_models import read_colmap, write_colmap
+from photogram.exchange.formats.metashape.metashape_cameras import read_metashape_cameras, write_metashape_cameras
+from photogram.exchange.formats.opensfm.reconstructions import read_opensfm, write_opensfm
+from photogram.exchange.formats.pix4d.opf import read_opf, write_opf
+from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 
 HEIGHT_M = 100.0
 SPACING_M = 30.0, 41.0

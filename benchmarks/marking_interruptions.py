@@ -33,9 +33,10 @@ from pathlib import Path
 from lib.marking_command import MarkCommand, Page, photogram, running
 
 from photogram.errors import PhotogramError
-from photogram.files.marks.actions import Action, Mark, Place, PlaceMarks, RemoveMarks, state_of
-from photogram.files.marks.journal import JournalContent, read_journal
 from photogram.files.marks.mark_table import read_marks
+from photogram.files.marks.marks import Mark, Place
+from photogram.marking.files.actions import Action, PlaceMarks, RemoveMarks, state_of
+from photogram.marking.files.journal import JournalContent, read_journal
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey_folder
 from photogram.simulation.survey_plan import SurveyPlan

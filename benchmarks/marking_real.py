@@ -37,12 +37,12 @@ from lib.shared_data import SHARED_DATA
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import AdjustmentError
-from photogram.marker.contact_sheet import HALF_PX
-from photogram.marker.patches import PatchReader, Window
-from photogram.marker.proposing import proposed_marks
-from photogram.marker.snapping import Click, OtherMark, Snapped, Snapper
 from photogram.marking.ground_level import levelled
 from photogram.marking.mark_comparison import compared_marks
+from photogram.marking.page.contact_sheet import HALF_PX
+from photogram.marking.page.patches import PatchReader, Window
+from photogram.marking.page.proposing import proposed_marks
+from photogram.marking.page.snapping import Click, OtherMark, Snapped, Snapper
 from photogram.marking.predictions import SURE, predicted_places
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block

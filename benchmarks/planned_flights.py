@@ -15,8 +15,8 @@ import numpy as np
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.simulation.flight_plan import FlightPlan, survey_of
-from photogram.simulation.prediction import predict
+from photogram.simulation.planning.flight_plan import FlightPlan, survey_of
+from photogram.simulation.planning.prediction import predict
 
 PLAN = FlightPlan(
     width_m=80, length_m=120, width_px=2000, height_px=1500, focal_px=1500, flying_height_m=60, forward_overlap=0.7,

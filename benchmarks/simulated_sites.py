@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.report.judgement import judge
 from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.judgement import judge
 
 
 def main(seeds: int) -> None:

@@ -34,7 +34,7 @@ import numpy as np
 from lib.shared_data import SHARED_DATA
 from lib.target_pictures import FOCAL_PX, SHAPES, TEXTURES, Picture, bare, crowded, render
 
-from photogram.targets.measurement import propose, snap
+from photogram.marking.targets.measurement import propose, snap
 
 WRONG_PX = 2.0
 SHARP_PX = 0.8

@@ -1,5 +1,5 @@
 """The command line: arguments, progress, exit codes.
 
 No mathematics: what a command computes, the rooms compute.
-`main.main`; rooms `commands`, `work` and `screen`.
+`main.main`, `registry`; rooms `commands` and `work`.
 """

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from photogram import __version__
+from photogram.cli.registry import COMMANDS, register_commands
 from photogram.cli.streams import show_log
 
 USAGE_ERROR: type[Exception] = next(k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException")
@@ -30,29 +31,11 @@ class CommandError(Exception):
 
 
 class Commands(TyperGroup):
-    """The commands in the order of their use; what they raise is handed on as CommandError."""
-
-    ORDER = (
-        "demo",
-        "plan",
-        "calibrate-site",
-        "init",
-        "import",
-        "mark",
-        "check",
-        "adjust",
-        "report",
-        "view",
-        "export",
-        "compare",
-        "audit",
-        "study",
-        "schema",
-    )
+    """The commands, of which what they raise is handed on as CommandError."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - Typer's own type, which it does not export
         """Return the names of the commands as the help lists them."""
-        return sorted(super().list_commands(ctx), key=self.ORDER.index)
+        return sorted(super().list_commands(ctx), key=list(COMMANDS).index)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
         """Run a command."""
@@ -99,3 +82,6 @@ def options(
     """From drone photographs and ground control points to a surface model with predicted accuracy."""
     if verbose:
         ctx.call_on_close(show_log())
+
+
+register_commands(app)

@@ -5,30 +5,13 @@ from __future__ import annotations
 import sys
 
 from photogram.cli.app import CommandError, app
-from photogram.cli.commands import (
-    adjust,  # noqa: F401 - they register
-    audit,  # noqa: F401 - they register
-    calibrate_site,  # noqa: F401 - they register
-    check,  # noqa: F401 - they register
-    compare,  # noqa: F401 - they register
-    demo,  # noqa: F401 - they register
-    export,  # noqa: F401 - they register
-    import_solution,  # noqa: F401 - they register
-    init,  # noqa: F401 - they register
-    mark,  # noqa: F401 - they register
-    plan,  # noqa: F401 - they register
-    report,  # noqa: F401 - they register
-    schema,  # noqa: F401 - they register
-    study,  # noqa: F401 - they register
-    view,  # noqa: F401 - they register
-)
-from photogram.cli.interruption import interruptible
-from photogram.cli.outcomes import output_fault, say_outcome, say_output_fault
 from photogram.cli.streams import nothing_raw
+from photogram.terminal.exit_codes import output_fault, say_outcome, say_output_fault
+from photogram.terminal.interruption import interruptible
 
 
 def main() -> None:
-    """Run the command line and end with its exit code (``outcomes``)."""
+    """Run the command line and end with its exit code (``exit_codes``)."""
     with nothing_raw() as unwatched, interruptible():
         sys.exit(_finished(_run(), unwatched))
 

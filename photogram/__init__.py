@@ -110,10 +110,10 @@ _PLACES = {
     "OpenedSurvey": "photogram.pipeline.opened_survey:OpenedSurvey",
     "open": "photogram.pipeline.opened_survey:open_survey",
     "view": "photogram.pipeline.view:write_view",
-    "export_marks": "photogram.pipeline.mark_export:export_marks",
-    "export_solution": "photogram.pipeline.solution_export:export_solution",
-    "ImportedProject": "photogram.pipeline.solution_import:ImportedProject",
-    "import_solution": "photogram.pipeline.solution_import:import_solution",
+    "export_marks": "photogram.marking.mark_export:export_marks",
+    "export_solution": "photogram.exchange.solution_export:export_solution",
+    "ImportedProject": "photogram.exchange.solution_import:ImportedProject",
+    "import_solution": "photogram.exchange.solution_import:import_solution",
     # the data of a survey
     "Block": "photogram.survey:Block",
     "Camera": "photogram.camera:Camera",
@@ -146,7 +146,7 @@ _PLACES = {
     "diagnose": "photogram.quality.diagnosis:diagnose",
     "check_accuracy": "photogram.quality.accuracy:check_accuracy",
     "asprs_accuracy": "photogram.quality.asprs:accuracy",
-    "calibrate_site": "photogram.pipeline.site_calibration:calibrate_site",
+    "calibrate_site": "photogram.local_grids.site_calibration:calibrate_site",
     # surfaces
     "SurfaceSettings": "photogram.surface.tin_dsm:SurfaceSettings",
     "surface_from_points": "photogram.surface.tin_dsm:surface_from_points",
@@ -165,8 +165,8 @@ _PLACES = {
     "simulate": "photogram.simulation.simulated_survey:simulate",
     "render_photographs": "photogram.simulation.simulated_survey:render_photographs",
     "write_survey": "photogram.simulation.survey_files:write_survey_folder",
-    "FlightPlan": "photogram.simulation.flight_plan:FlightPlan",
-    "predict": "photogram.simulation.prediction:predict",
+    "FlightPlan": "photogram.simulation.planning.flight_plan:FlightPlan",
+    "predict": "photogram.simulation.planning.prediction:predict",
     # files
     "read_mask": "photogram.files.photographs.masks:read_mask",
     "read_photograph": "photogram.files.photographs.images:read_pixels",
@@ -215,6 +215,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
         SettingError,
         WorkspaceError,
     )
+    from photogram.exchange.solution_export import export_solution
+    from photogram.exchange.solution_import import ImportedProject, import_solution
     from photogram.files.clouds.points import read_cloud
     from photogram.files.maps.rasters import read_raster
     from photogram.files.maps.rasters import write_geotiff as write_raster
@@ -223,14 +225,12 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.files.photographs.masks import read_mask, write_mask
     from photogram.files.photographs.stretches import find_stretch
     from photogram.frames import LocalFrame
+    from photogram.local_grids.site_calibration import calibrate_site
+    from photogram.marking.mark_export import export_marks
     from photogram.pipeline.input_validation import validate_project_file as check
-    from photogram.pipeline.mark_export import export_marks
     from photogram.pipeline.new_project import NewProject, init
     from photogram.pipeline.opened_survey import OpenedSurvey
     from photogram.pipeline.opened_survey import open_survey as open
-    from photogram.pipeline.site_calibration import calibrate_site
-    from photogram.pipeline.solution_export import export_solution
-    from photogram.pipeline.solution_import import ImportedProject, import_solution
     from photogram.pipeline.view import write_view as view
     from photogram.project.findings import Findings
     from photogram.quality.accuracy import check_accuracy
@@ -245,8 +245,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors
     from photogram.sfm.tie_points.features import FeatureSettings, find_features
     from photogram.sfm.tie_points.matching import MatchingSettings, match_pair
     from photogram.sfm.tie_points.tracks import join_matches
-    from photogram.simulation.flight_plan import FlightPlan
-    from photogram.simulation.prediction import predict
+    from photogram.simulation.planning.flight_plan import FlightPlan
+    from photogram.simulation.planning.prediction import predict
     from photogram.simulation.simulated_survey import render_photographs, simulate
     from photogram.simulation.survey_files import write_survey_folder as write_survey
     from photogram.simulation.survey_plan import SurveyPlan

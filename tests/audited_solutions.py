@@ -13,7 +13,7 @@ from makers import simulated
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera, Similarity
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block

@@ -1,4 +1,4 @@
-"""Foreign solutions for the tests of photogram.files.exchange: made, compared, projected, and their files damaged."""
+"""Foreign solutions for the tests of photogram.exchange.formats: made, compared, projected, and their files damaged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project
 from photogram.errors import ExchangeError
-from photogram.files.exchange.solution import ForeignPhotograph, ForeignSolution
+from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import ControlPoints, TiePoints
 
 NOISE_PX = 0.4

@@ -25,7 +25,7 @@ from photogram.camera import Camera
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
-from photogram.marker.session import MarkingSession
+from photogram.marking.page.session import MarkingSession
 from photogram.report.record.ground import GroundPointRecord
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, Role

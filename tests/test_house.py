@@ -1,11 +1,12 @@
-"""The rooms of the house: how large they are, what they say of themselves, where each module is tested, and what may
-cross their borders."""
+"""The rooms of the house: how large they are, what they say of themselves, where each module is tested, what may cross
+their borders, and which libraries each may import."""
 
 from __future__ import annotations
 
 import ast
 import importlib
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +16,34 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("photogram", "factors", "cli")
 MOST_MODULES = 15
 TABLE = Path(__file__).with_name("covered_by.txt")
+WINGS = ("change", "exchange", "local_grids", "marking", "simulation", "teaching")
+COMMANDS = (
+    "cli",
+    "terminal",
+    *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
+    *(f"{wing}.{module}" for wing in ("local_grids", "marking", "teaching") for module in ("command", "work")),
+    "marking.work_export",
+)
+LIBRARIES: dict[str, tuple[str, ...]] = {
+    "CSF_3DFin": ("surface.dtm",),
+    "contourpy": ("surface.contours",),
+    "defusedxml": ("files.xml_elements", "files.photographs"),
+    "distributed": ("pipeline.store.cluster",),
+    "gtsam": ("factors",),
+    "jinja2": ("report", "exchange.audit.page"),
+    "laspy": ("files.clouds", "change.files"),
+    "llvmlite": ("sfm.tie_points.byte_distances",),
+    "matio": ("files.matlab",),
+    "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
+    "numba": ("compilation", "sfm.tie_points.byte_distances"),
+    "pyogrio": ("files.maps", "change.files"),
+    "pyproj": ("crs", "frames", "height_systems", "local_grids.definition"),
+    "rasterio": ("files.maps", "files.photographs"),
+    "rich": COMMANDS,
+    "typer": COMMANDS,
+    "yaml": ("project.document",),
+}
+"""Libraries that stay in few places: the modules and rooms that import them, and nothing else does."""
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), *(ROOT / n for n in ("README.md", "DESIGN.md", "CONTRIBUTING.md"))]
 
 
@@ -75,7 +104,7 @@ def test_every_module_has_a_test_of_its_name_or_stands_in_the_table(name: str) -
     assert name in table, f"write tests/<room>/test_{name.split('.')[-1]}.py, or name the test that covers it"
     test, *between = table[name]
     assert (ROOT / test).is_file()
-    if name.startswith("photogram.cli.commands."):
+    if ".commands." in name or name.endswith(".command"):
         return  # run as a command
     for user in between:
         assert imports(modules()[user], name)
@@ -94,6 +123,34 @@ def sources() -> dict[str, str]:
            for p in rooms()},
     }  # fmt: skip
     return {name: path.read_text(encoding="utf-8") for name, path in named.items()}
+
+
+def libraries_of(text: str) -> set[str]:
+    """Return the top-level names of what a module imports, wherever in it."""
+    nodes = list(ast.walk(ast.parse(text)))
+    plain = {alias.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return plain | {n.module.split(".")[0] for n in nodes if isinstance(n, ast.ImportFrom) and n.module is not None}
+
+
+def test_libraries_stay_in_their_rooms() -> None:
+    users = {name: libraries_of(text) for name, text in sources().items()}
+    for library, places in LIBRARIES.items():
+        rooms_of_it = [f"photogram.{place}" for place in places]
+        importing = [name for name, imported in users.items() if library in imported]
+        allowed = {name: [r for r in rooms_of_it if name == r or name.startswith(f"{r}.")] for name in importing}
+        assert [name for name, by in allowed.items() if not by] == [], f"{library} is imported elsewhere"
+        unused = set(rooms_of_it) - {room for by in allowed.values() for room in by}
+        assert unused == set() or places is COMMANDS, f"{library} is not imported there: correct the table"
+
+
+def test_every_library_is_in_the_table_or_common() -> None:
+    """A library of the package that no row names is one that many rooms use."""
+    common = {
+        *("cv2", "markupsafe", "numpy", "photogram", "PIL", "pydantic", "pydantic_core", "scipy", "shapely"),
+        *("threadpoolctl", "typing_extensions"),
+    }
+    imported = {library for text in sources().values() for library in libraries_of(text)}
+    assert imported - set(sys.stdlib_module_names) - common == set(LIBRARIES)
 
 
 def types_said(node: ast.AST) -> list[ast.expr]:

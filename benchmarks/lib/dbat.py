@@ -14,12 +14,12 @@ import numpy as np
 
 from photogram.adjustment.adjustment import adjust
 from photogram.arrays import FloatArray
-from photogram.audit.audit import LEAST_SQUARES
-from photogram.audit.foreign_block import foreign_block, with_their_model
-from photogram.audit.precision import exterior_sigmas
 from photogram.camera import omega_phi_kappa_deg
-from photogram.files.exchange.dbat.dbat import read_dbat
-from photogram.files.exchange.dbat.dbat_report import read_report
+from photogram.exchange.audit.audit import LEAST_SQUARES
+from photogram.exchange.audit.foreign_block import foreign_block, with_their_model
+from photogram.exchange.audit.precision import exterior_sigmas
+from photogram.exchange.formats.dbat.dbat import read_dbat
+from photogram.exchange.formats.dbat.dbat_report import read_report
 from photogram.results import Adjustment
 from photogram.sfm.orientation import resections_of
 from photogram.survey import Block

@@ -1,4 +1,4 @@
-"""photogram adjust: the whole survey. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram adjust: the whole survey. Arguments only."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ from typing import Annotated
 
 import typer
 
-from photogram.cli.app import app
-from photogram.cli.arguments import AsJson, Pdf, Photographs, ProjectFile, QuietOption
-from photogram.cli.beforehand import check_project_file
 from photogram.pipeline.stage_names import StageName
+from photogram.terminal.arguments import AsJson, Pdf, Photographs, ProjectFile, QuietOption
+from photogram.terminal.fast_checks import check_project_file
 
 
-@app.command()
 def adjust(
     project: ProjectFile,
     photographs: Photographs = None,
@@ -50,7 +48,7 @@ def adjust(
     """
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("give --workers or --scheduler, not both", param_hint="'--scheduler'")
-    from photogram.cli.events import event_lines
+    from photogram.terminal.events import event_lines
 
     with event_lines(as_json) as lines:
         check_project_file(project)

@@ -1,13 +1,11 @@
-"""photogram check: validates a project before processing. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram check: validates a project before processing. Arguments only."""
 
 from __future__ import annotations
 
-from photogram.cli.app import app
-from photogram.cli.arguments import Photographs, ProjectFile
-from photogram.cli.beforehand import check_project_file
+from photogram.terminal.arguments import Photographs, ProjectFile
+from photogram.terminal.fast_checks import check_project_file
 
 
-@app.command()
 def check(project: ProjectFile, photographs: Photographs = None) -> None:
     """Validate a project before processing (takes seconds)."""
     check_project_file(project)

@@ -1,4 +1,4 @@
-"""photogram init: a project file from a folder of photographs. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram init: a project file from a folder of photographs. Arguments only."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from photogram.cli.app import app
-from photogram.cli.beforehand import check_tables
+from photogram.terminal.fast_checks import check_tables
 
 HeightSystemName = Literal["ellipsoidal", "orthometric"]
 RoleName = Literal["control", "check"]
@@ -24,7 +23,6 @@ def _picture_size(text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-@app.command()
 def init(
     photographs: Annotated[Path, typer.Argument(help="Folder of the photographs.", show_default=False)],
     control: Annotated[

@@ -1,13 +1,11 @@
-"""photogram report: the page of a finished survey, made again or printed. Arguments only, see `photogram.cli.work`."""
+"""photogram report: the page of a finished survey, made again or printed. Arguments only."""
 
 from __future__ import annotations
 
-from photogram.cli.app import app
-from photogram.cli.arguments import Pdf, Photographs, ProjectFile
-from photogram.cli.beforehand import check_project_file
+from photogram.terminal.arguments import Pdf, Photographs, ProjectFile
+from photogram.terminal.fast_checks import check_project_file
 
 
-@app.command()
 def report(project: ProjectFile, photographs: Photographs = None, pdf: Pdf = False) -> None:
     """Regenerate report.html from report.json with the current names and targets of the project file."""
     check_project_file(project)

@@ -1,4 +1,4 @@
-"""photogram schema: what the files of results may hold. Arguments only; the work is in `photogram.cli.work`."""
+"""photogram schema: what the files of results may hold. Arguments only."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from photogram.cli.app import app
-
 DocumentName = Literal["report", "events"]
 
 
-@app.command()
 def schema(
     document: Annotated[
         DocumentName,

@@ -1,4 +1,4 @@
-"""photogram view: the results in 3-D, as one page for a browser. Arguments only, see `photogram.cli.work`."""
+"""photogram view: the results in 3-D, as one page for a browser. Arguments only."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from typing import Annotated
 
 import typer
 
-from photogram.cli.app import app
 
-
-@app.command()
 def view(
     results: Annotated[Path, typer.Argument(help="Folder of results, with report.json.", show_default=False)],
     points: Annotated[

@@ -8,17 +8,17 @@ from pathlib import Path
 import typer
 from rich.markup import escape
 
-from photogram.cli.early_kernels import compiling_early
-from photogram.cli.events import EventLines
-from photogram.cli.screen.findings_table import has_errors
-from photogram.cli.screen.terminal import console
-from photogram.cli.screen.voices import voice_of
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.precompilation import compiling_early
 from photogram.pipeline.stages.report_files import print_report
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
 from photogram.project.project import Project
+from photogram.terminal.console import console
+from photogram.terminal.events import EventLines
+from photogram.terminal.findings_table import has_errors
+from photogram.terminal.output_modes import voice_of
 
 
 def say_printed(survey: Project) -> None:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import typer
 
-from photogram.cli.screen.cost_table import cost_table
-from photogram.cli.screen.findings_table import findings_table, has_errors, verdict
-from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import Forecast
 from photogram.pipeline.input_validation import checked_project, predicted_costs, validate_project_file
 from photogram.pipeline.pipeline import load_project
 from photogram.project.findings import Findings
+from photogram.terminal.console import console
+from photogram.terminal.cost_table import cost_table
+from photogram.terminal.findings_table import findings_table, has_errors, verdict
 
 
 def _checked(project: Path, photographs: Path | None) -> tuple[Findings, Forecast | None]:

@@ -8,9 +8,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from photogram.cli.screen.terminal import console, steps
 from photogram.pipeline.new_project import Request, read_back, write_project
 from photogram.project.draft.draft import ProjectDraft
+from photogram.terminal.console import console, steps
 from photogram.wording import things
 
 _OPTIONS = {

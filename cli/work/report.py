@@ -6,10 +6,10 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from photogram.cli.screen.terminal import console
 from photogram.cli.work.adjust import say_printed
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.report_files import remake_report
+from photogram.terminal.console import console
 
 
 def run(project: Path, photographs: Path | None, pdf: bool) -> None:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import typer
 from pydantic import TypeAdapter
 
-from photogram.cli.events import Event
 from photogram.report.record.json_schema import report_schema, schema_of
+from photogram.terminal.events import Event
 
 
 def event_schema() -> dict[str, object]:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from photogram.cli.screen.terminal import console, steps
 from photogram.errors import ReportError
 from photogram.pipeline.view import cloud_of, read_pictures, read_results, write_page
+from photogram.terminal.console import console, steps
 
 
 def run(results: Path, points: int, cloud: Path | None, photographs: Path | None, show: bool) -> None:

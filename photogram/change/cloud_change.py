@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, FloatArray
 from photogram.change.cloud_registration import RigidMotion, register_clouds
 from photogram.change.differences import LEVEL
+from photogram.change.figure import DifferencePicture, difference_picture, gridded
+from photogram.change.files.compared_clouds import ComparedCloud, read_compared, write_distances
+from photogram.change.files.polygon_files import read_polygons
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
@@ -20,13 +23,10 @@ from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
 from photogram.crs import NO_CRS, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
-from photogram.files.clouds.compared_clouds import ComparedCloud, read_compared, write_distances
-from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.maps.rasters import RasterFile, open_raster, read_raster
 from photogram.files.npz_json import write_json
 from photogram.grid import MapGrid, Window
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
-from photogram.report.figures.change_figure import DifferencePicture, difference_picture, gridded
 from photogram.survey import PointCloud, Raster
 
 Method = Literal["m3c2", "mesh"]

@@ -13,8 +13,8 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError, ProjectError
-from photogram.files.exchange.solution import ForeignSolution
-from photogram.files.exchange.stored_solutions import read_stored
+from photogram.files.solutions.solution import ForeignSolution
+from photogram.files.solutions.stored_solutions import read_stored
 from photogram.project.document import Document
 from photogram.project.schema import ProjectFile, Whose
 from photogram.sfm.tie_points.known_tie_points import numbered_in_photographs

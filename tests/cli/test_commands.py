@@ -24,9 +24,9 @@ from photogram.cli.app import app
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.maps.rasters import write_geotiff
 from photogram.pipeline.stage_names import STAGE_NAMES
-from photogram.report.figures import ransac_study as study_pictures
 from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
+from photogram.teaching import figures as study_pictures
 
 Run = Callable[..., Any]
 

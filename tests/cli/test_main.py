@@ -20,17 +20,18 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from photogram.cli.commands import adjust, init, plan
+from photogram.cli.commands import adjust, init
 from photogram.cli.commands import check as commands_check
-from photogram.cli.interruption import interruptible, raise_if_interrupted
-from photogram.cli.screen.stage_lines import SENTENCES
 from photogram.cli.work import check as run_check
 from photogram.errors import ProjectError
 from photogram.height_systems import HeightSystem
 from photogram.pipeline.pipeline import STAGES
 from photogram.pipeline.stage_names import StageName
-from photogram.simulation.flight_plan import Gnss, Layout
+from photogram.simulation.commands import plan
+from photogram.simulation.planning.flight_plan import Gnss, Layout
 from photogram.survey import Role
+from photogram.terminal.interruption import interruptible, raise_if_interrupted
+from photogram.terminal.stage_lines import SENTENCES
 
 Run = Callable[..., Any]
 COMMAND = [sys.executable, "-m", "photogram.cli.main"]

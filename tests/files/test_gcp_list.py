@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.formats import read_points
 from photogram.files.marks.gcp_list import write_gcp_list
+from photogram.files.marks.marks import Mark
 from photogram.files.tables.control_files import FilePoint
 
 words = st.text(st.characters(categories=("L", "N", "P"), exclude_characters="#"), min_size=1, max_size=8).filter(

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.actions import Mark, Proposal
 from photogram.files.marks.mark_table import read_marks, read_proposals, write_marks, write_proposals
+from photogram.files.marks.marks import Mark, Proposal
 from photogram.files.tables import control_files
 
 names = st.text(st.characters(categories=("L", "N", "P", "S"), include_characters=" "), min_size=1, max_size=8).filter(

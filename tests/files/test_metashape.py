@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.formats import read_marks, read_points
+from photogram.files.marks.marks import Mark
 from photogram.files.marks.metashape import read_markers, write_markers
 from photogram.files.tables import control_files
 from photogram.files.tables.control_files import FilePoint

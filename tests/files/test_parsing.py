@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from photogram.errors import ExchangeError
-from photogram.files.exchange import parsing
+from photogram.files.solutions import parsing
 
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "1e400", "1 2", "1,5", "x", "0x10"])

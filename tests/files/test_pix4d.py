@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.formats import read_marks, read_points
+from photogram.files.marks.marks import Mark
 from photogram.files.marks.pix4d import read_pix4d_marks, write_pix4d_marks
 
 letters = st.text(st.characters(categories=("L", "N"), include_characters="-_. "), min_size=1, max_size=8).filter(

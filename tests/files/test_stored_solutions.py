@@ -11,10 +11,10 @@ import pytest
 from foreign import assert_refused_or_read, assert_same_cameras, small_solution
 
 from photogram.errors import ExchangeError
-from photogram.files.exchange.recognition import read_solution
-from photogram.files.exchange.solution import ForeignSolution, StatedAdjustment
-from photogram.files.exchange.stored_solutions import read_stored, write_stored
+from photogram.exchange.formats.recognition import read_solution
 from photogram.files.npz_json import read_arrays, write_arrays
+from photogram.files.solutions.solution import ForeignSolution, StatedAdjustment
+from photogram.files.solutions.stored_solutions import read_stored, write_stored
 
 
 def assert_same_arrays(found: object, expected: object) -> None:

@@ -28,12 +28,12 @@ from photogram.files.tables.position_tables import read_positions
 from photogram.pipeline.input_validation import validate_project_file
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, Wishes, draft_project
 from photogram.project.draft.text import project_text
-from photogram.project.flight_file import flight_plan, plan_settings
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page
 from photogram.report.reading import making_of, read_report
 from photogram.report.viewer import view_page
+from photogram.simulation.planning.flight_file import flight_plan, plan_settings
 
 
 class SilenceError(AssertionError):

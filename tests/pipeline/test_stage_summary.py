@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from photogram.cli.screen.stage_lines import SENTENCES
 from photogram.errors import DamagedStageError
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.store.stage_summary import StageSummary, summary_from
 from photogram.pipeline.store.workspace import Workspace, _seal
+from photogram.terminal.stage_lines import SENTENCES
 
 
 def test_what_every_stage_says_is_read_as_it_lies_on_disk(finished_survey: Path) -> None:

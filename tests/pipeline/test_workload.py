@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from photogram.exchange.solution_export import export_solution
+from photogram.exchange.solution_import import import_solution
 from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.workload import expected_pairs, workload
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.solution_export import export_solution
-from photogram.pipeline.solution_import import import_solution
 from photogram.project.project import Project
 
 Survey = tuple[Project, tuple[PhotographTags | None, ...]]

@@ -17,7 +17,6 @@ from PIL import Image
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader, equal_files, read_headers
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
@@ -37,6 +36,7 @@ from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
+from photogram.terminal.console import console
 from photogram.wording import some, things
 
 CRS = "EPSG:25832"

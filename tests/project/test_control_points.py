@@ -9,8 +9,8 @@ import pytest
 from makers import SharedData, no_matlab
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.marks.actions import Mark, Proposal
 from photogram.files.marks.mark_table import write_marks, write_proposals
+from photogram.files.marks.marks import Mark, Proposal
 from photogram.frames import map_from_crs, map_from_geodetic
 from photogram.project.project import Project, ProjectControlPoint, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings

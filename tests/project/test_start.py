@@ -13,7 +13,7 @@ from makers import no_matlab
 
 from photogram.camera import Camera
 from photogram.errors import ProjectError
-from photogram.files.exchange.stored_solutions import write_stored
+from photogram.files.solutions.stored_solutions import write_stored
 from photogram.project.project import Project, read_project
 from photogram.project.start import start_of
 

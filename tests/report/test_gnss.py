@@ -14,8 +14,6 @@ import pytest
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.gnss_offsets import SIGNIFICANCE
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.cli.screen.report_tables import show_gnss
-from photogram.cli.screen.terminal import console
 from photogram.errors import ProjectError
 from photogram.files.photographs.images import read_tags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
@@ -24,6 +22,8 @@ from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.record.report import oriented
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.terminal.console import console
+from photogram.terminal.report_tables import show_gnss
 
 Json = dict[str, Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

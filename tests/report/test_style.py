@@ -29,7 +29,6 @@ from photogram.report.figures.plan_view import (
     place_labels,
     plan_picture,
 )
-from photogram.report.figures.ransac_study import inliers_by_iteration, inliers_by_sample_size
 from photogram.report.figures.style import (
     _grid_means,
     _thinned,
@@ -43,8 +42,9 @@ from photogram.report.figures.style import (
     save_picture,
     shaded_surface,
 )
-from photogram.sfm.ransac_study import RansacStudy, study
 from photogram.survey import Raster, Role
+from photogram.teaching.figures import inliers_by_iteration, inliers_by_sample_size
+from photogram.teaching.ransac_study import RansacStudy, study
 
 SITE = np.array([719_900.0, 6_191_900.0, 70.0])
 SKY, ORANGE, VERMILION, GREEN = (86, 180, 233), (230, 159, 0), (213, 94, 0), (0, 158, 115)

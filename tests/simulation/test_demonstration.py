@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.report.judgement import judge
 from photogram.simulation.demonstration import write_demonstration
+from photogram.simulation.judgement import judge
 from photogram.simulation.simulated_survey import SurveyPlan, demonstration_plan
 
 Run = Callable[..., Any]

@@ -17,8 +17,8 @@ from PIL import Image
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.errors import AdjustmentError, ProjectError
-from photogram.project.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
-from photogram.simulation.flight_plan import (
+from photogram.simulation.planning.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
+from photogram.simulation.planning.flight_plan import (
     Calibration,
     FlightPlan,
     Layout,
@@ -26,7 +26,7 @@ from photogram.simulation.flight_plan import (
     courses,
     survey_of,
 )
-from photogram.simulation.prediction import alternatives, changes, predict
+from photogram.simulation.planning.prediction import alternatives, changes, predict
 
 SMALL = FlightPlan(
     width_m=60, length_m=80, relief_m=8, width_px=1500, height_px=1125, focal_px=1200, flying_height_m=60,

@@ -12,10 +12,10 @@ from lib import dbat
 from makers import SharedData
 
 from photogram.arrays import FloatArray
-from photogram.audit.audit import audited
-from photogram.audit.foreign_block import foreign_block
-from photogram.audit.tables import tables
-from photogram.files.exchange.recognition import read_solution
+from photogram.exchange.audit.audit import audited
+from photogram.exchange.audit.foreign_block import foreign_block
+from photogram.exchange.audit.tables import tables
+from photogram.exchange.formats.recognition import read_solution
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.report.record.report import oriented

@@ -17,16 +17,16 @@ from deep_files import tags_of_jpeg, write_tiff
 from PIL import Image
 
 from photogram.errors import ImageError
+from photogram.exchange.solution_export import export_solution
 from photogram.files.npz_json import read_json
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_pixels
 from photogram.files.photographs.stretches import find_stretch
-from photogram.marker.patches import PatchReader, Window
+from photogram.marking.marking_survey import open_marking
+from photogram.marking.page.patches import PatchReader, Window
 from photogram.pipeline.input_validation import validate_project_file
-from photogram.pipeline.marking import open_marking
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
-from photogram.pipeline.solution_export import export_solution
 from photogram.pipeline.view import read_pictures, read_results
 from photogram.report.record.report import Report
 

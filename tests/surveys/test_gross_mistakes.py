@@ -21,13 +21,13 @@ import yaml
 from PIL import Image
 
 from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.cli.screen.terminal import console
 from photogram.files.photographs.images import read_pixels, read_tags, write_photograph
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.pipeline.input_validation import validate_project_file
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.project.findings import Finding
+from photogram.terminal.console import console
 
 pytestmark = pytest.mark.filterwarnings("error")
 

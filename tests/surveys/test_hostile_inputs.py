@@ -48,13 +48,13 @@ from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.store.run import Run as Survey
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.document import Document, read_entry, read_settings
-from photogram.project.flight_file import FlightFile, plan_settings
 from photogram.project.project import SECTIONS
 from photogram.project.ranges import SETTINGS, Within
 from photogram.project.schema import ProjectFile
 from photogram.report import viewer
 from photogram.report.figures.style import new_figure
 from photogram.report.reading import making_of, read_report
+from photogram.simulation.planning.flight_file import FlightFile, plan_settings
 from photogram.survey import PointCloud
 from photogram.wording import file_stem, printable, table_cell
 

@@ -19,8 +19,8 @@ from makers import undrawing
 from pyproj import CRS, Transformer
 
 from photogram.files.npz_json import read_json
+from photogram.local_grids.site_calibration import calibrate_site
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.pipeline.site_calibration import calibrate_site
 from photogram.simulation.demonstration import write_demonstration
 
 pytestmark = pytest.mark.survey

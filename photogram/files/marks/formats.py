@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.gcp_list import write_gcp_list
 from photogram.files.marks.mark_table import write_marks
+from photogram.files.marks.marks import Mark
 from photogram.files.marks.metashape import holds_metashape_markers, read_markers, write_markers
 from photogram.files.marks.pix4d import holds_pix4d_marks, read_pix4d_marks, write_pix4d_marks
 from photogram.files.tables import control_files

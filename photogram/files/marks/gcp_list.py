@@ -12,7 +12,7 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.actions import Mark
+from photogram.files.marks.marks import Mark
 from photogram.files.tables.control_files import FilePoint
 from photogram.wording import some
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.actions import Mark, Proposal
+from photogram.files.marks.marks import Mark, Proposal
 from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
 from photogram.files.tables.control_files import Row as _Row
 from photogram.files.text_lines import Faults, lines_of, quoted

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 from photogram.crs import crs_of_wkt
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.corner_pixels import from_corner, to_corner
+from photogram.files.marks.marks import Mark
 from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, Sigma3, check_marks
 from photogram.files.text_lines import SIGMA_M, Faults, text_of
 from photogram.files.xml_elements import Element, elements_of

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.actions import Mark
 from photogram.files.marks.corner_pixels import from_corner, to_corner
+from photogram.files.marks.marks import Mark
 from photogram.files.tables.control_files import FileMark, check_marks
 from photogram.files.text_lines import NUMBER, Faults, lines_of
 from photogram.wording import shortened, some

@@ -17,12 +17,12 @@ from pydantic import TypeAdapter
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.crs import NO_CRS
-from photogram.files.exchange.stored_solutions import read_stored
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_grey, read_pixels
 from photogram.files.photographs.masks import read_mask, read_masks
+from photogram.files.solutions.stored_solutions import read_stored
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder

@@ -1,5 +1,0 @@
-"""Finished solutions of other programs, adjusted again from their own measurements, and both beside each other.
-
-Knows no file format and no page: `photogram.files.exchange` reads, `photogram.cli` and `photogram.report` show.
-`foreign_block.foreign_block` and `audit.audited`.
-"""

@@ -1,0 +1,122 @@
+"""photogram compare: clouds and surfaces against a reference or an earlier survey. Arguments only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from photogram.terminal.fast_checks import check_clouds
+
+_CHANGE, _M3C2 = "Two epochs", "M3C2"
+
+
+def compare(
+    clouds: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Point clouds: .txt, .csv, .xyz, .las, .laz; or the later surface: GeoTIFF, or a folder of results.",
+            show_default=False,
+        ),
+    ],
+    reference: Annotated[
+        Path,
+        typer.Option(
+            help="Reference, or the earlier epoch: a surface (GeoTIFF) or cloud; rim: the ground around each polygon.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[Path, typer.Option(help="Folder for comparison.json, comparison.png and what else there is.")] = (
+        Path("comparison")
+    ),
+    sor: Annotated[
+        bool, typer.Option(help="First remove statistical outliers (SOR, 6 neighbours, 1 standard deviation).")
+    ] = True,
+    method: Annotated[
+        Literal["height", "mesh", "m3c2"],
+        typer.Option(help="height differences; signed distances to a mesh of the reference; M3C2.", show_default=True),
+    ] = "height",
+    polygons: Annotated[
+        Path | None,
+        typer.Option(
+            help="Polygons whose cut and fill are wanted: .gpkg, .geojson.",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    stable: Annotated[
+        Path | None,
+        typer.Option(
+            help="Polygons of ground that has not moved: how the epochs lie on each other is reported.",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    coregister: Annotated[
+        Literal["offset", "tilt", "rigid"] | None,
+        typer.Option(
+            help="Take off what stable ground shows: an offset in height, that and a tilt, a rigid motion (clouds).",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    sigma: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Standard deviations of the later epoch, m: of a height by itself, and of what all share.",
+            metavar="OWN COMMON",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    reference_sigma: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="The same of the earlier epoch.",
+            metavar="OWN COMMON",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    correlation: Annotated[
+        float | None,
+        typer.Option(
+            help="Length over which errors are alike, m; default: 5 cells, the windows of the matching.",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
+    polygon_sigma: Annotated[
+        float,
+        typer.Option(help="Standard deviation of the corners of the polygons, m.", rich_help_panel=_CHANGE),
+    ] = 0.0,
+    radius: Annotated[
+        float | None,
+        typer.Option(help="Radius of the cylinder, m; default: 4 spacings.", show_default=False, rich_help_panel=_M3C2),
+    ] = None,
+    normal_radius: Annotated[
+        float | None,
+        typer.Option(
+            help="Radius for normals, m; default: 2 of the cylinder.", show_default=False, rich_help_panel=_M3C2
+        ),
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            help="Distance of core points, m; default: the radius.", show_default=False, rich_help_panel=_M3C2
+        ),
+    ] = None,
+    max_distance: Annotated[
+        float, typer.Option(help="How far along the normal to look, m.", rich_help_panel=_M3C2)
+    ] = 10.0,
+) -> None:
+    """Compare clouds with a reference, or two epochs of a site: differences, what is significant, volumes."""
+    check_clouds([*clouds, reference])
+    from photogram.change.work.compare import Options, run
+
+    options = Options(
+        method, polygons, stable, coregister, sigma, reference_sigma, correlation, polygon_sigma, radius,
+        normal_radius, spacing, max_distance,
+    )  # fmt: skip
+    run(clouds, reference, output, sor, options)

@@ -1,0 +1,108 @@
+"""How a result fits its measurements: residuals of tie points and marks, and ground points against their survey."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from photogram.adjustment.ground_points import intersect_weighted
+from photogram.arrays import BoolArray, FloatArray
+from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.files.solutions.solution import ForeignSolution
+from photogram.quality.accuracy import CheckAccuracy, check_accuracy
+from photogram.results import Adjustment
+from photogram.sfm.marked_points import intersected_marks
+from photogram.survey import Block
+from photogram.triangulation import intersect
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How a result fits its measurements."""
+
+    tie_rms_px: float
+    """Root mean square of a tie point's residual, its length."""
+    mark_rms_px: float
+    """The same of marks; NaN without."""
+    off_m: FloatArray
+    """Ground points, adjusted minus surveyed, along the map's axes (G, 3); NaN where they were not intersected."""
+    control: CheckAccuracy
+    """Adjusted minus surveyed, of control: how well they were fitted, no accuracy."""
+    check: CheckAccuracy
+    """The same of check points: accuracy."""
+
+
+def fit_of_solution(solution: ForeignSolution, theirs: Block) -> Fit:
+    """Return how a program's own cameras, poses and tie points fit.
+
+    Its ground points are those that it states, where its files have them, else intersected from the marks by least
+    squares; tie points whose positions the files leave out are intersected too.
+    """
+    held = replace(theirs, cameras=solution.cameras)
+    given = held.tie_points.position_world_m
+    tie_world_m = np.where(np.isfinite(given), given, intersect(held))
+    ground_world_m, points, stated = _intersected(held), solution.ground_points, solution.stated.ground_m
+    if points is not None and stated is not None:
+        stated = stated[np.isfinite(points.position_world_m).all(axis=1)]
+        said = known_rows(stated)
+        ground_world_m[said] = theirs.frame.world_from_map(stated[said])
+    return _fit(held, tie_world_m, ground_world_m)
+
+
+def _intersected(block: Block) -> FloatArray:
+    """Return ground points (G, 3) in the world from the marks that agree, NaN with fewer than two."""
+    points = block.control_points
+    _, agreed = intersected_marks(block)
+    order = np.lexsort((points.mark_photograph, points.mark_point))
+    order = order[agreed[order]]
+    marks = Observations(
+        points.mark_photograph[order], points.mark_point[order], points.mark_pixel[order], points.mark_sigma_px[order]
+    )
+    return intersect_weighted(marks, block.cameras, block.oriented_cameras(), len(points))
+
+
+def fit_of_adjustment(result: Adjustment) -> Fit:
+    """Return how an adjustment fits."""
+    off = _differences(result.block, result.ground_world_m)
+    return Fit(_rms(result.residual_px), _rms(result.mark_residual_px), off, *_accuracies(result.block, off))
+
+
+def known_rows(rows: FloatArray) -> BoolArray:
+    """Return which rows (N,) of an array (N, k) have no NaN."""
+    return ~np.asarray(np.isnan(rows).any(axis=1), dtype=bool)
+
+
+def _rms(residual_px: FloatArray) -> float:
+    squares = np.sum(residual_px[known_rows(residual_px)] ** 2, axis=1)
+    return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+
+
+def _differences(block: Block, ground_world_m: FloatArray) -> FloatArray:
+    points, frame = block.control_points, block.frame
+    off = np.full((len(points), 3), np.nan)
+    known = known_rows(ground_world_m)
+    off[known] = frame.map_from_world(ground_world_m[known]) - frame.map_from_world(points.position_world_m[known])
+    return off
+
+
+def _accuracies(block: Block, off_m: FloatArray) -> tuple[CheckAccuracy, CheckAccuracy]:
+    """Return the differences of control and of check coordinates."""
+    controlled = block.control_points.controlled
+    return check_accuracy(np.where(controlled, off_m, np.nan)), check_accuracy(np.where(controlled, np.nan, off_m))
+
+
+def _fit(block: Block, tie_world_m: FloatArray, ground_world_m: FloatArray) -> Fit:
+    ties, points, cameras = block.tie_points, block.control_points, block.oriented_cameras()
+    unit = np.ones(len(ties.photograph)), np.ones(len(points.mark_point))
+    seen = known_rows(cameras.position)
+    of_ties, of_marks = seen[ties.photograph], seen[points.mark_photograph]
+    tie = residuals(Observations(ties.photograph, ties.point, ties.pixel, unit[0]), cameras, np.nan_to_num(tie_world_m))
+    mark = residuals(
+        Observations(points.mark_photograph, points.mark_point, points.mark_pixel, unit[1]),
+        cameras, np.nan_to_num(ground_world_m),
+    )  # fmt: skip
+    of_ties &= known_rows(tie_world_m)[ties.point]
+    of_marks &= known_rows(ground_world_m)[points.mark_point]
+    off = _differences(block, ground_world_m)
+    return Fit(_rms(tie[of_ties]), _rms(mark[of_marks]), off, *_accuracies(block, off))

@@ -1,0 +1,179 @@
+"""An adjusted survey as a solution for other programs: cameras, poses, tie points, ground points and marks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Literal, get_args
+
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.camera import Camera, Pose, Similarity
+from photogram.crs import crs_in_metres
+from photogram.errors import ExchangeError
+from photogram.exchange.formats.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
+from photogram.exchange.formats.bundler import write_bundler
+from photogram.exchange.formats.colmap.sparse_models import write_colmap
+from photogram.exchange.formats.metashape.metashape_cameras import write_metashape_cameras
+from photogram.exchange.formats.nearest_cameras import with_nearest_cameras, without_fields
+from photogram.exchange.formats.opensfm.reconstructions import write_opensfm
+from photogram.exchange.formats.pix4d.opf import write_opf
+from photogram.exchange.formats.undistorted import pinhole_solution, write_undistorted
+from photogram.files.atomic import make_folder
+from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
+from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.projection import PARAMETER_NAMES, Model
+from photogram.results import Adjustment
+from photogram.sfm.similarity import fit_similarity
+
+SolutionFormat = Literal[
+    "colmap", "colmap-text", "opensfm", "bundler", "metashape", "opf", "omega-phi-kappa", "yaw-pitch-roll",
+    "undistorted",
+]  # fmt: skip
+
+_FRAMES: dict[SolutionFormat, Frame] = {
+    "opensfm": "topocentric", "metashape": "geocentric", "opf": "map", "omega-phi-kappa": "map",
+    "yaw-pitch-roll": "map",
+}  # fmt: skip
+"""What coordinates a format has; east, north and up of the survey for all others."""
+
+_BROWN = frozenset(PARAMETER_NAMES) - {"k4", "b1", "b2"}
+_FISHEYE = frozenset(PARAMETER_NAMES) - {"p1", "p2", "b2"}
+_TERMS: dict[SolutionFormat, Mapping[Model, frozenset[str]]] = {
+    "colmap": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "colmap-text": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "opensfm": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
+    "opf": {"brown": _BROWN},
+    "bundler": {"brown": frozenset({"focal_px", "k1", "k2"})},
+}
+"""What the camera models of a format hold of photogram's; all of it in others."""
+
+FOLDERS: frozenset[SolutionFormat] = frozenset({"colmap", "colmap-text", "opensfm", "opf", "undistorted"})
+"""Formats that are a folder of files."""
+
+FORMATS: tuple[SolutionFormat, ...] = get_args(SolutionFormat)
+
+
+def export_solution(
+    project: Path | str, form: SolutionFormat, target: Path | str, *, photographs: Path | str | None = None
+) -> tuple[str, ...]:
+    """Write an adjusted survey for another program; returns sentences on what its files do not hold.
+
+    ``target`` is a new or empty folder for FOLDERS, else a new file; ``photographs`` the folder of the
+    photographs in place of the project's. Raises ExchangeError where the survey is not adjusted as the project now
+    stands, the format cannot hold it, or something is there already; WorkspaceError where nothing can be written.
+    """
+    target = Path(target)
+    if (target.is_dir() and (form not in FOLDERS or any(target.iterdir()))) or target.is_file():
+        raise ExchangeError(f"{target}: is there already: name a new {'folder' if form in FOLDERS else 'file'}")
+    survey = load_project(Path(project), None if photographs is None else Path(photographs))
+    with open_run(survey) as run:
+        if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
+            raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
+        result, stretches = run.adjustment(), run.stretches
+    frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else _FRAMES.get(form, "local")
+    solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
+    if form == "undistorted":
+        make_folder(target)
+        said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
+        make_folder(target / "sparse")
+        pinholes = pinhole_solution(solution)
+        said = (*shutters, *said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))
+        return tuple(dict.fromkeys(said))  # each once, though photographs and model both miss it
+    return (*shutters, *_written(form, target, solution))
+
+
+def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
+    return tuple(
+        f"The rolling shutter of camera {camera.name}, {1000.0 * camera.readout_s:.1f} ms: its photographs are written "
+        "as of their middle row."
+        for camera in cameras
+        if camera.readout_s != 0.0
+    )
+
+
+def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    solution, fields = without_fields(solution)
+    solution, said = with_nearest_cameras(solution, _TERMS.get(form, {}))
+    if form in FOLDERS:
+        make_folder(target)
+    try:
+        return (*fields, *said, *_WRITERS[form](target, solution))
+    except ExchangeError as fault:
+        if form in FOLDERS and not any(target.iterdir()):
+            target.rmdir()
+        raise ExchangeError(
+            f"{fault}; --to undistorted writes photographs without distortion, whose cameras every program takes"
+        ) from fault
+
+
+_WRITERS: dict[SolutionFormat, Callable[[Path, ForeignSolution], tuple[str, ...]]] = {
+    "colmap": write_colmap,
+    "colmap-text": lambda target, solution: write_colmap(target, solution, "text"),
+    "opensfm": write_opensfm,
+    "bundler": write_bundler,
+    "metashape": write_metashape_cameras,
+    "opf": write_opf,
+    "omega-phi-kappa": write_omega_phi_kappa,
+    "yaw-pitch-roll": write_yaw_pitch_roll,
+}
+
+
+def adjusted_solution(result: Adjustment, frame: Frame) -> ForeignSolution:
+    """Return an adjustment as a solution whose coordinates are ``frame``: local, those of the survey's own east, north
+    and up; topocentric or geocentric; or those of its map.
+
+    Ground points have their surveyed coordinates, in the map.
+    """
+    block, world = result.block, result.block.frame
+    points = block.control_points
+    similarity, origin_lla = _placed(world, frame)
+    photographs = []
+    for photograph, pose in zip(block.photographs, block.poses, strict=True):
+        measured = photograph.gnss_world_m
+        photographs.append(
+            ForeignPhotograph(
+                photograph.name,
+                photograph.camera,
+                None if pose is None else _pose(world, pose) if frame == "map" else similarity.pose(pose),
+                PurePosixPath(photograph.name),
+                None if measured is None or world.is_local else world.map_from_world(measured[None])[0],
+                None if measured is None or world.is_local else photograph.gnss_sigma_m,
+            )
+        )
+    ties = block.tie_points
+    to_map = world.map_from_world
+    moved = to_map(ties.position_world_m) if frame == "map" else similarity.points(ties.position_world_m)
+    return ForeignSolution(
+        "photogram",
+        block.cameras,
+        tuple(photographs),
+        replace(ties, position_world_m=moved),
+        replace(points, position_world_m=to_map(points.position_world_m)) if len(points) else None,
+        frame,
+        origin_lla,
+        None if world.is_local else crs_in_metres(world.crs),
+    )
+
+
+def _pose(world: LocalFrame, pose: Pose) -> Pose:
+    turn = world.rotation_world_from_map(pose.position_world_m).T
+    return Pose(turn @ pose.rotation_world_from_camera, world.map_from_world(pose.position_world_m[None])[0])
+
+
+def _placed(world: LocalFrame, frame: Frame) -> tuple[Similarity, tuple[float, float, float] | None]:
+    """Return what takes the world to a frame, and the latitude, longitude and height of its origin."""
+    stays = Similarity(1.0, np.eye(3), np.zeros(3))
+    if frame in ("local", "map"):
+        return stays, None
+    corners: FloatArray = 100.0 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    geodetic = geodetic_from_map(world.crs, world.map_from_world(corners))
+    geodetic[:, 2] += world.geoid_height_m(world.map_from_world(corners))
+    if frame == "geocentric":
+        return fit_similarity(corners, geocentric_from_geodetic(geodetic)), None
+    longitude, latitude, height = geodetic[0].tolist()
+    origin_lla = latitude, longitude, height
+    return fit_similarity(corners, topocentric_from_geodetic(origin_lla, geodetic)), origin_lla

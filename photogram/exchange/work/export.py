@@ -1,0 +1,17 @@
+"""What `photogram export` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.markup import escape
+
+from photogram.exchange.solution_export import SolutionFormat, export_solution
+from photogram.terminal.console import console
+
+
+def run(project: Path, form: SolutionFormat, output: Path, photographs: Path | None) -> None:
+    """Write an adjusted survey for another program, and say what its files do not hold."""
+    for sentence in export_solution(project, form, output, photographs=photographs):
+        console.print(f"Not in it: {escape(sentence)}", soft_wrap=True, highlight=False)
+    console.print(f"Exported: {escape(str(output))}", soft_wrap=True, highlight=False)

@@ -1,0 +1,59 @@
+"""What `photogram import` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from photogram.exchange.solution_import import ImportedProject, import_solution
+from photogram.terminal.console import console, steps
+from photogram.wording import things
+
+_WHOSE = {"theirs": "those of the solution", "own": "photogram's own, which it has to find"}
+
+
+def run(
+    solution: Path, photographs: Path | None, crs: str | None, checks: list[str], project: Path, *, force: bool
+) -> None:
+    """Write the project and the files beside it, and show what is in it."""
+    with steps("Import") as progress:
+        progress(0, 0, f"reading {solution.name}")
+        found = import_solution(
+            solution, photographs=photographs, project=project, crs=crs, check=checks, force=force, progress=progress
+        )
+    _show(found)
+    for finding in found.warnings:
+        console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
+    name = escape(str(project))
+    console.print(f"Next: photogram check {name}, then photogram adjust {name}")
+
+
+def _show(found: ImportedProject) -> None:
+    draft = found.draft
+    table = Table(title=escape(str(found.path)), show_header=False)
+    missing = f", {things(len(draft.left_out), 'photograph')} of the solution left out" if draft.left_out else ""
+    table.add_row("photographs", f"{len(draft.photographs)} in {things(draft.flights, 'flight')}{missing}")
+    for camera, reason in zip(draft.cameras, draft.camera_reasons, strict=True):
+        table.add_row(escape(camera.name), escape(f"f {camera.focal_px:.1f} px: {reason}"))
+    table.add_row("tie points", _WHOSE[draft.tie_points])
+    table.add_row("poses", _WHOSE[draft.poses])
+    kinds = [g.kind for g in draft.gnss if g is not None]
+    table.add_row("positions", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none")
+    table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
+    checks = sum(p.role is not None and "control" not in p.role for p in draft.points)
+    table.add_row(
+        "ground points",
+        f"{things(len(draft.points) - checks, 'control point')}, {things(checks, 'check point')}, "
+        f"{things(len(draft.marks), 'mark')}"
+        if draft.points
+        else "none",
+    )
+    for photograph in draft.left_out[:10]:
+        table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
+    if len(draft.left_out) > 10:
+        table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(found.path))}")
+    console.print(table)
+    for sentence in found.left_out:
+        console.print(f"Left out: {escape(sentence)}", soft_wrap=True, highlight=False)

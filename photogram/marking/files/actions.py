@@ -1,0 +1,240 @@
+"""What can be done when points are marked in photographs, and the state that follows from doing it in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import NamedTuple, TypeVar
+
+from photogram.errors import ControlPointError
+from photogram.files.marks.marks import ROLES, Mark, NewPoint, Place, PointRole, Proposal, check_name, check_place
+
+KeyT = TypeVar("KeyT")
+ValueT = TypeVar("ValueT")
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceMarks:
+    """Marks are made, in place of those of the same point and photograph; one action for a whole file's import."""
+
+    marks: tuple[Mark, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RemoveMarks:
+    """Marks are removed."""
+
+    places: tuple[Place, ...]
+
+    def __post_init__(self) -> None:
+        for place in self.places:
+            check_place(*place)
+
+
+@dataclass(frozen=True, slots=True)
+class SetNotVisible:
+    """A point is said not to be visible in a photograph, which removes its mark; or that is taken back."""
+
+    point: str
+    photograph: str
+    is_visible: bool = False
+    """True takes it back."""
+
+    def __post_init__(self) -> None:
+        check_place(self.point, self.photograph)
+
+
+@dataclass(frozen=True, slots=True)
+class SetRole:
+    """A point gets a role."""
+
+    point: str
+    role: PointRole
+
+    def __post_init__(self) -> None:
+        check_name("point", self.point)
+        if self.role not in ROLES:
+            raise ControlPointError(f"point {self.point}: role must be control, check or tie, found {self.role!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class AddPoint:
+    """A point is added, or its coordinates are changed."""
+
+    point: NewPoint
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmProposals:
+    """Proposals become marks."""
+
+    proposals: tuple[Proposal, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """The last action that changed something, and was not undone yet, is undone; without one nothing happens."""
+
+
+@dataclass(frozen=True, slots=True)
+class Redo:
+    """The action undone last is done again, unless something else was done since."""
+
+
+Action = PlaceMarks | RemoveMarks | SetNotVisible | SetRole | AddPoint | ConfirmProposals | Undo | Redo
+
+
+def touched_places(actions: Iterable[Action]) -> set[Place]:
+    """Return the places where a mark was ever made or taken away, whatever was undone since."""
+    places = set[Place]()
+    for action in actions:
+        if isinstance(action, PlaceMarks):
+            places |= {mark.place for mark in action.marks}
+        elif isinstance(action, ConfirmProposals):
+            places |= {proposal.mark.place for proposal in action.proposals}
+        elif isinstance(action, RemoveMarks):
+            places |= set(action.places)
+        elif isinstance(action, SetNotVisible):
+            places.add((action.point, action.photograph))
+    return places
+
+
+# ---- state ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class MarkState:
+    """What follows from the actions so far."""
+
+    marks: Mapping[Place, Mark]
+    """The marks, by point and photograph."""
+    not_visible: frozenset[Place]
+    """Where a point was said not to be visible."""
+    roles: Mapping[str, PointRole]
+    """Roles of points, where one was given."""
+    points: Mapping[str, NewPoint]
+    """Points that were added."""
+    confirmed: Mapping[Place, float]
+    """The score of those marks that were proposals."""
+    undoable: int = 0
+    """How many actions can be undone."""
+    redoable: int = 0
+    """How many can be done again."""
+
+
+class _Change(NamedTuple):
+    """An entry of a table, ``None`` for its absence, before and after."""
+
+    table: dict[object, object]
+    key: object
+    before: object
+    after: object
+
+
+@dataclass
+class Replay:
+    """The state while actions are done one after the other, with what is needed to undo each."""
+
+    _marks: dict[Place, Mark] = field(default_factory=dict)
+    _hidden: dict[Place, bool] = field(default_factory=dict)
+    _roles: dict[str, PointRole] = field(default_factory=dict)
+    _points: dict[str, NewPoint] = field(default_factory=dict)
+    _confirmed: dict[Place, float] = field(default_factory=dict)
+    _done: list[list[_Change]] = field(default_factory=list)
+    _undone: list[list[_Change]] = field(default_factory=list)
+
+    def do(self, action: Action) -> None:
+        """Do an action."""
+        if isinstance(action, Undo):
+            if self._done:
+                self._undone.append(self._done.pop())
+                for change in reversed(self._undone[-1]):
+                    _enter(change.table, change.key, change.before)
+        elif isinstance(action, Redo):
+            if self._undone:
+                self._done.append(self._undone.pop())
+                for change in self._done[-1]:
+                    _enter(change.table, change.key, change.after)
+        else:
+            changes: list[_Change] = []
+            self._change(action, changes)
+            changes = _summed(changes) if len(changes) > 1 else changes
+            if changes:  # what changes nothing is no step to undo
+                self._done.append(changes)
+                self._undone.clear()
+
+    def state(self) -> MarkState:
+        """Return the state as it is now."""
+        return MarkState(
+            MappingProxyType(dict(self._marks)),
+            frozenset(self._hidden),
+            MappingProxyType(dict(self._roles)),
+            MappingProxyType(dict(self._points)),
+            MappingProxyType(dict(self._confirmed)),
+            len(self._done),
+            len(self._undone),
+        )
+
+    def _change(
+        self,
+        action: PlaceMarks | RemoveMarks | SetNotVisible | SetRole | AddPoint | ConfirmProposals,
+        changes: list[_Change],
+    ) -> None:
+        if isinstance(action, PlaceMarks):
+            for mark in action.marks:
+                self._place(mark, None, changes)
+        elif isinstance(action, ConfirmProposals):
+            for proposal in action.proposals:
+                self._place(proposal.mark, proposal.score, changes)
+        elif isinstance(action, RemoveMarks):
+            for place in action.places:
+                _put(self._marks, place, None, changes)
+                _put(self._confirmed, place, None, changes)
+        elif isinstance(action, SetNotVisible):
+            place = (action.point, action.photograph)
+            _put(self._hidden, place, None if action.is_visible else True, changes)
+            if not action.is_visible:
+                _put(self._marks, place, None, changes)
+                _put(self._confirmed, place, None, changes)
+        elif isinstance(action, SetRole):
+            _put(self._roles, action.point, action.role, changes)
+        else:
+            _put(self._points, action.point.name, action.point, changes)
+
+    def _place(self, mark: Mark, score: float | None, changes: list[_Change]) -> None:
+        _put(self._marks, mark.place, mark, changes)
+        _put(self._confirmed, mark.place, score, changes)
+        _put(self._hidden, mark.place, None, changes)
+
+
+def _summed(changes: Iterable[_Change]) -> list[_Change]:
+    """Return one change of each entry, and none of those that come back to what they were."""
+    first: dict[tuple[int, object], _Change] = {}
+    for change in changes:
+        entry = (id(change.table), change.key)
+        before = first.get(entry, change).before
+        first[entry] = _Change(change.table, change.key, before, change.after)
+    return [change for change in first.values() if change.before != change.after]
+
+
+def _put(table: dict[KeyT, ValueT], key: KeyT, value: ValueT | None, changes: list[_Change]) -> None:
+    before = table.get(key)
+    if before is not value and before != value:
+        changes.append(_Change(table, key, before, value))  # type: ignore[arg-type]  # entries go back as they came
+        _enter(table, key, value)
+
+
+def _enter(table: dict[KeyT, ValueT], key: KeyT, value: ValueT | None) -> None:
+    if value is None:
+        table.pop(key, None)
+    else:
+        table[key] = value
+
+
+def state_of(actions: Iterable[Action]) -> MarkState:
+    """Return the state after actions, in their order."""
+    replay = Replay()
+    for action in actions:
+        replay.do(action)
+    return replay.state()

@@ -1,0 +1,189 @@
+"""What the marks of a moment say: where the points are to be looked for, and which marks contradict the others."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from photogram.adjustment.problem import AdjustmentSettings
+from photogram.arrays import FloatArray
+from photogram.errors import PhotogramError
+from photogram.files.marks.marks import Mark, Place, PointRole, Proposal
+from photogram.marking.files.actions import MarkState
+from photogram.marking.mark_comparison import LEAST_MARKS, ComparedMark, MarkComparison, compared_marks
+from photogram.marking.page.snapping import Snapped
+from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.marking.tagged_block import with_all_points
+from photogram.survey import Block, ControlPoints, Role
+
+RAW_SIGMA_PX = 1.0
+"""Standard deviation of a click as it is, along each axis: what hands do on a clear target at the scale it is shown."""
+
+
+BESIDE_SIGMAS = 3.5
+"""Standard deviations of a click from which on it is said to lie beside a target."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What the marks of a moment say."""
+
+    marks: Mapping[Place, Mark]
+    """Those marks."""
+    names: tuple[str, ...]
+    """Names of the points, by which places number them."""
+    places: PredictedPlaces | None
+    """Where the points are to be looked for, None where nothing says it."""
+    comparison: MarkComparison | None
+    """The marks beside each other, None before any comparison can be made."""
+    compared: Mapping[Place, ComparedMark]
+    """The marks that were compared, by point and photograph."""
+    problem: str
+    """Why places or comparison are missing, empty where they are not."""
+    position_world_m: FloatArray
+    """Positions (G, 3) of the points, surveyed or where their marks meet; NaN where nothing places them."""
+    agreeing: frozenset[Place] = frozenset()
+    """Proposals that agree with the marks, and with each other where a point has three or more of both."""
+    beside: Mapping[Place, Snapped] = field(default_factory=dict)
+    """What the click of a mark that was taken as it is would have been taken for, where that lies well beside it."""
+
+    def sigma_m(self, point: str) -> FloatArray | None:
+        """Return the standard deviations (3,) of a marked point along the map's axes."""
+        if self.comparison is None or point not in self.names:
+            return None
+        sigma: FloatArray = self.comparison.sigma_m[self.names.index(point)]
+        return sigma if np.isfinite(sigma).all() else None
+
+
+def isotropic_px(mark: Mark) -> float:
+    """Return the standard deviation of a mark along each axis, as the adjustment takes it."""
+    return RAW_SIGMA_PX if mark.sigma_px is None else float(np.sqrt(np.mean(np.square(mark.sigma_px))))
+
+
+def lies_beside(mark: Mark, found: Snapped) -> bool:
+    """Return whether a mark lies well beside what its click would have been taken for."""
+    return float(np.hypot(*np.subtract(mark.pixel, found.pixel))) > BESIDE_SIGMAS * isotropic_px(mark)
+
+
+def doubted_px(mark: Mark, meant: Snapped | None) -> float:
+    """Return the standard deviation of a mark along each axis among the others: a click that lies well beside a target
+    is as uncertain as that, so that it has no other mark accused in its place."""
+    stated = isotropic_px(mark)
+    return stated if meant is None else float(np.hypot(stated, np.hypot(*np.subtract(mark.pixel, meant.pixel))))
+
+
+def marked_block(
+    block: Block,
+    state: MarkState,
+    roles: Mapping[str, PointRole],
+    numbers: Mapping[str, int],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+) -> Block:
+    """Return a block with the points and marks of a state, in the order of ``roles``; ``numbers`` are those of the
+    photographs, ``beside`` what clicks lie well beside (``lies_beside``)."""
+    given, names = block.control_points, tuple(roles)
+    at = {name: g for g, name in enumerate(given.name)}
+    position, sigma = np.full((len(names), 3), np.nan), np.full((len(names), 3), np.inf)
+    for g, name in enumerate(names):
+        added = state.points.get(name)
+        if roles[name] == "tie":
+            continue
+        if added is not None and added.position is not None and added.sigma_m is not None:
+            position[g] = block.frame.world_from_map(block.frame.map_from_unit(np.array([added.position])))[0]
+            sigma[g] = added.sigma_m
+        elif name in at:
+            position[g], sigma[g] = given.position_world_m[at[name]], given.sigma_m[at[name]]
+    own = {name: g for g, name in enumerate(names)}
+    marks = sorted(
+        (m for m in state.marks.values() if m.point in own and m.photograph in numbers),
+        key=lambda m: (own[m.point], numbers[m.photograph]),
+    )
+    as_one = [doubted_px(m, beside.get(m.place)) for m in marks]
+    of_block: tuple[Role, ...] = tuple("control" if roles[name] == "control" else "check" for name in names)
+    points = ControlPoints(
+        names,
+        of_block,
+        position,
+        sigma,
+        np.array([numbers[m.photograph] for m in marks], dtype=np.int64),
+        np.array([own[m.point] for m in marks], dtype=np.int64),
+        np.array([m.pixel for m in marks], dtype=np.float64).reshape(-1, 2),
+        np.array(as_one, dtype=np.float64),
+    )
+    return replace(block, control_points=points)
+
+
+def reckoned(
+    block: Block,
+    state: MarkState,
+    roles: Mapping[str, PointRole],
+    numbers: Mapping[str, int],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+) -> Outlook:
+    """Return what the marks of a state say, on a tagged or an adjusted block; ``beside`` as in ``marked_block``."""
+    block = marked_block(block, state, roles, numbers, beside)
+    points, names = block.control_points, [p.name for p in block.photographs]
+    settings = AdjustmentSettings(estimate_sigmas=False)
+    places: PredictedPlaces | None = None
+    comparison: MarkComparison | None = None
+    problem = ""
+    try:
+        if len(points.mark_point):
+            comparison = compared_marks(block, settings)
+            places = comparison.places
+        else:
+            places = predicted_places(block, settings)
+    except PhotogramError as fault:
+        problem = str(fault)
+        if comparison is None and len(points.mark_point):
+            places, problem = _without_marks(block, settings, problem)
+    compared = {
+        (points.name[points.mark_point[one.mark]], names[points.mark_photograph[one.mark]]): one
+        for one in (comparison.marks if comparison else ())
+    }
+    return Outlook(state.marks, points.name, places, comparison, compared, problem, _positions(block), beside=beside)
+
+
+def agreeing_proposals(
+    block: Block,
+    state: MarkState,
+    roles: Mapping[str, PointRole],
+    numbers: Mapping[str, int],
+    proposals: Mapping[Place, Proposal],
+    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+) -> frozenset[Place]:
+    """Return the proposals that agree with the marks and with each other, of points with LEAST_MARKS of both; the rest
+    as in ``marked_block``."""
+    marks = {place: proposal.mark for place, proposal in proposals.items() if place[0] in roles}
+    whole = reckoned(block, replace(state, marks={**marks, **state.marks}), roles, numbers, beside)
+    counts = Counter(point for point, _ in whole.marks)
+    return frozenset(
+        place
+        for place in marks
+        if place in whole.compared and not whole.compared[place].rejected and counts[place[0]] >= LEAST_MARKS
+    )
+
+
+def _positions(block: Block) -> FloatArray:
+    """Return the positions (G, 3) of the points of a block, NaN where nothing places them."""
+    known = with_all_points(block).control_points
+    position = np.full((len(block.control_points), 3), np.nan)
+    position[[block.control_points.name.index(name) for name in known.name]] = known.position_world_m
+    return position
+
+
+def _without_marks(block: Block, settings: AdjustmentSettings, problem: str) -> tuple[PredictedPlaces | None, str]:
+    """Return the places that a block predicts where its marks cannot be compared, and why they cannot."""
+    points = block.control_points
+    nothing = np.zeros(0, dtype=np.int64)
+    bare = replace(
+        points, mark_point=nothing, mark_photograph=nothing, mark_pixel=np.zeros((0, 2)), mark_sigma_px=np.zeros(0)
+    )
+    try:
+        return predicted_places(replace(block, control_points=bare), settings), problem
+    except PhotogramError:
+        return None, problem

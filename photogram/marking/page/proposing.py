@@ -1,0 +1,202 @@
+"""Targets looked for where points may be: proposals of marks, which count for nothing until a person confirms them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations
+from threading import Lock, Thread
+
+import cv2
+import numpy as np
+
+from photogram.arrays import FloatArray
+from photogram.errors import ControlPointError, PhotogramError
+from photogram.files.marks.marks import Mark, Place, Proposal
+from photogram.marking.assignment import FoundTargets, assigned_targets
+from photogram.marking.files.journal import utc_now
+from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window
+from photogram.marking.page.snapping import LENS_PX
+from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.marking.targets.kinds import MeasuredCentre
+from photogram.marking.targets.measurement import propose
+from photogram.survey import Block
+from photogram.wording import things
+
+AROUND_PX = 40
+"""How far beside the ellipse of a place a patch reaches: half of a large target."""
+MOST_PX = 160
+"""Half of the side of a patch at most; of wider ellipses the middle is looked at."""
+SAME_PX = 2.0
+"""How near to each other targets are one."""
+
+Progress = Callable[[int, int, str], None]
+Box = tuple[int, int, int, int]
+"""First column and row of a part of a photograph, and those after the last."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    photograph: int
+    centre: MeasuredCentre
+    pixel: FloatArray
+
+
+def proposed_marks(
+    block: Block,
+    patches: PatchReader,
+    hidden: frozenset[Place] = frozenset(),
+    progress: Progress = lambda *_: None,
+) -> tuple[Proposal, ...]:
+    """Return a proposal for every target that is taken for a point, where the point has no mark and nobody said that it
+    cannot be seen (``hidden``).
+
+    ``block`` is a ``tagged_block`` or an adjusted one, with the marks that there are. Raises AdjustmentError where it
+    is not determined, ImageError where a photograph cannot be read.
+    """
+    names = [p.name for p in block.photographs]
+    at_point, at_photograph = ({n: k for k, n in enumerate(every)} for every in (block.control_points.name, names))
+    unseen = frozenset((at_point[g], at_photograph[i]) for g, i in hidden if g in at_point and i in at_photograph)
+    found = _found_targets(block, predicted_places(block), patches, unseen, progress)
+    if not found:
+        return ()
+    targets = FoundTargets(
+        np.array([one.photograph for one in found], dtype=np.int64),
+        np.array([one.pixel for one in found]),
+        np.array([np.sqrt(0.5 * np.trace(one.centre.covariance_px2) + LENS_PX**2) for one in found]),
+    )
+    assignment = assigned_targets(block, targets, unseen)
+    now = utc_now()
+    return tuple(
+        _proposal(block.control_points.name[g], names[i], found[k], now)
+        for (g, i), k in sorted(assignment.target.items())
+    )
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """Where a search for targets stands."""
+
+    is_running: bool
+    words: str
+    """How far it is, or how the last one ended; empty before the first."""
+
+
+class TargetSearch:
+    """A search for targets in a thread of its own, one at a time; ``tell`` is called when its state has changed."""
+
+    def __init__(self, tell: Callable[[], None] = lambda: None) -> None:
+        self._lock, self._tell = Lock(), tell
+        self._state = SearchState(False, "")
+
+    @property
+    def state(self) -> SearchState:
+        """Where it stands."""
+        with self._lock:
+            return self._state
+
+    def begin(self, search: Callable[[Progress], str]) -> bool:
+        """Run a search, which says how it ended, in the background; returns whether it was begun, which it is not while
+        another one runs. What a PhotogramError says is how it ended."""
+        with self._lock:
+            if self._state.is_running:
+                return False
+            self._state = SearchState(True, "looking for targets")
+
+        def run() -> None:
+            words = "the search for targets failed"
+            try:
+                words = search(self._progressed)
+            except PhotogramError as fault:
+                words = str(fault)
+            finally:
+                self._set(SearchState(False, words))
+
+        Thread(target=run, name="targets", daemon=True).start()
+        self._tell()
+        return True
+
+    def _set(self, state: SearchState) -> None:
+        with self._lock:
+            self._state = state
+        self._tell()
+
+    def _progressed(self, done: int, total: int, _text: str) -> None:
+        self._set(SearchState(True, f"looking for targets: {done} of {things(total, 'part')}"))
+
+
+def _proposal(point: str, photograph: str, found: _Found, now: str) -> Proposal:
+    covariance = found.centre.covariance_px2 + LENS_PX**2 * np.eye(2)
+    sigma = np.sqrt(np.diag(covariance))
+    u, v = (float(value) for value in found.pixel)
+    mark = Mark(
+        point, photograph, (u, v), (float(sigma[0]), float(sigma[1])), float(covariance[0, 1] / (sigma[0] * sigma[1])),
+        found.centre.kind.value, now,
+    )  # fmt: skip
+    return Proposal(mark, round(float(found.centre.quality), 4))
+
+
+def _found_targets(
+    block: Block,
+    places: PredictedPlaces,
+    patches: PatchReader,
+    unseen: frozenset[tuple[int, int]],
+    progress: Progress,
+) -> list[_Found]:
+    """Return the targets around all places that have no mark, each once."""
+    points = block.control_points
+    marked = set(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)) | unseen
+    radius = np.minimum(places.radius_px + AROUND_PX, MOST_PX)
+    boxes: dict[int, list[Box]] = {}
+    for p in range(len(places.point)):
+        i = int(places.photograph[p])
+        if (int(places.point[p]), i) not in marked:
+            (u, v), half = (round(float(value)) for value in places.pixel[p]), round(float(radius[p]))
+            boxes.setdefault(i, []).append((u - half, v - half, u + half + 1, v + half + 1))
+    # one photograph is decoded after the other
+    wanted = [(i, Window(x, y, r - x, b - y)) for i in sorted(boxes) for x, y, r, b in merged(boxes[i])]
+
+    def look(one: tuple[int, Window]) -> list[_Found]:
+        i, window = one
+        try:
+            cut = patches.window(i, window)
+        except ControlPointError:
+            return []  # beside the picture
+        grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(patches.pixels(i, window)), cv2.COLOR_RGB2GRAY), np.uint8)
+        focal = block.cameras[block.photographs[i].camera].focal_px
+        corner = np.array([cut.left, cut.upper], dtype=np.float64)
+        return [_Found(i, found, found.centre_px + corner) for found in propose(grey, focal)]
+
+    kept: list[_Found] = []
+    with ThreadPoolExecutor(2) as pool:
+        for done, ((i, _), several) in enumerate(zip(wanted, pool.map(look, wanted), strict=True), 1):
+            own = [other for other in kept if other.photograph == i]
+            kept += [one for one in several if all(np.hypot(*(one.pixel - o.pixel)) >= SAME_PX for o in own)]
+            progress(done, len(wanted), block.photographs[i].name)
+    return kept
+
+
+def merged(boxes: Sequence[Box]) -> list[Box]:
+    """Return boxes in place of these, where two that overlap are one if that is no larger than both, nor than a patch
+    may be."""
+    left = sorted(set(boxes))
+    while True:
+        pair = next(((a, b) for a, b in combinations(left, 2) if _are_one(a, b)), None)
+        if pair is None:
+            return left
+        left = sorted({*(box for box in left if box not in pair), _hull(*pair)})
+
+
+def _are_one(one: Box, other: Box) -> bool:
+    whole = _hull(one, other)
+    is_patch = max(whole[2] - whole[0], whole[3] - whole[1]) <= LARGEST_SIDE
+    return is_patch and _area(whole) <= _area(one) + _area(other)
+
+
+def _hull(one: Box, other: Box) -> Box:
+    return min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])
+
+
+def _area(box: Box) -> int:
+    return (box[2] - box[0]) * (box[3] - box[1])

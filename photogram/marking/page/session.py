@@ -1,0 +1,499 @@
+"""One session of marking: the marks and how they came, kept at once, and what they say, reckoned in the background.
+
+Every change is on the disk, in the journal and then in the table of marks, before it is answered. What follows from it,
+the predicted places and the tests of the marks, is reckoned by one thread from the newest state; nobody waits for it.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
+from photogram.files.atomic import remove_leftovers
+from photogram.files.marks.mark_table import read_proposals, write_marks, write_proposals
+from photogram.files.marks.marks import Mark, NewPoint, Place, PointRole, Proposal
+from photogram.marking.files.actions import (
+    Action,
+    AddPoint,
+    ConfirmProposals,
+    MarkState,
+    PlaceMarks,
+    Redo,
+    RemoveMarks,
+    Replay,
+    SetNotVisible,
+    SetRole,
+    Undo,
+    state_of,
+)
+from photogram.marking.files.journal import Journal, read_journal, utc_now
+from photogram.marking.page.outlook import (
+    RAW_SIGMA_PX,
+    Outlook,
+    agreeing_proposals,
+    isotropic_px,
+    lies_beside,
+    marked_block,
+    reckoned,
+)
+from photogram.marking.page.proposing import Progress, SearchState, TargetSearch
+from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
+from photogram.survey import Block
+from photogram.wording import things
+
+PROPOSALS = "proposals.csv"
+"""File of the proposals, beside the journal."""
+
+Propose = Callable[[Block, frozenset[Place], Progress], Iterable[Proposal]]
+"""Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
+
+IMPORTED = "imported"
+"""Kind of a mark that the project had before."""
+RAW = "raw"
+"""Kind of a click that was taken as it is."""
+
+BESIDE_PX = 12.0
+"""How far from such a click a target is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The session at a moment: all of one version."""
+
+    version: int
+    state: MarkState
+    roles: Mapping[str, PointRole]
+    """The role of every point, in the order of the points."""
+    outlook: Outlook | None
+    """What was reckoned last, perhaps of an earlier state; None before the first."""
+    is_reckoning: bool
+    """Whether it is being reckoned anew."""
+    basis: str
+    """What the predictions come from, in a word: tags or adjustment."""
+    undoable: int
+    """Steps that can be undone: not back behind what the project gave."""
+    proposals: Mapping[Place, Proposal]
+    """Proposals that nobody has confirmed, where there is no mark and the point may be seen."""
+    search: SearchState
+    """Whether targets are being looked for, and what is said of it."""
+
+
+def _given_marks(block: Block) -> list[Mark]:
+    points, now = block.control_points, utc_now()
+    names = [p.name for p in block.photographs]
+    return [
+        Mark(points.name[g], names[i], (float(u), float(v)), (float(s), float(s)), kind=IMPORTED, time=now)
+        for g, i, (u, v), s in zip(
+            points.mark_point.tolist(), points.mark_photograph.tolist(), points.mark_pixel.tolist(),
+            points.mark_sigma_px.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+
+
+def _touched(actions: tuple[Action, ...]) -> tuple[set[Place], int]:
+    """Return the places that were ever marked or cleared, and how many steps could be undone after the last import."""
+    replay, places, floor = Replay(), set[Place](), 0
+    for action in actions:
+        replay.do(action)
+        if isinstance(action, PlaceMarks):
+            places |= {mark.place for mark in action.marks}
+            if action.marks and all(mark.kind == IMPORTED and not mark.is_doubtful for mark in action.marks):
+                floor = replay.state().undoable
+        elif isinstance(action, RemoveMarks):
+            places |= set(action.places)
+        elif isinstance(action, SetNotVisible):
+            places.add((action.point, action.photograph))
+    return places, floor
+
+
+def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path | None:
+    """Keep a table that is not what the actions have made, somebody's own or one that was edited, under another name;
+    returns that, None where there is nothing to keep. The last action may have been cut off before its table."""
+    if not table.exists():
+        return None
+    found, own = table.read_bytes(), scratch / f"{table.stem}.own{table.suffix}"
+    for made in (actions, actions[:-1]):
+        write_marks(own, state_of(made).marks.values())
+        is_own = own.read_bytes() == found
+        own.unlink()
+        if is_own:
+            return None
+    kept = table.with_name(f"{table.stem}.{re.sub('[^0-9]', '', utc_now())}{table.suffix}")
+    if kept.exists():
+        raise WorkspaceError(f"{kept}: is there already: wait a second, and begin again")
+    table.rename(kept)
+    return kept
+
+
+class MarkingSession:
+    """The marks of a survey while they are made; threads may use it at the same time.
+
+    Opening takes over the marks of ``block`` that the journal has not seen. A table that is not the journal's own is
+    kept under another name, ``set_aside``. ``better`` is asked once, in the
+    background, for a block that knows more, an adjusted one, and says why there is none. Raises WorkspaceError where
+    the journal or the table cannot be written or another process has the journal open.
+    """
+
+    def __init__(
+        self,
+        block: Block,
+        journal: Path,
+        marks: Path,
+        snap: Snap | None = None,
+        better: Callable[[], Block | None] | None = None,
+        propose: Propose | None = None,
+    ) -> None:
+        self.block, self._table, self._snap, self._better, self._propose = block, marks, snap, better, propose
+        self.numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)}
+        seen = read_journal(journal).actions if journal.exists() else ()
+        places, self._floor = _touched(seen)
+        self._journal = Journal(journal)
+        for folder in (journal.parent, marks.parent):  # of sessions that were killed: no other one has the journal
+            remove_leftovers(folder)
+        self.torn = self._journal.torn
+        new = tuple(mark for mark in _given_marks(block) if mark.place not in places)
+        if new:
+            self._journal.append(PlaceMarks(new))
+            self._floor = self._journal.state.undoable
+        self.proposed_in = journal.with_name(PROPOSALS)
+        proposals = read_proposals(self.proposed_in) if self.proposed_in.exists() else ()
+        self._proposals = {proposal.mark.place: proposal for proposal in proposals}
+        self._changed = threading.Condition()
+        self._search = TargetSearch(self._tell)
+        self._version = 1
+        self._is_stale, self._is_reckoning = True, False
+        self._outlook: Outlook | None = None
+        self._basis, self._known = "tags", block
+        self._meant: dict[Mark, Snapped | None] = {}
+        self._ended = False
+        self._acting = threading.Lock()
+        self._state = self._journal.state
+        self.set_aside = _set_aside(marks, journal.parent, seen)
+        self._write()
+        self._reckoner = threading.Thread(target=self._reckon_always, name="marks", daemon=True)
+
+    def start(self) -> None:
+        """Begin to reckon."""
+        self._reckoner.start()
+
+    def ask_for_better(self) -> None:
+        """Ask for the block that knows more now, where nobody has yet."""
+        better, self._better = self._better, None
+        if better is None:
+            return
+        try:
+            block = better()
+        except PhotogramError as fault:
+            self._note_basis(f"tags ({fault})", self._known)
+            return
+        if block is not None:
+            self._note_basis("adjustment", block)
+
+    def close(self) -> None:
+        """End the session; what was done is on the disk already."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+        if self._reckoner.is_alive():
+            self._reckoner.join(timeout=2.0)
+        self._journal.close()
+
+    @property
+    def roles(self) -> dict[str, PointRole]:
+        """Return the role of every point: of the project, then of those that were added."""
+        given = self.block.control_points
+        surveyed = np.asarray(np.isfinite(given.position_world_m).all(axis=1))
+        roles: dict[str, PointRole] = {
+            name: given.role[g] if surveyed[g] else "tie" for g, name in enumerate(given.name)
+        }
+        for name, point in self._state.points.items():
+            roles[name] = "tie" if point.position is None else roles.get(name, "control")
+        return {name: self._state.roles.get(name, role) for name, role in roles.items()}
+
+    def moment(self) -> Moment:
+        """Return the session as it is now."""
+        with self._changed:
+            return Moment(
+                self._version, self._state, self.roles, self._outlook, self._is_stale or self._is_reckoning,
+                self._basis, max(self._state.undoable - self._floor, 0), self._open_proposals(), self._search.state,
+            )  # fmt: skip
+
+    def _open_proposals(self) -> dict[Place, Proposal]:
+        state = self._state
+        return {
+            place: proposal
+            for place, proposal in self._proposals.items()
+            if place not in state.marks and place not in state.not_visible
+        }
+
+    def wait(self, version: int, seconds: float) -> int:
+        """Wait until there is another version than this one, at most so long, and return the newest."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._version != version or self._ended, seconds)
+            return self._version
+
+    def wait_for_outlook(self) -> bool:
+        """Wait until something has been reckoned; returns False where the session has ended before."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._outlook is not None or self._ended)
+            return self._outlook is not None
+
+    # ---- what is done --------------------------------------------------------------------------------------------
+
+    def mark(
+        self,
+        point: str,
+        photograph: str,
+        pixel: tuple[float, float],
+        *,
+        raw: bool = False,
+        reach_px: float = 10.0,
+    ) -> Mark:
+        """Mark a point where somebody clicked, at the place that the click means, which lies at most ``reach_px`` from
+        it, unless ``raw``. Raises ControlPointError where there is no such point or photograph, or the pixel lies
+        outside of it."""
+        number = self._check(point, photograph)
+        if not self._contains(number, pixel):
+            raise ControlPointError(
+                f"({pixel[0]:.1f}, {pixel[1]:.1f}) px lies outside of {photograph}: click within the photograph"
+            )
+        mark = Mark(point, photograph, pixel, (RAW_SIGMA_PX, RAW_SIGMA_PX), kind=RAW, time=utc_now(), raw_pixel=pixel)
+        found = None if raw or self._snap is None else self._snap(self._click(point, number, pixel, reach_px))
+        if found is not None and self._contains(number, found.pixel):
+            mark = measured_mark(mark, found)
+        self._do(PlaceMarks((mark,)))
+        return mark
+
+    def _contains(self, photograph: int, pixel: tuple[float, float]) -> bool:
+        camera = self.block.cameras[self.block.photographs[photograph].camera]
+        return bool(np.all(camera.contains(np.array([pixel]))))
+
+    def _click(self, point: str, photograph: int, pixel: tuple[float, float], reach_px: float) -> Click:
+        with self._changed:
+            state, outlook, known = self._state, self._outlook, self._known
+        others = tuple(
+            OtherMark(self.numbers[m.photograph], m.pixel, isotropic_px(m))
+            for m in state.marks.values()
+            if m.point == point and m.photograph in self.numbers and not m.is_doubtful
+            and not (outlook is not None and m.place in outlook.compared and outlook.compared[m.place].rejected)
+        )  # fmt: skip
+        position = np.full(3, np.nan)
+        if outlook is not None and point in outlook.names:
+            position = outlook.position_world_m[outlook.names.index(point)]
+        return Click(known, photograph, pixel, reach_px, others, position)
+
+    def remove(self, point: str, photograph: str) -> None:
+        """Remove a mark. Raises ControlPointError as ``mark``."""
+        self._check(point, photograph)
+        self._do(RemoveMarks(((point, photograph),)))
+
+    def set_visible(self, point: str, photograph: str, is_visible: bool) -> None:
+        """Say that a photograph does not show a point, or that it does. Raises ControlPointError as ``mark``."""
+        self._check(point, photograph)
+        self._do(SetNotVisible(point, photograph, is_visible))
+
+    def set_doubtful(self, point: str, photograph: str, is_doubtful: bool) -> None:
+        """Say that a mark should be looked at again, or need not. Raises ControlPointError as ``mark``, and where there
+        is no mark."""
+        self._check(point, photograph)
+        mark = self._state.marks.get((point, photograph))
+        if mark is None:
+            raise ControlPointError(f"{point} has no mark in {photograph} that could be doubtful: mark it first")
+        self._do(PlaceMarks((replace(mark, is_doubtful=is_doubtful),)))
+
+    def set_role(self, point: str, role: PointRole) -> None:
+        """Give a point a role. Raises ControlPointError where there is no such point, or it has no coordinates."""
+        self._check(point)
+        if role != "tie" and not self._is_surveyed(point):
+            raise ControlPointError(f"{point} has no coordinates, so it can only be a tie point: give coordinates")
+        self._do(SetRole(point, role))
+
+    def add_point(self, point: NewPoint) -> None:
+        """Add a point, with coordinates in the map of the survey or without. Raises ControlPointError where there is
+        one of its name, or coordinates lack standard deviations, FrameError where they lie outside of the map."""
+        if point.name in self.roles:
+            raise ControlPointError(f"there is a point {point.name!r} already: choose another name")
+        if point.position is not None:
+            if point.sigma_m is None:
+                raise ControlPointError(f"{point.name}: give standard deviations with the coordinates")
+            self.block.frame.world_from_map(self.block.frame.map_from_unit(np.array([point.position])))
+        self._do(AddPoint(point))
+
+    def undo(self) -> None:
+        """Undo the last step of marking; the marks that the project gave stay."""
+        if self.moment().undoable:
+            self._do(Undo())
+
+    def redo(self) -> None:
+        """Do again what was undone last."""
+        if self._state.redoable:
+            self._do(Redo())
+
+    # ---- proposals -----------------------------------------------------------------------------------------------
+
+    def search(self) -> None:
+        """Look for targets in the background. Raises ControlPointError where a search is under way, or nothing can
+        look."""
+        if self._propose is None:
+            raise ControlPointError("targets cannot be looked for here: mark the points")
+        if not self._search.begin(lambda progress: found_in_words(self.look(progress))):
+            raise ControlPointError("targets are being looked for already: wait until that has ended")
+
+    def look(self, progress: Progress) -> int:
+        """Look for targets where points may be, and keep what is found as proposals; returns how many there are. Raises
+        AdjustmentError where nothing says where points may be, ImageError where a photograph cannot be read."""
+        if self._propose is None:
+            return 0
+        with self._changed:
+            state, known, roles = self._state, self._known, self.roles
+        block = marked_block(known, state, roles, self.numbers)
+        found = tuple(self._propose(block, state.not_visible, progress))
+        self.set_proposals(found)
+        return len(found)
+
+    def set_proposals(self, proposals: Iterable[Proposal]) -> None:
+        """Keep proposals, in place of those before, in a file of their own."""
+        kept = tuple(proposals)
+        write_proposals(self.proposed_in, kept)
+        with self._changed:
+            self._proposals = {proposal.mark.place: proposal for proposal in kept}
+            self._is_stale = True
+        self._tell()
+
+    def confirm(self, point: str, photograph: str) -> None:
+        """Make a proposal a mark. Raises ControlPointError as ``mark``, and where nothing is proposed."""
+        self._check(point, photograph)
+        proposal = self.moment().proposals.get((point, photograph))
+        if proposal is None:
+            raise ControlPointError(f"nothing is proposed for {point} in {photograph}: mark it")
+        self._do(ConfirmProposals((proposal,)))
+
+    def confirm_agreeing(self) -> int:
+        """Make those proposals marks that agree with the rest, in one step; returns how many others are left."""
+        moment = self.moment()
+        confirmed = tuple(moment.proposals[place] for place in sorted(agreeing(moment)))
+        if confirmed:
+            self._do(ConfirmProposals(confirmed))
+        return len(moment.proposals) - len(confirmed)
+
+    def _tell(self) -> None:
+        with self._changed:
+            self._version += 1
+            self._changed.notify_all()
+
+    def _is_surveyed(self, point: str) -> bool:
+        own = self._state.points.get(point)
+        if own is not None:
+            return own.position is not None
+        given = self.block.control_points
+        return bool(np.isfinite(given.position_world_m[given.name.index(point)]).all())
+
+    def _check(self, point: str, photograph: str | None = None) -> int:
+        if point not in self.roles:
+            raise ControlPointError(f"there is no point {point!r}: reload the page")
+        if photograph is None:
+            return -1
+        if photograph not in self.numbers:
+            raise ControlPointError(f"there is no photograph {photograph!r}: reload the page")
+        return self.numbers[photograph]
+
+    def _do(self, action: Action) -> None:
+        with self._acting:
+            self._journal.append(action)
+            state = self._journal.state
+            with self._changed:
+                self._state, self._is_stale = state, True
+                self._version += 1
+                self._changed.notify_all()
+            self._write()
+
+    def _write(self) -> None:
+        write_marks(self._table, self._state.marks.values())
+
+    # ---- what follows --------------------------------------------------------------------------------------------
+
+    def _reckon_always(self) -> None:
+        self._reckon()
+        if not self._ended:
+            self.ask_for_better()
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._is_stale or self._ended)
+                if self._ended:
+                    return
+            self._reckon()
+
+    def _note_basis(self, basis: str, block: Block) -> None:
+        with self._changed:
+            self._basis, self._known, self._is_stale = basis, block, True
+            self._version += 1
+            self._changed.notify_all()
+
+    def _reckon(self) -> None:
+        with self._changed:
+            state, known, roles = self._state, self._known, self.roles
+            proposals = self._open_proposals()
+            self._is_stale, self._is_reckoning = False, True
+
+        def all_told(beside: Mapping[Place, Snapped]) -> Outlook:
+            outlook = reckoned(known, state, roles, self.numbers, beside)
+            if not proposals:
+                return outlook
+            agreeing = agreeing_proposals(known, state, roles, self.numbers, proposals, beside)
+            return replace(outlook, agreeing=agreeing)
+
+        known_beside = self._known_beside(state)
+        outlook = all_told(known_beside)
+        self._publish(outlook, is_reckoning=True)
+        beside = self._beside(state)
+        self._publish(outlook if beside == known_beside else all_told(beside), is_reckoning=False)
+
+    def _publish(self, outlook: Outlook, is_reckoning: bool) -> None:
+        with self._changed:
+            self._outlook, self._is_reckoning = outlook, is_reckoning
+            self._version += 1
+            self._changed.notify_all()
+
+    def _beside(self, state: MarkState) -> dict[Place, Snapped]:
+        """Return what clicks that were taken as they are lie beside; each is looked at once."""
+        own = [m for m in state.marks.values() if m.kind == RAW and m.photograph in self.numbers]
+        self._meant = {mark: self._meant[mark] if mark in self._meant else self._measured(mark) for mark in own}
+        return self._known_beside(state)
+
+    def _known_beside(self, state: MarkState) -> dict[Place, Snapped]:
+        """Return what clicks lie beside, as far as they have been looked at."""
+        looked = ((mark, self._meant.get(mark)) for mark in state.marks.values())
+        return {mark.place: there for mark, there in looked if there is not None and lies_beside(mark, there)}
+
+    def _measured(self, mark: Mark) -> Snapped | None:
+        if self._snap is None:
+            return None
+        try:
+            return self._snap(self._click(mark.point, self.numbers[mark.photograph], mark.pixel, BESIDE_PX))
+        except ImageError:
+            return None  # who looks at the photograph is told
+
+
+def found_in_words(count: int) -> str:
+    """Return how a search for targets ended."""
+    return f"{things(count, 'target')} found" if count else "no target found where points may be"
+
+
+def agreeing(moment: Moment) -> frozenset[Place]:
+    """Return the open proposals that agree with the marks and with each other, by what was reckoned last."""
+    return frozenset() if moment.outlook is None else moment.outlook.agreeing & moment.proposals.keys()
+
+
+def measured_mark(click: Mark, found: Snapped) -> Mark:
+    """Return the mark of a click at the place that it means."""
+    sigma = np.sqrt(np.diag(found.covariance_px2))
+    return replace(
+        click, pixel=found.pixel, sigma_px=(float(sigma[0]), float(sigma[1])), kind=found.kind,
+        rho=float(found.covariance_px2[0, 1] / (sigma[0] * sigma[1])),
+    )  # fmt: skip

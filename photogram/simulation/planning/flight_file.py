@@ -1,0 +1,213 @@
+"""flight.yaml: a flight that is to be predicted, as a surveyor writes it down.
+
+Read and checked as project.yaml is: every fault at once, with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, create_model
+from typing_extensions import TypedDict
+
+from photogram.errors import ProjectError
+from photogram.project.document import Document, Entry, read_entry
+from photogram.project.ranges import Within
+from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
+from photogram.projection import CAMERA_PARAMETERS
+from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
+
+
+def _of(name: str) -> Within:
+    """Return the range of a field of FlightPlan."""
+    return Within(*RANGES[name])
+
+
+Side = Annotated[float, _of("width_m")]
+Size = Annotated[int, _of("width_px")]
+Share = Annotated[float, _of("forward_overlap")]
+Strips = Annotated[int, _of("cross_strips")]
+
+
+class SiteEntry(Entry):
+    """The rectangle that is to be surveyed."""
+
+    width_m: Side | None = None
+    length_m: Side | None = None
+    relief_m: Annotated[float, _of("relief_m")] | None = None
+
+
+_KNOWN = {p.sigma_key: (Freedom | None, None) for p in CAMERA_PARAMETERS if p.usual}
+_Calibration: type[Entry] = create_model("_Calibration", __base__=Entry, **_KNOWN)  # type: ignore[call-overload]
+
+
+class CalibrationEntry(_Calibration):  # type: ignore[misc, valid-type]
+    """How well the camera is known before; 0 holds a parameter, free leaves it open."""
+
+
+class CameraEntry(Entry):
+    """The camera; width across the direction of flight."""
+
+    width_px: Size | None = None
+    height_px: Size | None = None
+    focal_px: Annotated[float, _of("focal_px")] | None = None
+    sigmas: CalibrationEntry = CalibrationEntry()
+
+
+class FlightEntry(Entry):
+    """Height, overlaps and strips."""
+
+    gsd_m: Annotated[float, _of("gsd_m")] | None = None
+    flying_height_m: Annotated[float, _of("flying_height_m")] | None = None
+    forward_overlap: Share | None = None
+    side_overlap: Share | None = None
+    cross_strips: Strips | None = None
+    cross_height: Annotated[float, _of("cross_height")] | None = None
+    oblique_strips: Strips | None = None
+    oblique_angle_deg: Annotated[float, _of("oblique_angle_deg")] | None = None
+
+
+class GnssEntry(Entry):
+    """The receiver of the drone, and the offset between it and the control points."""
+
+    kind: Gnss | None = None
+    sigma_m: Sigma3 | None = None
+    offset_sigma_m: OffsetSigma | None = None
+
+
+class ControlEntry(Entry):
+    """The control points."""
+
+    points: Annotated[int, _of("control_points")] | None = None
+    layout: Layout | None = None
+    positions_m: Sequence[Place] | None = None
+    sigma_m: Sigma3 | None = None
+    mark_sigma_px: MarkSigma | None = None
+
+
+class TiePointsEntry(Entry):
+    """What matching will find."""
+
+    per_photograph: Annotated[int, _of("tie_points_per_photograph")] | None = None
+    sigma_px: Annotated[float, _of("tie_point_sigma_px")] | None = None
+    detection: Annotated[float, _of("tie_point_detection")] | None = None
+
+
+class FlightFile(Entry):
+    """The whole file."""
+
+    site: SiteEntry = SiteEntry()
+    camera: CameraEntry = CameraEntry()
+    flight: FlightEntry = FlightEntry()
+    gnss: GnssEntry = GnssEntry()
+    control: ControlEntry = ControlEntry()
+    tie_points: TiePointsEntry = TiePointsEntry()
+
+
+class PlanSettings(TypedDict, total=False):
+    """What is said of a flight: those fields of FlightPlan that are not to be as usual."""
+
+    width_m: float
+    """Extent of the site to the east."""
+    length_m: float
+    """Extent of the site to the north."""
+    relief_m: float
+    """Relief from valley to hill."""
+    width_px: int
+    """Width of the photographs."""
+    height_px: int
+    """Height of the photographs."""
+    focal_px: float
+    """Focal length."""
+    calibration: Calibration
+    """Prior sigmas of the calibration."""
+    gsd_m: float
+    """Ground sampling distance."""
+    flying_height_m: float
+    """Flying height above mean ground."""
+    forward_overlap: float
+    """Forward overlap, 0 to 1."""
+    side_overlap: float
+    """Side overlap, 0 to 1."""
+    cross_strips: int
+    """Number of strips across the others."""
+    cross_height: float
+    """Their flying height over that of the others."""
+    oblique_strips: int
+    """Number of oblique strips along the longer side."""
+    oblique_angle_deg: float
+    """Their forward tilt."""
+    gnss: Gnss
+    """Kind of GNSS positions."""
+    gnss_sigma_m: Vector
+    """Their sigmas."""
+    gnss_offset_sigma_m: Vector
+    """Sigmas of the GNSS offset."""
+    control_points: int
+    """Number of control points laid out by ``control_layout``."""
+    control_layout: Layout
+    """Their layout."""
+    control_world_m: tuple[tuple[float, float], ...]
+    """Further control points: east, north from the centre of the site."""
+    control_sigma_m: Vector
+    """Sigmas of the control points."""
+    mark_sigma_px: float
+    """Standard deviation of the marks."""
+    tie_points_per_photograph: int
+    """Tie points per photograph."""
+    tie_point_sigma_px: float
+    """Standard deviation of their image coordinates."""
+    tie_point_detection: float
+    """Share of the photographs showing a tie point in which it is found."""
+
+
+_NAMES = {
+    "control": {
+        "points": "control_points", "layout": "control_layout", "positions_m": "control_world_m",
+        "sigma_m": "control_sigma_m",
+    },
+    "gnss": {"kind": "gnss", "sigma_m": "gnss_sigma_m", "offset_sigma_m": "gnss_offset_sigma_m"},
+    "tie_points": {
+        "per_photograph": "tie_points_per_photograph", "sigma_px": "tie_point_sigma_px",
+        "detection": "tie_point_detection",
+    },
+}  # fmt: skip
+"""Keys of the file whose names in FlightPlan are others."""
+
+
+def _given(entry: Entry, names: dict[str, str]) -> dict[str, Any]:
+    values = {name: getattr(entry, name) for name in type(entry).model_fields}
+    return {names.get(k, k): v for k, v in values.items() if v is not None and not isinstance(v, Entry)}
+
+
+def settings_of(values: Mapping[str, object]) -> PlanSettings:
+    """Return values by the names of fields of FlightPlan as settings. Raises ValueError where one has another type."""
+    return TypeAdapter(PlanSettings).validate_python(values, strict=True)
+
+
+def plan_settings(path: Path) -> PlanSettings:
+    """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every fault of it."""
+    document = Document(path)
+    file = read_entry(document, FlightFile)
+    document.raise_faults()
+    settings: dict[str, Any] = {}
+    for section in FlightFile.model_fields:
+        settings |= _given(getattr(file, section), _NAMES.get(section, {}))
+    if "control_world_m" in settings:
+        settings["control_world_m"] = tuple(tuple(place) for place in settings["control_world_m"])
+        settings.setdefault("control_points", 0)
+    calibration = _given(file.camera.sigmas, {})
+    if calibration:
+        settings["calibration"] = Calibration(**calibration)
+    return settings_of(settings)
+
+
+def flight_plan(settings: PlanSettings, where: str) -> FlightPlan:
+    """Return the plan of settings as ``plan_settings`` gives them. Raises ProjectError, beginning with ``where``, when
+    they contradict each other."""
+    try:
+        return FlightPlan(**settings)
+    except ValueError as fault:
+        raise ProjectError(f"{where}: {fault}") from fault

@@ -1,0 +1,128 @@
+"""A prediction as JSON: what ``photogram plan --json`` prints. Its keys are kept stable: scripts rely on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from typing_extensions import TypedDict
+
+from photogram.arrays import FloatArray
+from photogram.simulation.planning.prediction import Alternative, Prediction
+
+
+class TypicalRecord(TypedDict):
+    """Standard deviations where two photographs at least show the ground."""
+
+    median: float
+    """Their median, m."""
+    worst: float
+    """The largest of them, m."""
+
+
+class FlightFigures(TypedDict):
+    """What a flight will achieve."""
+
+    photographs: int
+    """Number of photographs."""
+    strips: int
+    """Number of strips."""
+    flying_height_m: float
+    """Flying height above mean ground."""
+    gsd_m: float
+    """Ground sampling distance."""
+    base_m: float
+    """Distance between neighbouring photographs of a strip."""
+    strip_distance_m: float
+    """Distance between neighbouring strips."""
+    ground_covered_m2: float
+    """Ground that two photographs show at least."""
+    covered: float
+    """Part of the site, 0 to 1, that two photographs show at least."""
+    tie_points: int
+    """Number of tie points assumed."""
+    observations: int
+    """Number of their observations."""
+    sigma_plan_m: TypicalRecord
+    """Standard deviations of ground points in plan."""
+    sigma_height_m: TypicalRecord
+    """Standard deviations of ground points in height."""
+    sigma: dict[str, float]
+    """Standard deviation of every free parameter of interior orientation, in its own unit."""
+    mean_height_sigma_m: float
+    """Standard deviation of the mean height of the block."""
+    dome_sigma_m: float
+    """Standard deviation of the dome over ``dome_radius_m``."""
+    dome_radius_m: float
+    """Radius of the block."""
+    control_m: list[list[float]]
+    """Control points (G, 3): east, north from the centre of the site, height."""
+    control_mdb_m: list[list[float | None]]
+    """Their minimal detectable blunders (G, 3), null along an axis where none is detected."""
+    warnings: list[str]
+    """Weaknesses of the plan, in words."""
+
+
+class ChangeRecord(FlightFigures):
+    """A single change of a plan, and what the changed flight will achieve."""
+
+    what: str
+    """The change, in words."""
+
+
+class PredictionRecord(FlightFigures):
+    """A prediction, and what single changes would bring."""
+
+    simulated: bool
+    """True: these are figures of no flight that was flown."""
+    plan: dict[str, object]
+    """Fields of FlightPlan by name; prior sigmas of free parameters of the calibration are the word free."""
+    changes: list[ChangeRecord]
+    """Single changes, what helps the heights most first."""
+
+
+def _both(found: Prediction, values: FloatArray) -> TypicalRecord:
+    median, worst = found.typical_m(values)
+    return {"median": median, "worst": worst}
+
+
+def _numbers(found: Prediction) -> FlightFigures:
+    known = np.isfinite(found.control_mdb_m)
+    mdb = [
+        [v if k else None for v, k in zip(*row, strict=True)]
+        for row in zip(found.control_mdb_m.tolist(), known, strict=True)
+    ]
+    return {
+        "photographs": len(found.position_m),
+        "strips": found.strips,
+        "flying_height_m": found.plan.height_m,
+        "gsd_m": found.plan.ground_sampling_m,
+        "base_m": found.plan.base_m,
+        "strip_distance_m": found.plan.strip_distance_m,
+        "ground_covered_m2": found.ground_covered_m2,
+        "covered": found.covered,
+        "tie_points": found.tie_points,
+        "observations": found.observations,
+        "sigma_plan_m": _both(found, found.plan_sigma_m),
+        "sigma_height_m": _both(found, found.sigma_m[:, 2]),
+        "sigma": {n: s for n, s in found.parameter_sigma.items() if found.prior_sigma[n] > 0},
+        "mean_height_sigma_m": found.mean_height_sigma_m,
+        "dome_sigma_m": found.dome_sigma_m,
+        "dome_radius_m": found.radius_m,
+        "control_m": found.control_m.tolist(),
+        "control_mdb_m": mdb,
+        "warnings": list(found.warnings),
+    }
+
+
+def prediction_numbers(found: Prediction, changes: Sequence[Alternative]) -> PredictionRecord:
+    """Return a prediction and what single changes would bring."""
+    plan = asdict(found.plan)
+    plan["calibration"] = {n: s if np.isfinite(s) else "free" for n, s in plan["calibration"].items()}
+    return {
+        "simulated": True,
+        "plan": plan,
+        **_numbers(found),
+        "changes": [{"what": c.what, **_numbers(c.prediction)} for c in changes],
+    }

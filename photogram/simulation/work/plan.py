@@ -1,0 +1,177 @@
+"""What `photogram plan` does."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from photogram.arrays import FloatArray
+from photogram.simulation.planning.figures import prediction_picture
+from photogram.simulation.planning.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
+from photogram.simulation.planning.flight_plan import RANGES, FlightPlan, Gnss, Layout
+from photogram.simulation.planning.numbers import prediction_numbers
+from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict
+from photogram.terminal.console import console, errors, steps
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What the options say of a flight, named as in FlightPlan; None where they say nothing."""
+
+    width_m: float | None = None
+    """Extent of the site to the east."""
+    length_m: float | None = None
+    """Extent of the site to the north."""
+    gsd_m: float | None = None
+    """Ground sampling distance."""
+    flying_height_m: float | None = None
+    """Flying height above mean ground."""
+    forward_overlap: float | None = None
+    """Forward overlap, 0 to 1."""
+    side_overlap: float | None = None
+    """Side overlap, 0 to 1."""
+    cross_strips: int | None = None
+    """Number of strips across the others."""
+    oblique_strips: int | None = None
+    """Number of oblique strips along the longer side."""
+    relief_m: float | None = None
+    """Relief from valley to hill."""
+    gnss: Gnss | None = None
+    """Kind of GNSS positions."""
+    control_points: int | None = None
+    """Number of control points."""
+    control_layout: Layout | None = None
+    """Their layout."""
+
+
+def _centimetres(value: float) -> str:
+    return "–" if not math.isfinite(value) else f"{100 * value:.1f} cm"
+
+
+def _both(found: Prediction, values: FloatArray) -> str:
+    median, worst = found.typical_m(values)
+    return f"{_centimetres(median)}, {_centimetres(worst)} at worst"
+
+
+def _facts(found: Prediction) -> Table:
+    plan = found.plan
+    table = Table("figure", "value", title="Flight", show_header=False)
+    table.add_row("site", f"{plan.width_m:g} × {plan.length_m:g} m, relief {plan.relief_m:g} m")
+    table.add_row(
+        "ground sampling distance, flying height", f"{_centimetres(plan.ground_sampling_m)}, {plan.height_m:.0f} m"
+    )
+    table.add_row("photographs, strips", f"{len(found.position_m)}, {found.strips}")
+    table.add_row("base, distance of strips", f"{plan.base_m:.1f} m, {plan.strip_distance_m:.1f} m")
+    table.add_row(
+        "ground covered", f"{found.ground_covered_m2 / 1e4:.1f} ha, {found.covered:.0%} of the site twice or more"
+    )
+    table.add_row("tie points, observations assumed", f"{found.tie_points}, {found.observations}")
+    sigma = plan.gnss_sigmas_m
+    table.add_row("GNSS", "none" if sigma is None else f"{plan.gnss}, {', '.join(f'{s:g}' for s in sigma)} m")
+    table.add_row("control points", f"{plan.control}")
+    return table
+
+
+def _accuracy(found: Prediction) -> Table:
+    table = Table("figure", "value", title="Predicted accuracy (standard deviations)", show_header=False)
+    table.add_row("ground points in plan", _both(found, found.plan_sigma_m))
+    table.add_row("ground points in height", _both(found, found.sigma_m[:, 2]))
+    survey = math.hypot(*found.plan.control_sigma_m[:2]), found.plan.control_sigma_m[2]
+    plan, height = (
+        math.hypot(found.typical_m(v)[0], s)
+        for v, s in ((found.plan_sigma_m, survey[0]), (found.sigma_m[:, 2], survey[1]))
+    )
+    table.add_row("RMSE to be expected at check points", f"plan {_centimetres(plan)}, height {_centimetres(height)}")
+    focal, prior = found.parameter_sigma["focal_px"], found.prior_sigma["focal_px"]
+    before = f"{prior:g} px" if math.isfinite(prior) else "free"
+    table.add_row("focal length", f"{focal:.2f} px, {before} a priori" if prior > 0 else "fixed")
+    table.add_row("all heights together", _centimetres(found.mean_height_sigma_m))
+    table.add_row(f"dome over {found.radius_m:.0f} m", _centimetres(found.dome_sigma_m))
+    if len(found.control_mdb_m):
+        worst = found.control_mdb_m.max(axis=0)
+        table.add_row(
+            "smallest detectable blunder of a control point",
+            f"plan {_centimetres(max(worst[:2]))}, height {_centimetres(worst[2])}"
+            if all(map(math.isfinite, worst))
+            else "none",
+        )
+    return table
+
+
+def _changes(found: Prediction, changes: Sequence[Alternative]) -> Table:
+    table = Table("change", "photographs", "plan", "height", "worst height", "dome", title="Effect of single changes")
+    rows = [("as planned", found), *((c.what, c.prediction) for c in changes)]
+    for what, p in rows:
+        height, worst = p.typical_m(p.sigma_m[:, 2])
+        figures = (p.typical_m(p.plan_sigma_m)[0], height, worst, p.dome_sigma_m)
+        table.add_row(what, str(len(p.position_m)), *map(_centimetres, figures))
+    return table
+
+
+def _settings(file: Path | None, given: PlanSettings) -> FlightPlan:
+    """Return the plan of a file with what the options change."""
+    settings: PlanSettings = {} if file is None else plan_settings(file)
+    if "gsd_m" in given and "flying_height_m" not in given:
+        settings.pop("flying_height_m", None)
+    if "flying_height_m" in given and "gsd_m" not in given:
+        settings.pop("gsd_m", None)
+    if "gnss" in given:
+        settings.pop("gnss_sigma_m", None)
+        settings.pop("gnss_offset_sigma_m", None)
+    if "control_points" in given:
+        settings.pop("control_world_m", None)
+    settings |= given
+    return flight_plan(settings, str(file) if file is not None else "photogram plan")
+
+
+_OPTIONS = {
+    "width_m": "--area",
+    "length_m": "--area",
+    "gsd_m": "--gsd",
+    "flying_height_m": "--height",
+    "forward_overlap": "--forward",
+    "side_overlap": "--side",
+    "cross_strips": "--cross",
+    "oblique_strips": "--oblique",
+    "relief_m": "--relief",
+    "control_points": "--control",
+}
+
+
+def _check_ranges(options: PlanOptions) -> None:
+    """Refuse figures that cannot be. Raises typer.BadParameter."""
+    for name, option in _OPTIONS.items():
+        low, high = RANGES[name]
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            raise typer.BadParameter(f"{value:g} must be from {low:g} to {high:g}", param_hint=option)
+
+
+def run(file: Path | None, options: PlanOptions, *, changes: bool, picture: Path | None, as_json: bool) -> None:
+    """Predict the accuracy of a plan, of a file and of what the options change in it, and show it."""
+    _check_ranges(options)
+    settled = _settings(file, settings_of({n: v for n, v in vars(options).items() if v is not None}))
+    with steps("Prediction", to=errors if as_json else console) as progress:
+        progress(0, 0, "the flight as planned")
+        found = predict(settled)
+        tried = alternatives(settled, progress) if changes else []
+    if picture is not None:
+        prediction_picture(picture, found, tried)
+    if as_json:
+        typer.echo(json.dumps(prediction_numbers(found, tried), indent=1, ensure_ascii=False))
+        return
+    console.print(_facts(found))
+    console.print(_accuracy(found))
+    for warning in found.warnings:
+        console.print(f"[bold]Weak:[/bold] {escape(warning)}")
+    if tried:
+        console.print(_changes(found, tried))
+    if picture is not None:
+        console.print(f"Written: {escape(str(picture))}", soft_wrap=True)
