@@ -1,69 +1,197 @@
-"""Compilation of kernels: numba's njit, which starts wherever photogram is installed.
+"""Compilation of kernels: numba's njit, whose compiled code is kept between runs and starts wherever photogram is.
 
-numba keeps compiled code beside the source, or else in the user's cache folder, and raises where neither can be written
-(an installation that is read-only, a user without a home). Here the code then goes to a folder of the user's own in the
-temporary directory, which nobody else may write, because it is executed when it is read; where folder not found
-either, nothing is kept, and every start compiles anew.
+Into the code of a kernel go other kernels that it calls and the constants that it names, of any module. So it is kept
+under a digest of the source of its module and of all modules of photogram that this one imports, directly or not, where
+numba would ask for its own file alone. All installations of the same sources share it, in the first of these folders
+that can be written: ``NUMBA_CACHE_DIR``, the user's cache folder, or one of the user's own in the temporary directory
+that nobody else may write, because the code is executed when it is read. Where there is none, every start compiles.
 """
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import os
+import pickle
+import re
+import shutil
 import stat
 import tempfile
+import time
+import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite
+import numba
 from numba import config
 from numba import njit as numba_njit  # noqa: TID251 - here it is wrapped
 from numba.core import event
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.serialize import dumps
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+KEPT_DIGESTS, KEPT_S = 3, 86_400.0  # of a module, as many states of its sources, and those that were used within a day
+
+_STARTED = time.time()
+_IMPORT = re.compile(r"^\s*(?:from|import)\s+(photogram[\w.]*)(?:\s+import\s+(\([^)]*\)|[^\n(]*))?", re.MULTILINE)
 
 _kept: list[Any] = []  # every function whose compiled code is to be kept, as numba's dispatcher
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:  # noqa: ANN401 - numba's own options
     """Return numba's decorator njit with these options; with ``cache`` the compiled code is kept where it can be."""
+    compiling = {name: value for name, value in options.items() if name != "cache"}
 
     def compiled(function: Function) -> Function:
-        kernel: Function | None = None
+        dispatcher = numba_njit(**compiling)(function)
         if options.get("cache"):
-            # without a home numba would make a folder called ~ where the command runs
-            kernel = _cached(function, options) if os.path.isabs(os.path.expanduser("~")) else None
-            kernel = kernel or _cached_in(temporary_folder(), function, options)
-        if kernel is not None:
-            _kept.append(kernel)
-            return kernel
-        not_kept: Function = numba_njit(**{**options, "cache": False})(function)
-        return not_kept
+            with suppress(RuntimeError):  # numba's, where no place is to be had
+                dispatcher._cache = _KernelCache(function)
+                _kept.append(dispatcher)
+        kernel: Function = dispatcher
+        return kernel
 
     return compiled
 
 
-def _cached(function: Function, options: dict[str, Any]) -> Function | None:
-    """Return the compiled function, None where numba finds no place to keep its code in."""
-    try:
-        kernel: Function = numba_njit(**options)(function)
-    except RuntimeError:
-        return None
-    return kernel
+@dataclass(frozen=True)
+class _Place:
+    """Tells numba where the code of a function is kept; its methods are those of numba's own locators."""
+
+    _py_file: str
+    _lineno: int
+    folder: Path
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> _Place | None:
+        """Return the place for a function of a file, None where its code is not to be kept."""
+        root, digest = cache_folder(), sources_digest(file)
+        if root is None or digest is None:
+            return None
+        folder = root / function.__module__ / digest
+        with suppress(OSError):
+            os.utime(folder)  # it is in use
+        return cls(file, function.__code__.co_firstlineno, folder)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder, and with a new one remove what is out of use; without it nothing will be kept."""
+        if not self.folder.exists():
+            with suppress(OSError):
+                self.folder.mkdir(parents=True, exist_ok=True)
+                _prune(self.folder.parent)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def get_source_stamp(self) -> str:
+        """Return the digest of the sources."""
+        return self.folder.name
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of one name in one module apart."""
+        return str(self._lineno)
 
 
-def _cached_in(folder: Path | None, function: Function, options: dict[str, Any]) -> Function | None:
-    """Return the compiled function, its code kept in a folder; None where that cannot be."""
-    if folder is None:
-        return None
-    usual = config.CACHE_DIR
-    config.CACHE_DIR = str(folder)  # read by the decorator, and by nothing later
+@dataclass(frozen=True)
+class _CodeFiles:
+    """The compiled forms of a kernel, a file for each, which is complete or absent: processes that compile at once
+    cannot take each other's, and one that was killed leaves none. Its methods are those of numba's own."""
+
+    folder: Path
+    name: str
+
+    def paths(self) -> list[Path]:
+        """Return the files that there are."""
+        return [*self.folder.glob(f"{self.name}.*.nbc")]
+
+    def save(self, key: object, data: object) -> None:
+        """Keep what was compiled for types and processor, ``key``; a full disk only makes the next start compile."""
+        content, path = dumps((key, data)), self._path(key)
+        partial = path.with_suffix(f".{uuid.uuid4().hex}")
+        try:
+            partial.write_bytes(hashlib.sha256(content).digest() + content)
+            partial.replace(path)
+        except OSError:
+            partial.unlink(missing_ok=True)
+
+    def load(self, key: object) -> object:
+        """Return what was compiled for ``key``, None where that is not kept or damaged."""
+        try:
+            content = self._path(key).read_bytes()
+        except OSError:
+            return None
+        if content[:32] != hashlib.sha256(content[32:]).digest():
+            return None
+        its_key, data = pickle.loads(content[32:])
+        return data if its_key == key else None
+
+    def flush(self) -> None:
+        """Remove all files."""
+        for path in self.paths():
+            path.unlink(missing_ok=True)
+
+    def _path(self, key: object) -> Path:
+        """Return a key's file: two keys may have one, because addresses do not count, and ``load`` tells them apart."""
+        said = re.sub(r"\b0x[0-9a-f]+", "", repr(key))
+        return self.folder / f"{self.name}.{hashlib.sha256(said.encode()).hexdigest()[:16]}.nbc"
+
+
+class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = [_Place]  # noqa: RUF012 - numba reads this
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """numba's cache of a function, with another place and other files."""
+
+    _impl_class = _Stored
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _CodeFiles(Path(self.cache_path), self._impl.filename_base)
+
+
+@cache
+def sources_digest(file: str) -> str | None:
+    """Return a digest of a source file, of all of photogram that it imports, directly or not, and of numba's version;
+    None where that cannot be told. A process may have in memory what a file held before it was changed."""
+    digests: dict[str, str] = {}
+    ahead = {file}
+    while ahead:
+        path = ahead.pop()
+        if not os.path.isfile(path) or _STARTED < os.path.getmtime(path) <= time.time():
+            return None  # typed at a prompt, within an archive, or changed
+        digests[path], imported = _source(path)
+        ahead |= imported - digests.keys()
+    parts = [numba.__version__, llvmlite.__version__, *sorted(digests.values())]
+    return hashlib.sha256("".join(parts).encode()).hexdigest()[:20]
+
+
+@cache
+def _source(path: str) -> tuple[str, frozenset[str]]:
+    """Return the digest of a source file, and the files of photogram that it imports."""
+    text = Path(path).read_text(encoding="utf-8")
+    imported = set[str]()
+    for module, names in _IMPORT.findall(text):
+        within = {_origin(f"{module}.{name}") or _origin(module) for name in re.findall(r"\w+", names)}
+        imported |= {file for file in within or {_origin(module)} if file is not None}
+    return hashlib.sha256(text.encode()).hexdigest(), frozenset(imported)
+
+
+@cache
+def _origin(module: str) -> str | None:
+    """Return the file of a module, None where there is no module of that name."""
     try:
-        return _cached(function, options)
-    finally:
-        config.CACHE_DIR = usual
+        spec = importlib.util.find_spec(module)
+    except ModuleNotFoundError:
+        return None  # its parent is no room
+    return None if spec is None else spec.origin
 
 
 def kernels(rooms: tuple[str, ...]) -> tuple[int, int]:
@@ -78,9 +206,7 @@ def kernels(rooms: tuple[str, ...]) -> tuple[int, int]:
 def _is_compiled(kernel: Any) -> bool:  # noqa: ANN401 - numba carries no types
     if kernel.signatures:
         return True
-    # numba has no other way to ask for what it keeps without loading all of it
-    kept = kernel._cache._cache_file._load_index()
-    return bool(kept)
+    return bool(kernel._cache._cache_file.paths())
 
 
 @dataclass
@@ -100,6 +226,34 @@ def compile_time() -> Iterator[CompileTime]:
 
     with event.install_timer("numba:compile", note):
         yield found
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder where compiled code is kept, None where none can be written."""
+    of_user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # stays ~ without a home
+    for folder in (config.CACHE_DIR, os.path.join(of_user, "photogram", "kernels")):
+        if os.path.isabs(folder) and _is_writable(Path(folder)):
+            return Path(folder)
+    return temporary_folder()
+
+
+def _is_writable(folder: Path) -> bool:
+    """Return whether files can be made in a folder, which is made if need be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _prune(folder: Path) -> None:
+    """Remove what is kept for former sources of a module, but for the last ones."""
+    used = sorted(((path.stat().st_mtime, path) for path in folder.iterdir()), reverse=True)
+    for when, path in used[KEPT_DIGESTS:]:
+        if when < time.time() - KEPT_S:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 @cache

@@ -32,7 +32,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "gtsam": ("factors",),
     "jinja2": ("report", "exchange.audit.page"),
     "laspy": ("files.clouds", "change.files"),
-    "llvmlite": ("sfm.tie_points.byte_distances",),
+    "llvmlite": ("compilation", "sfm.tie_points.byte_distances"),
     "matio": ("files.matlab",),
     "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.byte_distances"),
