@@ -46,13 +46,14 @@ from photogram.pipeline.store.dependence import (
     automatic_masks,
     control_fingerprint,
     given_masks,
-    known_tie_points,
     orientation_as_made,
     orientation_settings,
     photographs_as_made,
     photographs_settings,
+    starts_from_tie_points,
     stretches,
     surface_settings,
+    tie_points_settings,
 )
 from photogram.pipeline.store.memory import give_back_free_memory, peak_memory
 from photogram.pipeline.store.pools import Pool
@@ -96,7 +97,7 @@ STAGES = (
             run.photograph_fingerprints,
             run.project.features,
             run.project.quality,
-            *known_tie_points(run.project),
+            *(["not needed"] if starts_from_tie_points(run.project) else []),
             *given_masks(run),
             *stretches(run),
         ],
@@ -106,7 +107,7 @@ STAGES = (
         "pairs",
         STAGE_TITLES["pairs"],
         ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.matching, run.project.cameras, *known_tie_points(run.project)],
+        lambda run: [run.project.pairs, run.project.matching, run.project.cameras],
         choose_pairs,
     ),
     Stage(
@@ -120,7 +121,7 @@ STAGES = (
         "tie_points",
         STAGE_TITLES["tie_points"],
         ("features", "matches"),
-        lambda run: run.project.adjustment.tie_point_sigma_px,
+        tie_points_settings,
         join_tie_points,
     ),
     Stage(

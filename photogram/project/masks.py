@@ -84,10 +84,16 @@ def check_camera_masks(document: Document, file: ProjectFile, base: Path) -> Non
 
 
 def check_automatic_masks(document: Document, file: ProjectFile, dense: DenseSettings | None) -> None:
-    """Note water that is asked for where no surface is matched; ``dense`` is None where its section is wrong."""
-    asked = file.photographs.masks
-    if asked is not None and "water" in asked.auto and dense is not None and not dense.enabled:
+    """Note water that is asked for where it cannot be found: where no surface is matched, or no key points are
+    detected. ``dense`` is None where its section is wrong."""
+    asked, start = file.photographs.masks, file.start
+    if asked is None or "water" not in asked.auto:
+        return
+    if dense is not None and not dense.enabled:
         document.warn(MASKS_KEY, "water is looked for in the dense surface, and none is matched", "enable dense")
+    if start is not None and start.solution is not None and start.tie_points == "theirs":
+        found = "water is found by key points without a match, and a project that starts from tie points detects none"
+        document.warn(MASKS_KEY, found, "write start: {tie_points: own}")
 
 
 def project_masks(

@@ -10,14 +10,13 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError, ProjectError
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.files.solutions.stored_solutions import read_stored
 from photogram.project.document import Document
 from photogram.project.schema import ProjectFile, Whose
-from photogram.sfm.tie_points.known_tie_points import numbered_in_photographs
 from photogram.survey import TiePoints
 from photogram.wording import some
 
@@ -176,7 +175,16 @@ def _renumbered(ties: TiePoints, number: np.ndarray[tuple[int], np.dtype[np.int6
         sigma_px=kept.sigma_px[order],
         position_world_m=np.full((len(kept), 3), np.nan),
     )
-    return replace(sorted_ties, feature=numbered_in_photographs(sorted_ties))
+    return replace(sorted_ties, feature=_numbered_in_photographs(sorted_ties))
+
+
+def _numbered_in_photographs(tie_points: TiePoints) -> IntArray:
+    """Return the number (N,) of each observation among those of its photograph."""
+    order = np.argsort(tie_points.photograph, kind="stable")
+    sorted_photographs = tie_points.photograph[order]
+    number = np.empty(len(order), dtype=np.int64)
+    number[order] = np.arange(len(order)) - np.searchsorted(sorted_photographs, sorted_photographs)
+    return number
 
 
 def _parameters(

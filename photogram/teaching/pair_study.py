@@ -38,6 +38,8 @@ def candidate_pixels(project: Project, names: Sequence[str], ratio: float) -> tu
     names = list(names)
     with open_run(project) as run:
         known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in run.matches()}
+        if not known:
+            raise ProjectError(f"{project.path}: no pair of photographs was matched")
         if tuple(names[::-1]) in known:
             names = names[::-1]
         if names and tuple(names) not in known:

@@ -144,4 +144,4 @@ SENTENCES: dict[str, Callable[[StageSummary], str]] = {
 
 def sentence(stage: str, summary: StageSummary) -> str:
     """Return what a finished stage did, from the summary that it left."""
-    return SENTENCES[stage](summary)
+    return f"not needed: {summary['not_needed']}" if "not_needed" in summary else SENTENCES[stage](summary)

@@ -19,6 +19,7 @@ from photogram.exchange.solution_import import import_solution
 from photogram.files.solutions.stored_solutions import read_stored, write_stored
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.results import Adjustment
+from photogram.teaching.pair_study import candidate_pixels
 
 
 def adjusted(project: Path) -> Adjustment:
@@ -190,20 +191,26 @@ def test_a_database_without_matches_is_refused(adjusted_survey: Path, tmp_path: 
         import_solution(tmp_path / "database.db", photographs=adjusted_survey, project=tmp_path / "project.yaml")
 
 
-def test_another_start_is_matched_again_and_a_deleted_one_named(adjusted_survey: Path, tmp_path: Path) -> None:
-    """Stages follow the file of the solution: what is changed in it is not missed."""
+def test_another_start_is_read_again_and_a_deleted_one_named(adjusted_survey: Path, tmp_path: Path) -> None:
+    """Stages follow the file of the solution: what is changed in it is not missed. Nothing is detected or matched."""
     export_solution(adjusted_survey / "project.yaml", "opensfm", tmp_path / "out")
     project = tmp_path / "project.yaml"
     import_solution(tmp_path / "out", photographs=adjusted_survey / "photographs", project=project)
     run_pipeline(load_project(project), until="tie_points")
     with open_run(load_project(project)) as run:
-        first = run.workspace.mark("tie_points")
+        first, matched = run.workspace.mark("tie_points"), run.workspace.mark("matches")
+        assert all("not_needed" in run.workspace.summary(stage) for stage in ("features", "pairs", "matches"))
+        assert (list(run.selected_pairs()), list(run.matches())) == ([], [])
+        assert not run.workspace.has("features", "00000.npz")
+    with pytest.raises(ProjectError, match=r"project.yaml: no pair of photographs was matched"):
+        candidate_pixels(load_project(project), (), 0.8)
     stored = read_solution(tmp_path / "solution.npz")
     half = stored.tie_points.select(np.arange(len(stored.tie_points)) % 2 == 0)
     write_stored(tmp_path / "solution.npz", replace(stored, tie_points=half))
     run_pipeline(load_project(project), until="tie_points")
     with open_run(load_project(project)) as run:
         assert run.workspace.mark("tie_points") != first
+        assert run.workspace.mark("matches") == matched
         assert len(run.tie_points()) == pytest.approx(len(half), abs=2)
     (tmp_path / "solution.npz").unlink()
     with pytest.raises(ProjectError, match=r"start.solution: file .*solution.npz not found"):

@@ -14,6 +14,8 @@ from photogram.files.photographs.masks import write_mask
 from photogram.pipeline.input_validation import validate_project, validate_project_file
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.solution_export import export_solution
+from photogram.pipeline.solution_import import import_solution
 from photogram.project.masks import ProjectMasks
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 
@@ -68,6 +70,18 @@ def test_water_that_no_surface_is_matched_for_is_a_warning(survey: Path, edit: E
     edit(survey / "project.yaml", lambda v: v.update(dense={"enabled": enabled}))
     said = [str(w) for w in load_project(survey / "project.yaml").warnings]
     assert any("water is looked for in the dense surface" in text for text in said) != enabled
+
+
+def test_water_that_no_key_points_are_detected_for_is_a_warning(adjusted_survey: Path, edit: Edit) -> None:
+    project = adjusted_survey / "project.yaml"
+    export_solution(project, "opensfm", adjusted_survey / "out")
+    begun = adjusted_survey / "begun.yaml"
+    import_solution(adjusted_survey / "out", photographs=adjusted_survey / "photographs", project=begun)
+    edit(begun, lambda v: v["photographs"].update(masks={"auto": ["water"]}))
+    for whose in ("theirs", "own"):
+        edit(begun, lambda v, whose=whose: v["start"].update(tie_points=whose))  # type: ignore[misc]
+        said = [str(warning) for warning in load_project(begun).warnings]
+        assert any("starts from tie points detects none" in text for text in said) == (whose == "theirs")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from itertools import pairwise
+from dataclasses import fields, replace
+from itertools import combinations, pairwise
 
 import numpy as np
 from hypothesis import given, settings
@@ -10,9 +11,9 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, undistort
 from photogram.sfm.tie_points.features import SMALLEST_PX, FeatureSettings, coarseness, find_features, picture_scale
 from photogram.sfm.tie_points.matching import MatchingSettings, match_pair
-from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px, seen_in_all
+from photogram.sfm.tie_points.tracks import coloured, join_matches, key_point_sigmas_px, seen_in_all, without_conflicts
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
-from photogram.survey import Features, Matches
+from photogram.survey import Features, Matches, TiePoints
 
 Key = tuple[int, int]
 
@@ -176,3 +177,60 @@ def test_matches_miss_their_true_epipolar_lines_as_their_sigmas_say() -> None:
     level = np.exp(np.log(scatter).mean(axis=1, keepdims=True))
     np.testing.assert_allclose(scatter / level, 1.0, atol=0.2)  # sizes
     np.testing.assert_allclose(level / level.mean(), 1.0, atol=0.2)  # qualities
+
+
+# ---- tie points that are joined already ------------------------------------------------------------------------------
+
+PICTURE = np.random.default_rng(1).integers(0, 256, (90, 110, 3)).astype(np.uint8)
+
+
+def given_tie_points(seen: list[list[int]]) -> TiePoints:
+    """Tie points by the photographs that show each, some twice: at places of their own, numbered in each photograph."""
+    photograph = np.array([i for own in seen for i in sorted(own)], dtype=np.int64)
+    point = np.repeat(np.arange(len(seen)), [len(own) for own in seen])
+    number = np.zeros(len(point), dtype=np.int64)
+    for i in set(photograph.tolist()):
+        number[photograph == i] = np.arange(np.count_nonzero(photograph == i))
+    pixel = np.random.default_rng(2).uniform(-2.0, 112.0, (len(point), 2))
+    unknown, black = np.full((len(seen), 3), np.nan), np.zeros((len(seen), 3), dtype=np.uint8)
+    return TiePoints(photograph, point, number, pixel, np.ones(len(point)), unknown, black)
+
+
+def key_points_of(ties: TiePoints, photograph: int) -> Features:
+    """The observations of a photograph as key points, coloured as its picture is there."""
+    pixel = ties.pixel[ties.photograph == photograph]
+    column, row = np.clip(np.rint(pixel).astype(int), 0, [109, 89]).T
+    none = np.zeros(len(pixel))
+    return Features(pixel, none, none, np.zeros((len(pixel), 0), np.uint8), PICTURE[row, column])
+
+
+def matches_of(ties: TiePoints) -> list[Matches]:
+    """Matches of all pairs of observations of a point in different photographs."""
+    found: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for own in range(len(ties)):
+        keys = sorted(zip(ties.photograph[ties.point == own], ties.feature[ties.point == own], strict=True))
+        for (i, a), (j, b) in combinations(keys, 2):
+            if i != j:
+                found.setdefault((int(i), int(j)), []).append((int(a), int(b)))
+    return [Matches(i, j, np.array(index)) for (i, j), index in sorted(found.items())]
+
+
+@given(st.lists(st.lists(st.integers(0, 4), min_size=2, max_size=5), max_size=30))
+def test_given_tie_points_are_those_that_their_matches_would_be_joined_to(seen: list[list[int]]) -> None:
+    ties = given_tie_points([own for own in seen if len(set(own)) > 1])
+    key_points = [key_points_of(ties, i) for i in range(5)]
+    joined = join_matches(key_points, matches_of(ties), [np.ones(len(f)) for f in key_points])
+    found = without_conflicts(ties)
+    tie_points = found.tie_points
+    for photograph in range(5):
+        tie_points = coloured(tie_points, photograph, PICTURE)
+    assert found.conflicts == joined.conflicts
+    for name in (field.name for field in fields(TiePoints)):
+        np.testing.assert_array_equal(getattr(tie_points, name), getattr(joined.tie_points, name), err_msg=name)
+
+
+def test_a_colour_is_that_of_the_first_photograph_that_shows_the_point() -> None:
+    ties = given_tie_points([[0, 1], [1, 2]])
+    ties = replace(ties, pixel=np.array([[3.4, 5.6], [0.0, 0.0], [-0.7, 200.0], [9.0, 9.0]]))
+    assert coloured(ties, 0, PICTURE).colour.tolist() == [PICTURE[6, 3].tolist(), [0, 0, 0]]
+    assert coloured(ties, 1, PICTURE).colour.tolist() == [[0, 0, 0], PICTURE[89, 0].tolist()]

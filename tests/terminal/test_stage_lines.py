@@ -37,6 +37,7 @@ Run = Callable[..., Any]
             "18 photographs read, 1 copy left out, 2 positions of a stopped receiver not used",
         ),
         ("features", {"key_points": [4000, 3000, 5000]}, "4000 key points per photograph (median)"),
+        ("features", {"not_needed": "the tie points are there"}, "not needed: the tie points are there"),
         ("matches", {"pairs": 62, "verified_pairs": 60}, "60 of 62 pairs verified"),
         ("tie_points", {"tie_points": 900, "conflicts": 0}, "900 tie points"),
         (

@@ -21,6 +21,7 @@ from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.pipeline.stages.dense import heights_folder
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
+from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
@@ -192,7 +193,8 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
         counts += count
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     water: StageSummary = {}
-    if "water" in run.project.masks.auto and site.plane is None:
+    wet = "water" in run.project.masks.auto and not starts_from_tie_points(run.project)
+    if wet and site.plane is None:
         progress(0, 0, "water")
         found = _found_water(run, modelling)
         counts += sum((_flood(store, found, window) for window in store.windows), np.zeros_like(counts))

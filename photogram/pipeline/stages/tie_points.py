@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import ImageError
 from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
+from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage import Progress
@@ -21,11 +22,10 @@ from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import SMALLEST_PX, coarseness, find_features, photographs_at_once, picture_scale
 from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
 from photogram.sfm.tie_points.guided_matching import TransferSettings
-from photogram.sfm.tie_points.known_tie_points import known_features, known_matches, known_pairs
 from photogram.sfm.tie_points.matching import match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
-from photogram.sfm.tie_points.tracks import join_matches, key_point_sigmas_px
+from photogram.sfm.tie_points.tracks import Joined, coloured, join_matches, key_point_sigmas_px, without_conflicts
 from photogram.survey import Features, Matches, TiePoints
 
 
@@ -35,6 +35,9 @@ def _coarseness(project: Project, photograph: int) -> float:
     camera = project.cameras[project.photographs[photograph].camera]
     return coarseness(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
 
+
+NOT_NEEDED = "the tie points are those of the solution that the project starts from"
+"""Why such a project has neither key points nor matches of its own."""
 
 MASKED = "masked.json"
 """File of the stage `features` with the share that masks leave out of each photograph; not there without masks."""
@@ -60,21 +63,25 @@ def transfer_thresholds(project: Project) -> TransferSettings:
 
 
 def detect_features(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Find key points, one file per photograph; photographs that an interrupted run has finished are kept.
+    """Find key points, one file per photograph; photographs that an interrupted run has finished are kept. None are
+    needed where the project starts from tie points.
 
     As many photographs at once as there are workers and as the memory holds.
     """
     masked = masked_shares(run, folder)
+    given = starts_from_tie_points(run.project)
     largest = max(camera.width_px * camera.height_px for camera in run.project.cameras)
     at_once = photographs_at_once(largest // REDUCTIONS[run.project.quality] ** 2)
     counts = []
-    for index, count in enumerate(each(run, folder, _DETECTED, range(len(run.names)), at_once=at_once)):
+    photographs = range(0 if given else len(run.names))
+    for index, count in enumerate(each(run, folder, _DETECTED, photographs, at_once=at_once)):
         counts.append(count)
-        progress(index + 1, len(run.names), run.names[index])
-    if masked is None:
-        return {"key_points": counts}
-    write_json(folder / MASKED, masked)
-    return {"key_points": counts, "masks": len(masked), "masked_share": sum(masked.values()) / max(len(masked), 1)}
+        progress(index + 1, len(photographs), run.names[index])
+    summary: StageSummary = {"not_needed": NOT_NEEDED} if given else {"key_points": counts}
+    if masked is not None:
+        write_json(folder / MASKED, masked)
+        summary["masks"], summary["masked_share"] = len(masked), sum(masked.values()) / max(len(masked), 1)
+    return summary
 
 
 def _masked_share(work: StageWork, index: int) -> float | str:
@@ -102,24 +109,14 @@ def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
     return {run.names[i]: share for i, share in zip(masked, found, strict=True) if not isinstance(share, str)}
 
 
-def _known_tie_points(run: Run) -> TiePoints | None:
-    """Return the tie points that the project starts from, None where it measures its own."""
-    start = run.project.start
-    return None if start is None or start.tie_points == "own" or run.start is None else run.start.tie_points
-
-
 def _detect(work: StageWork, index: int) -> int:
-    """Find the key points of a photograph, unless that is done or they are known; returns their number."""
+    """Find the key points of a photograph, unless that is done; returns their number."""
     run, folder = work
     path = folder / f"{index:05d}.npz"
     if not path.is_file():
-        known, reduction = _known_tie_points(run), REDUCTIONS[run.project.quality]
-        write_record(
-            path,
-            find_features(run.names[index], run.pixels(index), run.project.features, reduction, run.given_mask(index))
-            if known is None
-            else known_features(known, index, run.pixels(index)),
-        )
+        settings, reduction = run.project.features, REDUCTIONS[run.project.quality]
+        pixels, used = run.pixels(index), run.given_mask(index)
+        write_record(path, find_features(run.names[index], pixels, settings, reduction, used))
     return len(read_record(path, Features))
 
 
@@ -146,9 +143,11 @@ def select_photograph_pairs(run: Run, folder: Path) -> SelectedPairs:
 
 
 def choose_pairs(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Select the pairs of photographs to match; those that show the same tie points, where these are known."""
-    known = _known_tie_points(run)
-    selected = select_photograph_pairs(run, folder) if known is None else known_pairs(known)
+    """Select the pairs of photographs to match; none where the project starts from tie points."""
+    if starts_from_tie_points(run.project):
+        write_json(folder / "pairs.json", [])
+        return {"not_needed": NOT_NEEDED}
+    selected = select_photograph_pairs(run, folder)
     write_json(folder / "pairs.json", [list(pair) for pair in selected.pairs])
     progress(1, 1, f"{len(selected)} pairs")
     return {
@@ -188,18 +187,14 @@ _MATCHED = Kind(stage_work, _match)
 
 def match_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    pairs, verified, known = run.selected_pairs(), 0, _known_tie_points(run)
-    if known is not None:
-        for matches in known_matches(known):
-            path = folder / f"{matches.first:05d}-{matches.second:05d}.npz"
-            write_arrays(path, {"index": matches.index, "verified": np.ones(len(matches), dtype=bool)})
-        write_json(folder / "pairs.json", pairs)
-        return {"pairs": len(pairs), "verified_pairs": len(pairs)}
+    pairs, verified = run.selected_pairs(), 0
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
         for done, ((i, j), found) in enumerate(zip(pairs, each(run, folder, _MATCHED, pairs), strict=True)):
             verified += found
             progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
     write_json(folder / "pairs.json", pairs)
+    if starts_from_tie_points(run.project):
+        return {"not_needed": NOT_NEEDED}
     return {"pairs": len(pairs), "verified_pairs": verified}
 
 
@@ -211,8 +206,21 @@ def _key_point_sigmas_px(project: Project, photograph: int, features: Features) 
     return key_point_sigmas_px(features.size_px, SMALLEST_PX * scale, best_px)
 
 
-def join_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
-    """Join verified matches to tie points over all photographs."""
+def _given_tie_points(run: Run, given: TiePoints, progress: Progress) -> Joined:
+    """Return tie points that the project starts from as if they were its own: as precise as key points of the best
+    size, in the colours of its photographs."""
+    best_px = run.project.adjustment.tie_point_sigma_px
+    sigma_px = np.array([best_px * _coarseness(run.project, i) for i in range(len(run.names))])
+    joined = without_conflicts(replace(given, sigma_px=sigma_px[given.photograph]))
+    tie_points = joined.tie_points
+    for done, photograph in enumerate(np.unique(tie_points.photograph[tie_points.first_observation[:-1]]).tolist(), 1):
+        tie_points = coloured(tie_points, photograph, run.pixels(photograph))
+        progress(done, len(run.names), run.names[photograph])
+    return replace(joined, tie_points=tie_points)
+
+
+def _joined_matches(run: Run) -> Joined:
+    """Return verified matches joined to tie points over all photographs. Raises ImageError where none are."""
     features = [run.features(i) for i in range(len(run.names))]
     matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]
     sigmas_px = [_key_point_sigmas_px(run.project, i, f) for i, f in enumerate(features)]
@@ -222,6 +230,13 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
             f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
             "in common: give photographs of one site that overlap by 60 % or more"
         )
+    return joined
+
+
+def join_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
+    """Join verified matches to tie points over all photographs, or take those that the project starts from."""
+    given = run.start.tie_points if starts_from_tie_points(run.project) and run.start is not None else None
+    joined = _joined_matches(run) if given is None else _given_tie_points(run, given, progress)
     write_record(folder / "tie_points.npz", joined.tie_points)
     progress(1, 1, f"{len(joined.tie_points)} tie points")
     return {"tie_points": len(joined.tie_points), "conflicts": joined.conflicts}

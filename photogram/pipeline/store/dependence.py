@@ -65,10 +65,15 @@ def photographs_as_made(run: Run) -> object | None:
     return _photographs(run, frame["placed_by"]) if is_amid(frame["origin_map_m"], run.project, run.notes()) else None
 
 
-def known_tie_points(project: Project) -> list[object]:
-    """Return what stages depend on that take another program's tie points; nothing in a project without such."""
-    start = project.start
-    return [] if start is None or start.tie_points == "own" else [file_fingerprint(start.solution)]
+def starts_from_tie_points(project: Project) -> bool:
+    """Return whether the tie points of a project are those of the solution that it starts from."""
+    return project.start is not None and project.start.tie_points == "theirs"
+
+
+def tie_points_settings(run: Run) -> object:
+    """Return what the stage `tie_points` depends on."""
+    start, sigma_px = run.project.start, run.project.adjustment.tie_point_sigma_px
+    return sigma_px if start is None or start.tie_points == "own" else [sigma_px, file_fingerprint(start.solution)]
 
 
 def stretches(run: Run) -> list[object]:

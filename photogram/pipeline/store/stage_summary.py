@@ -36,6 +36,8 @@ class StageSummary(TypedDict, total=False):
     """photographs: number of positions of a stopped receiver, if any."""
     key_points: list[int]
     """features: number of key points of each photograph."""
+    not_needed: str
+    """features, pairs, matches: why there are none."""
     masks: int
     """features: number of photographs with a mask, if any."""
     masked_share: float

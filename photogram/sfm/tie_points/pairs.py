@@ -25,7 +25,7 @@ from photogram.errors import OrientationError, check_range
 from photogram.projection import SIDEWAYS
 from photogram.survey import Photograph
 
-Reason = Literal["footprint", "neighbour", "retrieval", "exhaustive", "depth", "start"]
+Reason = Literal["footprint", "neighbour", "retrieval", "exhaustive", "depth"]
 
 _GRID = 7  # rays per side of a photograph that stand for its footprint
 _REACH = 5.0  # ground farther away than this many flying heights is too oblique to count

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from photogram.arrays import FloatArray
+from photogram.arrays import ByteArray, FloatArray
 from photogram.survey import Features, Matches, TiePoints
 
 SIZE_EXPONENT = 1 / 3
@@ -75,6 +75,42 @@ def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma
         colour[node[leaders]],
     )
     return Joined(tie_points, len(conflicting))
+
+
+def without_conflicts(tie_points: TiePoints) -> Joined:
+    """Return tie points that are joined already, without those that have two observations in one photograph, ordered as
+    ``join_matches`` does: points by their first observation."""
+    again = (np.diff(tie_points.point) == 0) & (np.diff(tie_points.photograph) == 0)
+    consistent = np.ones(len(tie_points), dtype=bool)
+    consistent[tie_points.point[1:][again]] = False
+    kept = tie_points.select(consistent)
+    first = kept.first_observation[:-1]
+    sequence = np.lexsort((kept.feature[first], kept.photograph[first]))
+    rank = np.argsort(sequence)
+    order = np.argsort(rank[kept.point], kind="stable")
+    ordered = TiePoints(
+        kept.photograph[order],
+        rank[kept.point[order]],
+        kept.feature[order],
+        kept.pixel[order],
+        kept.sigma_px[order],
+        kept.position_world_m[sequence],
+        kept.colour[sequence],
+    )
+    return Joined(ordered, int(np.count_nonzero(~consistent)))
+
+
+def coloured(tie_points: TiePoints, photograph: int, pixels: ByteArray) -> TiePoints:
+    """Return tie points, those whose first observation is in a photograph in the colour that its red, green, blue
+    ``pixels`` (H, W, 3) have there."""
+    first = tie_points.first_observation[:-1]
+    here = tie_points.photograph[first] == photograph
+    height, width = pixels.shape[:2]
+    place = np.rint(tie_points.pixel[first[here]]).astype(np.int64)
+    column, row = np.clip(place, 0, np.array([width, height]) - 1).T
+    colour = tie_points.colour.copy()
+    colour[here] = pixels[row, column]
+    return replace(tie_points, colour=colour)
 
 
 def seen_in_all(tie_points: TiePoints, photographs: Sequence[int]) -> TiePoints:
