@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from photogram.errors import ProjectError
+from photogram.exchange.solution_export import export_solution
+from photogram.exchange.solution_import import import_solution
 from photogram.files.photographs.masks import write_mask
 from photogram.pipeline.input_validation import validate_project, validate_project_file
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.solution_export import export_solution
-from photogram.pipeline.solution_import import import_solution
 from photogram.project.masks import ProjectMasks
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 
