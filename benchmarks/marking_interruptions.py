@@ -4,12 +4,12 @@
 
 The command works on a small survey of 12 points in 4 photographs. Two tabs mark, move and remove marks as fast as they
 are answered, each at places of its own, until the process is killed (SIGKILL) at random, up to 0.6 s after the first
-mark was sent; every tenth run it is killed while it starts, before it gives an address. After every third kill half a
-record is appended to the journal besides, as a failing power supply leaves it: a kill alone tears no single write.
+mark was sent; every tenth run it is killed while it starts, before it gives an address. After every third kill part of
+a page is appended to the log besides, as a failing power supply leaves it: a kill alone tears no single write.
 The files are then read as they are, the command is started again on them, and its last step is undone and done again.
 
     starting   kills while the command started
-    torn       journals that ended in half a record, and of these, those that the next start said it had recovered
+    torn       logs that ended in part of a page
     answered   actions that the server said were done, and that are looked for afterwards
     lost       of these, those that the journal or, after the next start, marks.csv has not, or at another pixel
     half       times that marks.csv or the journal could not be read completely
@@ -36,7 +36,7 @@ from photogram.errors import PhotogramError
 from photogram.files.marks.mark_table import read_marks
 from photogram.files.marks.marks import Mark, Place
 from photogram.marking.files.actions import Action, PlaceMarks, RemoveMarks, state_of
-from photogram.marking.files.journal import JournalContent, read_journal
+from photogram.marking.files.journal import read_journal
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey_folder
 from photogram.simulation.survey_plan import SurveyPlan
@@ -52,8 +52,9 @@ REMOVED_SHARE = 0.15
 RAW_SHARE = 0.9
 KILLED_STARTING_EVERY, TORN_EVERY = 10, 3
 OWN = {"photographs", "points.csv", "truth.json", "project.yaml", "marks.csv", "work", "results", "log.txt"}
-OWN_MARKING = {"journal.jsonl", "proposals.csv"}
-HALF_RECORD = b'{"n":1,"at":"2026-05-01T10:20:30Z","do":"mark","marks":[{"point":"P1","photo'
+OWN_MARKING = {"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", "journal.lock", "proposals.csv"}
+FRAME_BYTES = 24 + 4096
+"""Length of a page in the journal's log, with its header."""
 
 
 @dataclass(frozen=True)
@@ -135,14 +136,13 @@ class Sums:
     half: int = 0
     behind: int = 0
     torn: int = 0
-    recovered: int = 0
     left_over: int = 0
     undo: int = 0
 
     @property
     def is_held(self) -> bool:
         """Whether nothing went wrong."""
-        return not (self.lost or self.half or self.behind or self.left_over or self.undo or self.torn != self.recovered)
+        return not (self.lost or self.half or self.behind or self.left_over or self.undo)
 
 
 def written_survey(folder: Path) -> tuple[Path, SimulatedSurvey]:
@@ -189,8 +189,8 @@ class Runs:
     def __init__(self, project: Path, places: list[Place], seed: int) -> None:
         self._project, self._sums, self._rng = project, Sums(), random.Random(seed)
         self._tabs = [Tab(places[i::TABS]) for i in range(TABS)]
-        self._marks, self._journal = project.with_name("marks.csv"), project.parent / "work/marking/journal.jsonl"
-        self._was_torn, self._strays = False, set[Path]()
+        self._marks, self._journal = project.with_name("marks.csv"), project.parent / "work/marking/journal.sqlite"
+        self._strays = set[Path]()
         self._start_s, self._threads = 3.0, list[threading.Thread]()
 
     def run(self, count: int) -> Sums:
@@ -233,13 +233,10 @@ class Runs:
     def _start_and_check(self, command: MarkCommand) -> tuple[int, str]:
         """Wait for the page, and check what the session before has left to it."""
         port, token, self._start_s = command.address()
-        if self._was_torn:
-            self._sums.recovered += "was cut off when it was written" in command.said
-            self._was_torn = False
-        content = self._content()
-        if content is None:
+        actions = self._actions()
+        if actions is None:
             return port, token
-        marks, before = steps_of(content.actions)
+        marks, before = steps_of(actions)
         self._compare("marks.csv after the start", self._table(), marks)
         folder, own = self._project.parent, self._journal.parent
         strays = {p for p in folder.iterdir() if p.name not in OWN}
@@ -264,10 +261,10 @@ class Runs:
         """Check the files as the kill has left them, and tear the journal now and then."""
         if not self._journal.exists():
             return
-        content = self._content()
-        if content is None:
+        actions = self._actions()
+        if actions is None:
             return
-        marks = dict(state_of(content.actions).marks)
+        marks = dict(state_of(actions).marks)
         for tab in self._tabs:
             lost = tab.lost(marks)
             if lost:
@@ -275,15 +272,15 @@ class Runs:
                 self._sums.lost += lost
             tab.settle(marks)
         table = self._table()
-        if table is not None and table not in (marks, dict(state_of(content.actions[:-1]).marks)):
+        if table is not None and table not in (marks, dict(state_of(actions[:-1]).marks)):
             print(f"run {number + 1}: marks.csv is behind", flush=True)
             self._sums.behind += 1
-        if content.torn is None and number % TORN_EVERY == 0:
-            with self._journal.open("ab") as stream:
-                stream.write(HALF_RECORD[: self._rng.randrange(1, len(HALF_RECORD))])
-        if content.torn is not None or number % TORN_EVERY == 0:
-            self._sums.torn += not self._was_torn
-            self._was_torn = True
+        if number % TORN_EVERY == 0:
+            log = self._journal.with_name(f"{self._journal.name}-wal")
+            last = log.read_bytes()[-FRAME_BYTES:] if log.exists() else b""
+            with log.open("ab") as stream:
+                stream.write(last[: self._rng.randrange(1, FRAME_BYTES)])
+            self._sums.torn += 1
 
     def _compare(self, what: str, table: dict[Place, Mark] | None, marks: dict[Place, Mark]) -> None:
         if table is None:
@@ -300,7 +297,7 @@ class Runs:
         self._sums.half += table is None
         return table
 
-    def _content(self) -> JournalContent | None:
+    def _actions(self) -> tuple[Action, ...] | None:
         try:
             return read_journal(self._journal)
         except PhotogramError as fault:
@@ -322,10 +319,10 @@ def main() -> None:
         began_s = time.monotonic()
         sums = Runs(project, places, given.seed).run(given.runs)
         seconds = time.monotonic() - began_s
-    print("kills  starting  answered  lost  half  behind  torn  recovered  left over  undo  seconds")
+    print("kills  starting  answered  lost  half  behind  torn  left over  undo  seconds")
     print(
         f"{sums.kills:5}  {sums.starting:8}  {sums.answered:8}  {sums.lost:4}  {sums.half:4}  {sums.behind:6}  "
-        f"{sums.torn:4}  {sums.recovered:9}  {sums.left_over:9}  {sums.undo:4}  {seconds:7.0f}"
+        f"{sums.torn:4}  {sums.left_over:9}  {sums.undo:4}  {seconds:7.0f}"
     )
     print(f"{'held' if sums.is_held else 'not held'}: nothing that was answered is lost, no file is half or left over")
 

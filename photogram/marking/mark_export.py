@@ -116,11 +116,7 @@ def _check_targets(survey: Project, files: Sequence[Path], overwrite: bool) -> N
 
 def _known(survey: Project) -> _Known:
     notes: list[str] = []
-    journal = survey.work / FOLDER / JOURNAL
-    content = read_journal(journal) if journal.exists() else None
-    actions = () if content is None else content.actions
-    if content is not None and content.torn is not None:
-        notes.append(f"{journal}: {content.torn}")
+    actions = read_journal(survey.work / FOLDER / JOURNAL)
     state, touched = state_of(actions), touched_places(actions)
     table = survey.path.parent / MARKS
     if actions and table.is_file() and table.read_bytes() != text_of_marks(state.marks.values()).encode():

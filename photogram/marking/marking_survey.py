@@ -25,7 +25,7 @@ from photogram.project.measured.measured_positions import measured_position
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import Block
 
-FOLDER, JOURNAL = "marking", "journal.jsonl"
+FOLDER, JOURNAL = "marking", "journal.sqlite"
 
 Progress = Callable[[int, int, str], None]
 

@@ -91,8 +91,6 @@ def _session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReade
         propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),
     )  # fmt: skip
     try:
-        if session.torn is not None:
-            console.print(f"[yellow]warning[/yellow] {escape(str(survey.journal))}: {session.torn}", soft_wrap=True)
         if session.set_aside is not None:
             text = f"{survey.marks} was not written here: it is kept as {session.set_aside.name}"
             console.print(f"[yellow]warning[/yellow] {escape(text)}", soft_wrap=True)

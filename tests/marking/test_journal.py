@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import signal
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path
 from random import Random
 from threading import Thread
@@ -163,138 +166,219 @@ def test_what_no_action_may_hold(make: Callable[[], object], expected: str) -> N
 # -- on disk ----------------------------------------------------------------------------------------------------------
 
 
+def killed(path: Path, done: list[Action]) -> tuple[bytes, bytes]:
+    """Return database and log as a process that was killed after these actions leaves them."""
+    with Journal(path) as journal:
+        for action in done:
+            journal.append(action)
+        return path.read_bytes(), log_of(path).read_bytes()
+
+
+def log_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}-wal")
+
+
+def changed(path: Path, *statements: str) -> None:
+    """Change a database behind photogram's back."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        for statement in statements:
+            database.execute(statement)
+
+
 @quick
 @given(done=st.lists(actions, max_size=8))
 def test_round_trip(tmp_path_factory: pytest.TempPathFactory, done: list[Action]) -> None:
-    path = tmp_path_factory.mktemp("round") / "journal.jsonl"
+    path = tmp_path_factory.mktemp("round") / "journal.sqlite"
     written(path, done)
-    read = read_journal(path)
-    assert (list(read.actions), read.torn) == (done, None)
+    assert list(read_journal(path)) == done
     with Journal(path) as journal:
-        assert (journal.state, journal.sequence, journal.torn) == (state_of(done), len(done), None)
+        assert (journal.state, journal.sequence, list(journal.earlier)) == (state_of(done), len(done), done)
 
 
-def test_every_truncation_gives_the_actions_before_it(tmp_path: Path) -> None:
-    data = written(tmp_path / "whole", SOME)
-    path = tmp_path / "cut"
-    for size in range(len(data) + 1):
-        path.write_bytes(data[:size])
+def test_every_truncation_of_the_log_gives_the_actions_before_it(tmp_path: Path) -> None:
+    database, log = killed(tmp_path / "whole.sqlite", SOME)
+    path = tmp_path / "cut.sqlite"
+    counts = []
+    for size in sorted({*range(0, len(log), 509), len(log) - 1, len(log)}):
+        path.write_bytes(database)
+        log_of(path).write_bytes(log[:size])
         read = read_journal(path)
-        whole = max(data[:size].count(b"\n") - 1, 0)
-        assert list(read.actions) == SOME[:whole]
-        assert (read.torn is None) == (size == 0 or data[size - 1 : size] == b"\n")
-        with Journal(path) as journal:  # goes on where the whole records end
-            assert journal.torn == read.torn
-            assert journal.append(Redo()) == whole + 1
-        assert list(read_journal(path).actions) == [*SOME[:whole], Redo()]
+        counts.append(len(read))
+        assert list(read) == SOME[: len(read)]
+        with Journal(path) as journal:  # goes on where the whole actions end
+            assert journal.append(Redo()) == len(read) + 1
+        assert read_journal(path) == (*read, Redo())
+    assert sorted(counts) == counts
+    assert set(counts) == set(range(len(SOME) + 1))
 
 
-def test_what_was_dropped_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "journal.jsonl"
-    data = written(path, SOME)
-    path.write_bytes(data[:-5] + b"\0\0")
-    read = read_journal(path)
-    assert list(read.actions) == SOME[:-1]
-    assert str(read.torn).startswith("line 8 was cut off when it was written")
-
-
-@pytest.mark.parametrize("count", [0, 1, len(SOME)])
-def test_every_flipped_bit_of_the_last_record_is_noticed(tmp_path: Path, count: int) -> None:
-    path = tmp_path / "journal.jsonl"
-    data = written(path, SOME[:count])
-    begin = data[:-1].rfind(b"\n") + 1
-    for place_of_byte in range(begin, len(data)):
-        for bit in range(8):
-            spoilt = bytearray(data)
-            spoilt[place_of_byte] ^= 1 << bit
-            path.write_bytes(spoilt)
-            if not count:  # nothing is left that says what the file is
-                with pytest.raises(WorkspaceError, match=r"journal\.jsonl:1: is not a journal of marks"):
-                    read_journal(path)
-                continue
-            read = read_journal(path)
-            assert list(read.actions) == SOME[: count - 1]
-            assert read.torn is not None
-
-
-def test_damage_in_the_middle_is_an_error_and_changes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "journal.jsonl"
+def test_no_flipped_bit_changes_what_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
     data = written(path, SOME)
     random = Random(1)
-    second, last = data.index(b"\n") + 1, data[:-1].rfind(b"\n")
-    for _ in range(200):
+    begin = data.rindex(b"not_visible") - 200  # rows are at the end of a page; half of the flips hit them
+    harmless = 0
+    for i in range(400):
         spoilt = bytearray(data)
-        spoilt[random.randrange(second, last - 1)] ^= 1 << random.randrange(8)
+        spoilt[random.randrange(begin if i % 2 else 0, len(data))] ^= 1 << random.randrange(8)
         path.write_bytes(spoilt)
+        with suppress(WorkspaceError):
+            assert list(read_journal(path)) == SOME
+            harmless += 1
+        log_of(path).unlink(missing_ok=True)
+    assert 100 < harmless < 300
+
+
+def test_blocks_of_nonsense_are_refused_or_harmless(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    database, log = killed(path, SOME)
+    random = Random(2)
+    for i in range(150):
+        spoilt = bytearray(log if i % 2 else database)
+        begin, length = random.randrange(len(spoilt)), random.randrange(1, 300)
+        spoilt[begin : begin + length] = random.randbytes(length)
+        path.write_bytes(database if i % 2 else spoilt)
+        log_of(path).write_bytes(spoilt if i % 2 else log)
+        with suppress(WorkspaceError), Journal(path) as journal:
+            assert list(journal.earlier) == SOME[: len(journal.earlier)]
+
+
+def test_what_was_changed_from_outside_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    for statement, expected in (
+        (
+            "UPDATE actions SET fields = replace(fields, '0.8', '0.9')",
+            "corrupt record inside the journal, action 4",
+        ),
+        ("UPDATE actions SET at = x'ff' WHERE number = 3", "corrupt record inside the journal, action 3"),
+        ("UPDATE actions SET number = 9 WHERE number = 5", "action 5 is missing"),
+        ("DELETE FROM actions WHERE number = 1", "action 1 is missing"),
+    ):
+        written(path, SOME)
+        changed(path, statement)
         for reader in (read_journal, Journal):
-            with pytest.raises(
-                WorkspaceError, match=r"journal\.jsonl:\d: the record is damaged, and whole ones follow"
-            ):
+            with pytest.raises(WorkspaceError, match=re.escape(expected) + r"\): restore a copy of it.*marks\.csv"):
                 reader(path)
-        assert path.read_bytes() == spoilt
-
-
-def test_a_missing_line_and_a_doubled_one_are_noticed(tmp_path: Path) -> None:
-    path = tmp_path / "journal.jsonl"
-    lines = written(path, SOME).splitlines(keepends=True)
-    for other in ([*lines[:3], *lines[4:]], [*lines[:4], *lines[3:]]):
-        path.write_bytes(b"".join(other))
-        with pytest.raises(WorkspaceError, match=r"journal\.jsonl:[45]: has not the number [34], so lines are missing"):
-            read_journal(path)
+        path.unlink()
 
 
 @pytest.mark.parametrize(
-    ("record", "expected"),
+    ("kind", "fields", "expected"),
     [
-        ({"n": 1, "do": "dance"}, "2: no action that this photogram knows"),
-        ({"n": 1, "do": "mark", "marks": [{"point": "A"}]}, "2: no action that this photogram knows"),
-        ({"n": 1, "do": "role", "point": "A", "role": "king"}, "2: no action that this photogram knows"),
-        ({"n": 1, "do": "not_visible", "point": "", "photograph": "1"}, "2: point '': must be 1 to 255"),
-        ({"n": 1, "do": "point", "name": "A", "position": [1, 2]}, "2: no action that this photogram knows"),
-        ({"n": 1, "do": "point", "name": "A", "position": [1, True, 2]}, "2: no action that this photogram knows"),
-        ({"n": 1, "do": "remove", "places": [["A"]]}, "2: no action that this photogram knows"),
+        ("dance", "{}", "unknown action 'dance'"),
+        ("mark", '{"marks":[{"point":"A"}]}', "required"),
+        ("mark", '{"marks":[],"more":1}', "Unexpected keyword argument"),
+        ("mark", "[" * 100_000, "Invalid JSON"),
+        ("mark", "{}],[{}", "Invalid JSON"),
+        ("role", '{"point":"A","role":"king"}', "Input should be 'control', 'check' or 'tie'"),
+        ("not_visible", '{"point":"","photograph":"1"}', "point '': must be 1 to 255"),
+        ("point", '{"point":{"name":"A","position":[1,2]}}', "required"),
+        ("point", '{"point":{"name":"A","position":[1,true,2]}}', "Input should be a valid number"),
+        ("remove", '{"places":[["A"]]}', "required"),
     ],
 )
-def test_what_another_version_wrote(tmp_path: Path, record: dict[str, object], expected: str) -> None:
-    path = tmp_path / "journal.jsonl"
-    path.write_bytes(module._HEADER + module._sealed(record))
-    with pytest.raises(WorkspaceError, match=r"journal\.jsonl:" + expected):
+def test_what_another_version_wrote(tmp_path: Path, kind: str, fields: str, expected: str) -> None:
+    path = tmp_path / "journal.sqlite"
+    written(path, [])
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute(module._INSERT, module._row(1, "", kind, fields))
+    with pytest.raises(WorkspaceError, match=rf"journal\.sqlite: action 1: .*({expected}).*: install the photogram"):
         read_journal(path)
-    path.write_bytes(module._sealed({"n": 0, "journal": "photogram marks", "format": 9}))
-    with pytest.raises(
-        WorkspaceError, match=r"journal\.jsonl:1: has format 9, this photogram reads 1: install a newer"
-    ):
+    changed(path, "PRAGMA user_version = 9")
+    with pytest.raises(WorkspaceError, match=r"has format 9, this photogram reads 1: install a newer"):
         read_journal(path)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE TABLE more (x)",
+        "CREATE VIEW more AS SELECT 1",
+        "CREATE TRIGGER more AFTER INSERT ON actions BEGIN DELETE FROM actions; END",
+        "CREATE INDEX more ON actions (upper(kind))",
+        "ALTER TABLE actions ADD COLUMN more AS (zeroblob(1000000000))",
+        "DROP TABLE actions",
+        "PRAGMA application_id = 7",
+    ],
+)
+def test_a_database_of_another_form_is_refused(tmp_path: Path, statement: str) -> None:
+    path = tmp_path / "journal.sqlite"
+    written(path, SOME)
+    changed(path, statement)
+    data = path.read_bytes()
+    for reader in (Journal, read_journal):
+        with pytest.raises(WorkspaceError, match=r"journal\.sqlite: is not a journal of marks"):
+            reader(path)
+    assert path.read_bytes() == data
 
 
 def test_what_is_no_journal_is_not_touched(tmp_path: Path) -> None:
-    path = tmp_path / "notes.txt"
-    for text in ("my notes", "my notes\nof today\n", '{"n":0}\n'):
+    path = tmp_path / "notes.sqlite"
+    for text in ("my notes", "my notes\nof today\n" * 100):
         path.write_text(text)
-        with pytest.raises(WorkspaceError, match=r"notes\.txt:1: is not a journal of marks"):
+        with pytest.raises(WorkspaceError, match=r"notes\.sqlite: .* is damaged \(file is not a database"):
             Journal(path)
         assert path.read_text() == text
-    with pytest.raises(WorkspaceError, match="No such file"):
-        read_journal(tmp_path / "none")
-    with pytest.raises(WorkspaceError, match="cannot be written"):
-        Journal(tmp_path / "none" / "journal.jsonl")
-    (tmp_path / "link").symlink_to(path)
-    with pytest.raises(WorkspaceError, match="cannot be written"):
-        Journal(tmp_path / "link")
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(WorkspaceError, match="is no ordinary file"):
-        Journal(tmp_path / "pipe")
+    changed(tmp_path / "other.sqlite", "CREATE TABLE mine (x)")
+    data = (tmp_path / "other.sqlite").read_bytes()
+    with pytest.raises(WorkspaceError, match="is not a journal of marks"):
+        Journal(tmp_path / "other.sqlite")
+    assert (tmp_path / "other.sqlite").read_bytes() == data
 
 
-def test_one_process_at_a_time(tmp_path: Path) -> None:
-    with Journal(tmp_path / "journal.jsonl") as journal:
+def test_links_pipes_and_too_large_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    with pytest.raises(WorkspaceError, match="cannot be opened or written"):
+        Journal(tmp_path / "none" / "journal.sqlite")
+    target = tmp_path / "target"
+    for suffix in (".lock", ".sqlite", ".sqlite-wal", ".sqlite-shm", ".sqlite-journal"):
+        for make in (lambda link: link.symlink_to(target), os.mkfifo, Path.mkdir):
+            strange = path.with_suffix(suffix)
+            strange.unlink(missing_ok=True)
+            make(strange)
+            with pytest.raises(WorkspaceError, match=f"{strange.name}: is no regular file"):
+                Journal(path)
+            strange.rmdir() if strange.is_dir() else strange.unlink()
+    assert not target.exists()
+    path.with_suffix(".lock").write_bytes(b"something")
+    with pytest.raises(WorkspaceError, match="is not the empty file that locks the journal"):
+        Journal(path)
+    path.with_suffix(".lock").unlink()
+    with path.open("wb") as stream:
+        stream.truncate(module.MOST_BYTES + 1)
+    with pytest.raises(WorkspaceError, match="at most 1000 MB are read here"):
+        Journal(path)
+
+
+_HOLDER = """
+import sys
+from pathlib import Path
+from photogram.marking.files.journal import Journal
+with Journal(Path(sys.argv[1])) as journal:
+    print(journal.sequence, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_one_process_at_a_time_while_others_may_read(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    written(path, SOME)
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        assert int(holder.stdout.readline()) == len(SOME)
+        with pytest.raises(WorkspaceError, match=r"journal\.sqlite: another process has it open"):
+            Journal(path)
+        assert list(read_journal(path)) == SOME
+        holder.kill()
+    with Journal(path) as journal:
         with pytest.raises(WorkspaceError, match="another process has it open"):
-            Journal(tmp_path / "journal.jsonl")
+            Journal(path)
         journal.append(place("A"))
     with pytest.raises(WorkspaceError, match="the journal is closed"):
         journal.append(place("B"))
-    with Journal(tmp_path / "journal.jsonl") as journal:
-        assert journal.sequence == 1
+    assert read_journal(path) == (*SOME, place("A"))
 
 
 def test_threads_append_at_the_same_time(tmp_path: Path) -> None:
@@ -303,7 +387,7 @@ def test_threads_append_at_the_same_time(tmp_path: Path) -> None:
     def work(name: str) -> None:
         numbers.extend(journal.append(place(name, f"{i}.jpg")) for i in range(50))
 
-    with Journal(tmp_path / "journal.jsonl") as journal:
+    with Journal(tmp_path / "journal.sqlite") as journal:
         threads = [Thread(target=work, args=(name,)) for name in "ABCD"]
         for thread in threads:
             thread.start()
@@ -312,27 +396,23 @@ def test_threads_append_at_the_same_time(tmp_path: Path) -> None:
         state = journal.state
     assert sorted(numbers) == list(range(1, 201))
     assert len(state.marks) == 200
-    assert state_of(read_journal(tmp_path / "journal.jsonl").actions) == state
+    assert state_of(read_journal(tmp_path / "journal.sqlite")) == state
 
 
-def test_a_full_disk_leaves_no_part_of_a_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, write = tmp_path / "journal.jsonl", os.write
+def test_a_full_disk_leaves_no_part_of_an_action(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     with Journal(path) as journal:
         journal.append(place("A"))
-        before = path.read_bytes()
-
-        def full(file: int, data: bytes) -> int:
-            if len(data) > 40:
-                return write(file, data[:40])
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr(os, "write", full)
-        with pytest.raises(WorkspaceError, match=r"No space left on device.*free space"):
-            journal.append(place("B"))
-        monkeypatch.undo()
-        assert path.read_bytes() == before
+        resource.setrlimit(resource.RLIMIT_FSIZE, (log_of(path).stat().st_size + 100, hard))
+        try:
+            with pytest.raises(WorkspaceError, match=r"cannot be opened or written.*free space"):
+                journal.append(place("B"))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert read_journal(path) == (place("A"),)
         assert journal.append(place("C")) == 2
-    assert list(read_journal(path).actions) == [place("A"), place("C")]
+    assert read_journal(path) == (place("A"), place("C"))
 
 
 _WRITER = """
@@ -343,7 +423,7 @@ from photogram.marking.files.actions import PlaceMarks
 from photogram.marking.files.journal import Journal
 from photogram.files.marks.mark_table import write_marks
 folder = Path(sys.argv[1])
-with Journal(folder / "journal.jsonl") as journal:
+with Journal(folder / "journal.sqlite") as journal:
     while True:
         number = journal.append(PlaceMarks((Mark("A", f"{journal.sequence}.jpg", (1.5, 2.5)),)))
         print(number, flush=True)
@@ -364,7 +444,7 @@ def test_a_killed_process_leaves_no_half_file(tmp_path: Path) -> None:
         told = max([told, *map(int, writer.stdout.read().split("\n")[:-1])])
         writer.stdout.close()
         writer.wait()
-        done = read_journal(tmp_path / "journal.jsonl").actions
+        done = read_journal(tmp_path / "journal.sqlite")
         assert len(done) >= told  # whatever was told to be on the disk is there
         if (tmp_path / "marks.csv").exists():
             held = {mark.place for mark in read_marks(tmp_path / "marks.csv")}

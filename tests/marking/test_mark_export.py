@@ -64,7 +64,7 @@ def read_back(
 def journal(survey: Path, *actions: Action) -> None:
     folder = survey / "work/marking"
     folder.mkdir(parents=True, exist_ok=True)
-    with Journal(folder / "journal.jsonl") as opened:
+    with Journal(folder / "journal.sqlite") as opened:
         for action in actions:
             opened.append(action)
 
@@ -226,13 +226,14 @@ def test_a_table_that_was_edited_after_marking_is_told_of(survey: Path) -> None:
     assert "was changed since it was marked" in note
 
 
-def test_a_journal_that_was_cut_off_is_told_of(survey: Path) -> None:
+def test_nothing_is_exported_from_a_damaged_journal(survey: Path) -> None:
     place = sorted(given(load_project(survey / "project.yaml"))[1])[0]
     journal(survey, PlaceMarks((mark(*place),)))
-    with (survey / "work/marking/journal.jsonl").open("ab") as stream:
-        stream.write(b'{"n":2,"at"')
-    (note,) = exported(survey).notes
-    assert "was cut off" in note
+    path = survey / "work/marking/journal.sqlite"
+    path.write_bytes(path.read_bytes()[:-100] + bytes(100))
+    with pytest.raises(WorkspaceError, match=r"the journal of marks is damaged .*: restore a copy of it"):
+        exported(survey)
+    assert not (survey / "marked.csv").exists()
 
 
 def test_every_place_that_was_ever_marked_or_cleared_is_known() -> None:

@@ -111,7 +111,7 @@ def page(
     dots[::DOTS_APART, ::DOTS_APART] = 255
     Image.fromarray(dots).save(folder / "dots.png")
     patches = PatchReader([folder / "dots.png"] * len(block.photographs), [size] * len(block.photographs))
-    session = MarkingSession(block, folder / "journal.jsonl", folder / "marks.csv")
+    session = MarkingSession(block, folder / "journal.sqlite", folder / "marks.csv")
     server = MarkServer(session, patches, "dots")
     thread = Thread(target=server.serve)
     thread.start()

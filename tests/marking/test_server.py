@@ -41,7 +41,7 @@ def serving(folder: Path, reader: type[PatchReader] = PatchReader) -> Iterator[M
     Image.fromarray(np.dstack([column, row, 0 * row]).astype(np.uint8)).save(folder / "one.png")
     count = len(block.photographs)
     patches = reader([folder / "one.png"] * count, [size] * count)
-    session = MarkingSession(block, folder / "journal.jsonl", folder / "marks.csv")
+    session = MarkingSession(block, folder / "journal.sqlite", folder / "marks.csv")
     server = MarkServer(session, patches, "test")
     thread = Thread(target=server.serve)
     thread.start()

@@ -36,7 +36,7 @@ def whole() -> Block:
 
 @pytest.fixture
 def session(whole: Block, tmp_path: Path) -> Iterator[MarkingSession]:
-    opened = MarkingSession(without_marks(whole), tmp_path / "journal.jsonl", tmp_path / "marks.csv")
+    opened = MarkingSession(without_marks(whole), tmp_path / "journal.sqlite", tmp_path / "marks.csv")
     yield opened
     opened.close()
 
@@ -49,7 +49,7 @@ def test_a_mark_is_in_journal_and_table_when_it_is_answered(session: MarkingSess
         (name, photograph), (100.25, 50.5), (100.25, 50.5), "raw",
     )  # fmt: skip
     assert mark.sigma_px == (1.0, 1.0)
-    assert len(read_journal(tmp_path / "journal.jsonl").actions) == 1
+    assert len(read_journal(tmp_path / "journal.sqlite")) == 1
     session.set_doubtful(name, photograph, True)
     assert read_marks(tmp_path / "marks.csv")[0].is_doubtful
     session.set_visible(name, photograph, False)
@@ -67,7 +67,7 @@ def test_a_mark_is_in_journal_and_table_when_it_is_answered(session: MarkingSess
 
 
 def test_marks_of_the_project_are_taken_over_once_and_not_undone(whole: Block, tmp_path: Path) -> None:
-    files = tmp_path / "journal.jsonl", tmp_path / "marks.csv"
+    files = tmp_path / "journal.sqlite", tmp_path / "marks.csv"
     first = MarkingSession(whole, *files)
     assert len(first.moment().state.marks) == len(whole.control_points.mark_point)
     assert {mark.kind for mark in first.moment().state.marks.values()} == {IMPORTED}
@@ -91,7 +91,7 @@ def test_a_table_of_somebody_else_is_kept_under_another_name(whole: Block, tmp_p
     table = tmp_path / "marks.csv"
     table.write_text("point,photograph,u,v\nmine,a.jpg,1,2\n")
     own = without_marks(whole)
-    first = MarkingSession(own, tmp_path / "journal.jsonl", table)
+    first = MarkingSession(own, tmp_path / "journal.sqlite", table)
     assert first.set_aside is not None
     assert "mine,a.jpg,1,2" in first.set_aside.read_text()
     name, photograph = own.control_points.name[0], own.photographs[0].name
@@ -99,11 +99,11 @@ def test_a_table_of_somebody_else_is_kept_under_another_name(whole: Block, tmp_p
     stale = table.read_bytes()
     first.mark(name, photograph, (3.0, 4.0))
     first.close()
-    again = MarkingSession(own, tmp_path / "journal.jsonl", table)
+    again = MarkingSession(own, tmp_path / "journal.sqlite", table)
     again.close()
     assert again.set_aside is None
     table.write_bytes(stale)  # as a crash between journal and table leaves it
-    again = MarkingSession(own, tmp_path / "journal.jsonl", table)
+    again = MarkingSession(own, tmp_path / "journal.sqlite", table)
     again.close()
     assert again.set_aside is None
     assert read_marks(table)[0].pixel == (3.0, 4.0)
@@ -123,7 +123,7 @@ def test_what_cannot_be_is_refused_and_not_kept(session: MarkingSession, tmp_pat
     session.add_point(NewPoint("tie"))
     with pytest.raises(ControlPointError, match="coordinates"):
         session.set_role("tie", "check")
-    assert len(read_journal(tmp_path / "journal.jsonl").actions) == 1
+    assert len(read_journal(tmp_path / "journal.sqlite")) == 1
 
 
 def test_points_that_were_added_and_roles_are_in_the_block(session: MarkingSession) -> None:
@@ -190,7 +190,7 @@ from photogram.marking.page.session import MarkingSession
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
 whole = tagged_block(simulate_block(whole_survey_plan(), 1).block)
-session = MarkingSession(without_marks(whole), Path(sys.argv[1]) / "journal.jsonl", Path(sys.argv[1]) / "marks.csv")
+session = MarkingSession(without_marks(whole), Path(sys.argv[1]) / "journal.sqlite", Path(sys.argv[1]) / "marks.csv")
 number = 0
 while True:
     for photograph in whole.photographs:
@@ -215,7 +215,7 @@ def test_killed_at_any_moment_no_answered_mark_is_lost_and_no_file_is_half(tmp_p
         hand.wait()
         number, name = [line for line in said if line.endswith("\n")][-1].split()
         read_marks(tmp_path / "marks.csv")  # whole
-        again = MarkingSession(without_marks(whole), tmp_path / "journal.jsonl", tmp_path / "marks.csv")
+        again = MarkingSession(without_marks(whole), tmp_path / "journal.sqlite", tmp_path / "marks.csv")
         kept = {m.photograph: m.pixel[0] for m in again.moment().state.marks.values()}
         table = {m.photograph: m.pixel[0] for m in read_marks(tmp_path / "marks.csv")}
         again.close()

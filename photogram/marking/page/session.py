@@ -31,8 +31,9 @@ from photogram.marking.files.actions import (
     SetRole,
     Undo,
     state_of,
+    touched_places,
 )
-from photogram.marking.files.journal import Journal, read_journal, utc_now
+from photogram.marking.files.journal import Journal, utc_now
 from photogram.marking.page.outlook import (
     RAW_SIGMA_PX,
     Outlook,
@@ -96,20 +97,16 @@ def _given_marks(block: Block) -> list[Mark]:
     ]  # fmt: skip
 
 
-def _touched(actions: tuple[Action, ...]) -> tuple[set[Place], int]:
-    """Return the places that were ever marked or cleared, and how many steps could be undone after the last import."""
-    replay, places, floor = Replay(), set[Place](), 0
+def _steps_until_import(actions: tuple[Action, ...]) -> int:
+    """Return how many steps could be undone after the last import."""
+    replay = Replay()
+    steps = 0
     for action in actions:
         replay.do(action)
-        if isinstance(action, PlaceMarks):
-            places |= {mark.place for mark in action.marks}
-            if action.marks and all(mark.kind == IMPORTED and not mark.is_doubtful for mark in action.marks):
-                floor = replay.state().undoable
-        elif isinstance(action, RemoveMarks):
-            places |= set(action.places)
-        elif isinstance(action, SetNotVisible):
-            places.add((action.point, action.photograph))
-    return places, floor
+        marks = action.marks if isinstance(action, PlaceMarks) else ()
+        if marks and all(mark.kind == IMPORTED and not mark.is_doubtful for mark in marks):
+            steps = replay.state().undoable
+    return steps
 
 
 def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path | None:
@@ -151,12 +148,11 @@ class MarkingSession:
     ) -> None:
         self.block, self._table, self._snap, self._better, self._propose = block, marks, snap, better, propose
         self.numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)}
-        seen = read_journal(journal).actions if journal.exists() else ()
-        places, self._floor = _touched(seen)
         self._journal = Journal(journal)
+        seen = self._journal.earlier
+        places, self._floor = touched_places(seen), _steps_until_import(seen)
         for folder in (journal.parent, marks.parent):  # of sessions that were killed: no other one has the journal
             remove_leftovers(folder)
-        self.torn = self._journal.torn
         new = tuple(mark for mark in _given_marks(block) if mark.place not in places)
         if new:
             self._journal.append(PlaceMarks(new))
