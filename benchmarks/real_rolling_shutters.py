@@ -32,11 +32,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from lib.other_clouds import height_differences_m, nmad
+from lib.other_clouds import height_differences_m
 from lib.shared_data import SHARED_DATA
 
 from photogram.adjustment.self_calibration import with_priors
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.camera import Camera
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster

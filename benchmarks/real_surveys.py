@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 from lib import dbat
-from lib.other_clouds import height_differences_m, nmad
+from lib.other_clouds import height_differences_m
 from lib.shared_data import SHARED_DATA
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.files.clouds.points import read_cloud
 from photogram.quality.prediction_test import predicted_against_achieved
 

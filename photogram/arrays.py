@@ -1,4 +1,4 @@
-"""Array types, and checks of shapes and ranges."""
+"""Array types, checks of shapes, groups and the scatter of numbers."""
 
 from __future__ import annotations
 
@@ -34,6 +34,12 @@ def grouped(number: IntArray, count: int) -> tuple[IntArray, IntArray]:
     n = len(number)
     by_number = csr_array((np.arange(n), number, np.arange(n + 1)), shape=(n, count)).tocsc()
     return by_number.indices.astype(np.int64), by_number.indptr.astype(np.int64)
+
+
+def nmad(values: FloatArray) -> float:
+    """Return 1.4826 median|v − median v|, the standard deviation of what most of the values are a sample of (Höhle &
+    Höhle 2009, eq. 1); NaN of nothing."""
+    return NMAD_FACTOR * float(np.median(np.abs(values - np.median(values)))) if values.size else float("nan")
 
 
 def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, ...]) -> None:

@@ -1,12 +1,20 @@
-"""Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun."""
+"""Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun, and
+how far work is."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 MOST_SHOWN = 60
+
+Progress = Callable[[int, int, str], None]
+"""Takes how far work is: pieces done, of how many, 0 while that is not known, and what is worked on."""
+
+
+def silent(_done: int, _total: int, _text: str) -> None:
+    """Take progress and say nothing."""
 
 
 def printable(text: str) -> str:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter
 
-from lib.dense_scores import PHOTOGRAPHS, Edges, edge_displacement, nmad, on_grid
+from lib.dense_scores import PHOTOGRAPHS, Edges, edge_displacement, on_grid
 from lib.dense_truth import Truth, centres_map_m
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.grid import MapGrid
 from photogram.simulation.cover_truth import WINDOWS_CELLS, CoverTruth, Kind, cover_truth
 from photogram.simulation.simulated_survey import SimulatedSurvey

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import binary_closing, map_coordinates
 
 from lib.dense_truth import Truth
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.grid import MapGrid
 from photogram.survey import PointCloud, Raster
 
@@ -94,11 +94,6 @@ class Agreement:
     nmad_m: float
     bent_nmad_m: float
     near: float
-
-
-def nmad(values: FloatArray) -> float:
-    """Return 1.4826 median|v − median v| (Höhle & Höhle 2009, eq. 1), NaN of nothing."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else float("nan")
 
 
 def on_grid(raster: Raster, grid: MapGrid) -> FloatArray:

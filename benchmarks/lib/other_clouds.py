@@ -17,8 +17,3 @@ def height_differences_m(own_m: FloatArray, other_m: FloatArray) -> tuple[FloatA
     near = np.asarray(distance)[:, -1] < REACH_M
     difference = own_m[:, 2] - np.median(other_m[index][..., 2], axis=1)
     return own_m[near], np.asarray(difference[near])
-
-
-def nmad(values: FloatArray) -> float:
-    """Return the normalised median absolute deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))

@@ -20,7 +20,7 @@ from photogram.adjustment.constraint_tests import constraint_tests
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
-from photogram.adjustment.problem import AdjustmentSettings, Progress, make_problem, minimise, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.shutters.rolling_shutter import (
@@ -57,6 +57,7 @@ from photogram.factors.joint_covariance import joint_ground_covariance, ray_cova
 from photogram.projection import PARAMETERS, READOUT, recalibrated
 from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Block
+from photogram.wording import Progress, silent
 
 _LOG = logging.getLogger(__name__)
 
@@ -108,7 +109,7 @@ def _with_common_error(
     problem = whole.with_tie_observations(whole.tie.select(solved.used))
     state = solved.minimum.state
     start = replace(state, common=values_after(solved.problem, state, change.errors))
-    progress(f"common errors: {names}")
+    progress(0, 0, f"common errors: {names}")
     minimum = minimise(problem, start, settings, progress)
     iterations = solved.iterations + minimum.iterations
     dropped = () if change.dropped is None else (change.dropped,)
@@ -122,7 +123,7 @@ def _without_none(solved: Solved, none: BoolArray, settings: AdjustmentSettings,
     held = none & free_readouts(solved.whole.block.cameras)
     if not held.any():
         return None
-    progress("no rolling shutter: the read-out time is held at zero")
+    progress(0, 0, "no rolling shutter: the read-out time is held at zero")
     whole = replace(solved.whole, block=without_rolling(solved.whole.block, held))
     problem, state = whole.with_tie_observations(whole.tie.select(solved.used)), solved.minimum.state
     parameters = state.parameters.copy()
@@ -135,7 +136,7 @@ def _without_none(solved: Solved, none: BoolArray, settings: AdjustmentSettings,
 def adjust(
     block: Block,
     settings: AdjustmentSettings,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
     *,
     start: Sequence[FloatArray] = (),
     sigmas: EstimatedSigmas | None = None,
@@ -228,7 +229,7 @@ def _adjust_oriented(
     asked = looked_for(block.cameras)
     ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked)
     while isinstance(ended, _Rolling):
-        progress("rolling shutter: the read-out time is estimated")
+        progress(0, 0, "rolling shutter: the read-out time is estimated")
         asked = asked & ~ended.there
         tie_points = replace(block.tie_points, position_world_m=ended.tie_point)
         rolling = replace(without_rolling(block, asked), poses=ended.poses, tie_points=tie_points)
@@ -270,7 +271,7 @@ def _adjust_block(
         if solved.stopped:
             there = surely_shown(solved.problem, solved.minimum.state, asked, solved.rounds)
             return _Rolling.at(solved.minimum.state, there)
-        progress("covariances")
+        progress(0, 0, "covariances")
         assessment = assessed(solved, block, settings)
         there = _shown(assessment, asked)[0] if asked.any() else asked
         if there.any():

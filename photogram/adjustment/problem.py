@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,8 +24,7 @@ from photogram.factors.graph import Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.rigs.exposures import rig_values
 from photogram.survey import Block
-
-Progress = Callable[[str], None]
+from photogram.wording import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -57,16 +55,14 @@ class AdjustmentSettings:
         check_range("relative_tolerance", self.relative_tolerance, 0.0, 0.1)
 
 
-def minimise(
-    problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = lambda _: None
-) -> Minimum:
+def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = silent) -> Minimum:
     """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
 
     def watch(iteration: int, value: float) -> None:
-        progress(f"iteration {iteration}: cost {value:.6g}")
+        progress(0, 0, f"iteration {iteration}: cost {value:.6g}")
 
     limits = settings.maximum_iterations, settings.relative_tolerance
     if settings.engine == "reference":

@@ -18,7 +18,7 @@ from photogram.adjustment.outliers import (
     within_depths,
     without_narrow,
 )
-from photogram.adjustment.problem import AdjustmentSettings, Progress, minimise
+from photogram.adjustment.problem import AdjustmentSettings, minimise
 from photogram.adjustment.shutters.rolling_shutter import ORDINARY_S, moved_on, renewed
 from photogram.adjustment.solvability import check_determined, check_in_front
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
@@ -39,6 +39,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.results import EstimatedSigmas
 from photogram.survey import Block
+from photogram.wording import Progress
 
 _LOG = logging.getLogger(__name__)
 
@@ -103,7 +104,7 @@ def solve_rounds(
             # Poses so far off would bend the calibration to fit them.
             problem = replace(problem, block=_with_cameras_held(whole.block))
         seen = np.count_nonzero(np.bincount(problem.tie.point))
-        progress(f"round {number}: {len(problem.tie)} observations of {seen} tie points")
+        progress(0, 0, f"round {number}: {len(problem.tie)} observations of {seen} tie points")
         moving = False
         if last and reached is not None:
             state = renewed(problem, reached, together=True, least_s=ORDINARY_S)

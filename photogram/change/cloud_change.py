@@ -18,7 +18,6 @@ from photogram.change.files.polygon_files import read_polygons
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
-from photogram.change.surface_change import Progress, silent
 from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
 from photogram.crs import NO_CRS, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
@@ -28,6 +27,7 @@ from photogram.files.npz_json import write_json
 from photogram.grid import MapGrid, Window
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
 from photogram.survey import PointCloud, Raster
+from photogram.wording import Progress, silent
 
 Method = Literal["m3c2", "mesh"]
 

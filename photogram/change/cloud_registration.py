@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from photogram.arrays import NMAD_FACTOR, FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.change.stable_ground import FEWEST_CELLS, Motion, Registration
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud
@@ -157,7 +157,7 @@ def register_clouds(
         above, normal, slope_noise = _surfaces(earlier_m, tree, moved)
         residual = normal[:, 2] * above
         before = residual if number == 0 else before
-        keep = np.abs(residual - np.median(residual)) <= max(FAR_AWAY * _nmad(residual), 1e-9)
+        keep = np.abs(residual - np.median(residual)) <= max(FAR_AWAY * nmad(residual), 1e-9)
         gradient = _gradient(moved, normal)[:, used]
         normals = gradient[keep].T @ gradient[keep]
         step = np.zeros(6)
@@ -182,7 +182,7 @@ def register_clouds(
     value = np.concatenate([-shift, -_vector(rotation)])[used]
     record = Registration(
         motion, tuple(NAMES[k] for k in used), value, sigma, np.full(len(used), np.nan), tuple(map(float, centre)),
-        int(keep.sum()), int((~keep).sum()), float(np.median(before)), _nmad(before), scatter, _nmad(residual), 0.0, 0,
+        int(keep.sum()), int((~keep).sum()), float(np.median(before)), nmad(before), scatter, nmad(residual), 0.0, 0,
     )  # fmt: skip
     return record, RigidMotion(centre, rotation, shift, covariance)
 
@@ -192,7 +192,3 @@ def _vector(rotation: FloatArray) -> FloatArray:
     return np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     ) / 2  # fmt: skip
-
-
-def _nmad(values: FloatArray) -> float:
-    return float(NMAD_FACTOR * np.median(np.abs(values - np.median(values))))

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 
-from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.change.correlation import gathered
 from photogram.change.differences import Correction, Difference, shapes_at
 from photogram.change.outlines import window_of
@@ -116,14 +116,10 @@ def registration_of(
     names = ("offset_m", "tilt_east", "tilt_north")[: len(coefficient)]
     record = Registration(
         motion, names, coefficient, np.sqrt(np.diag(covariance)), expected, (float(centre[0]), float(centre[1])),
-        int(keep.sum()), count - int(keep.sum()), float(np.median(before)), _nmad(before),
-        float(np.sqrt(np.mean(residual[keep] ** 2))), _nmad(after), remaining, patches,
+        int(keep.sum()), count - int(keep.sum()), float(np.median(before)), nmad(before),
+        float(np.sqrt(np.mean(residual[keep] ** 2))), nmad(after), remaining, patches,
     )  # fmt: skip
     return record, correction
-
-
-def _nmad(values: FloatArray) -> float:
-    return float(NMAD_FACTOR * np.median(np.abs(values - np.median(values))))
 
 
 def _stable_cells(difference: Difference, polygon: Any) -> _Stable:  # noqa: ANN401 - of shapely
@@ -191,7 +187,7 @@ def _fitted(stable: _Stable, parameters: int) -> tuple[FloatArray, FloatArray, B
     scale = 1.0 / np.sqrt(np.where(weight > 0.0, weight, 1.0))
     for _ in range(20):
         scaled = residual / scale
-        limit = AWAY * _nmad(scaled[keep])
+        limit = AWAY * nmad(scaled[keep])
         kept = stable.known & (np.abs(scaled - np.median(scaled[keep])) <= max(limit, 1e-9))
         coefficient = np.tensordot(_gain(shape, _weights(stable, kept)), stable.difference_m, 2)
         residual = stable.difference_m - np.tensordot(coefficient, shape, 1)
@@ -235,6 +231,6 @@ def _remaining_m(
     full = count >= side**2 / 4
     if full.sum() < FEWEST_PATCHES:
         return 0.0, int(full.sum())
-    scatter, expected = _nmad(mean[full]) ** 2, float(np.median(noise[full]))
+    scatter, expected = nmad(mean[full]) ** 2, float(np.median(noise[full]))
     by_chance = 1.0 + 2.0 * np.sqrt(5.4 / full.sum())  # a squared NMAD has the variance 5.4/n times its square
     return (float(np.sqrt(scatter - expected)) if scatter > by_chance * expected else 0.0), int(full.sum())

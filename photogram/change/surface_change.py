@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -28,16 +28,10 @@ from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import statistics
+from photogram.wording import Progress, silent
 
 LARGEST_OVERLAP = 1e-3
 """Share of the smaller of two polygons by which they may overlap and still be added up."""
-
-Progress = Callable[[int, int, str], None]
-"""Takes pieces done, of how many (0 of 0 where nobody knows), and what is at work."""
-
-
-def silent(done: int, total: int, text: str) -> None:
-    """Take progress and say nothing."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os.path import isdir, isfile, lexists  # false, not an exception, for a name that cannot be
@@ -31,10 +31,7 @@ from photogram.project.draft.draft import LeftOut, TaggedPhotograph
 from photogram.project.findings import Findings
 from photogram.sfm.tie_points.tracks import join_matches
 from photogram.survey import Features
-from photogram.wording import html_table, some, things
-
-Progress = Callable[[int, int, str], None]
-"""Told how many photographs have been read, of how many, and the name of the last."""
+from photogram.wording import Progress, html_table, silent, some, things
 
 _PLACES = (".", "images", "..", "../images", "../..", "../../images")
 """Folders, from that of the solution, in which the photographs are looked for."""
@@ -80,7 +77,7 @@ def import_solution(
     crs: str | None = None,
     check: Sequence[str] = (),
     force: bool = False,
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
 ) -> ImportedProject:
     """Write a project file that starts from another program's solution, or from the matches of a database of COLMAP.
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.marking.tagged_block import RELIEF_SHARE
 from photogram.survey import Block
 
@@ -82,4 +82,4 @@ def _of_tags(block: Block, surveyed: FloatArray) -> tuple[float, float] | None:
 
 
 def _spread_m(above: FloatArray, height_m: float) -> float:
-    return float(np.hypot(np.median(np.abs(above - np.median(above))) * 1.4826, RELIEF_SHARE * height_m))
+    return float(np.hypot(nmad(above), RELIEF_SHARE * height_m))

@@ -3,7 +3,6 @@ adjusted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,10 +23,9 @@ from photogram.project.measured.measured_block import PhotographNote, block_of, 
 from photogram.project.measured.measured_positions import measured_position
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.survey import Block
+from photogram.wording import Progress, silent
 
 FOLDER, JOURNAL = "marking", "journal.sqlite"
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class MarkingSurvey:
 
 
 def open_marking(
-    project: Path | str, photographs: Path | str | None = None, progress: Progress = lambda *_: None
+    project: Path | str, photographs: Path | str | None = None, progress: Progress = silent
 ) -> MarkingSurvey:
     """Open a project for marking: from what is stored of its photographs, or from their tags alone, whose pixels are
     left to `photogram adjust`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
@@ -37,13 +37,10 @@ from photogram.project.findings import Findings
 from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
 from photogram.survey import Role
-from photogram.wording import html_table, things
+from photogram.wording import Progress, html_table, silent, things
 
 MASKS_FOLDER = "masks"
 """Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
-
-Progress = Callable[[int, int, str], None]
-"""Told how many photographs have been read, of how many, and the name of the last."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +248,7 @@ def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
 # ---- the file --------------------------------------------------------------------------------------------------------
 
 
-def write_project(wanted: Request, progress: Progress = lambda *_: None) -> ProjectDraft:
+def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
     """Read the tags of the photographs and write the project file; returns what is in it.
 
     Raises ProjectError where a figure cannot be, the project file exists already, or the map grid or a focal length is
@@ -312,7 +309,7 @@ def init(
     focal_px: float | None = None,
     recursive: bool = False,
     force: bool = False,
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
 ) -> NewProject:
     """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags.
 

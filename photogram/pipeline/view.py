@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os.path import isdir
 from pathlib import Path
@@ -19,14 +19,12 @@ from photogram.pipeline.store.results_record import recorded
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
+from photogram.wording import Progress, silent
 
 PROJECT = "project.yaml"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 POINTS = 1_500_000
 """As many points are shown at most unless others are asked for."""
-
-Progress = Callable[[int, int, str], None]
-"""Told how many steps are done, of how many, and which one is at work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mappin
     return {name: there[name] for name in names if name in there and there[name].is_file()}, ()
 
 
-def read_pictures(results: Path, report: Report, folder: Path | None, progress: Progress = lambda *_: None) -> Pictures:
+def read_pictures(results: Path, report: Report, folder: Path | None, progress: Progress = silent) -> Pictures:
     """Return small pictures of the registered photographs, and of how many there are none. Raises ReportError where
     ``folder`` does not exist."""
     names = list(oriented(report["photographs"]))
@@ -105,7 +103,7 @@ def write_page(
     cloud: Path,
     pictures: Pictures,
     points: int,
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write view.html beside the results, with at most ``points`` points of a cloud; returns its path. Raises
     ProjectError where the cloud cannot be read, WorkspaceError where the page cannot be written."""

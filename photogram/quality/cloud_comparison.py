@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud, Raster
 
@@ -63,24 +63,20 @@ class Comparison:
 
 
 def statistics(differences_m: FloatArray) -> CloudStatistics:
-    """Return the statistics of differences (N,) in m, NaN left out.
-
-    NMAD = 1.4826 median|d − median d| (Höhle & Höhle 2009, eq. 1). Raises PhotogramError when no difference is left.
-    """
+    """Return the statistics of differences (N,) in m, NaN left out. Raises PhotogramError when none is left."""
     d = differences_m[np.isfinite(differences_m)]
     if len(d) == 0:
         raise PhotogramError(
             f"comparison: none of the {len(differences_m)} points lies where the reference has data: "
             "check that both are of the same site and in the same CRS"
         )
-    median = float(np.median(d))
     return CloudStatistics(
         points=len(differences_m),
         compared=len(d),
         mean_m=float(d.mean()),
         std_m=float(d.std(ddof=1)) if len(d) > 1 else float("nan"),
-        median_m=median,
-        nmad_m=float(1.4826 * np.median(np.abs(d - median))),
+        median_m=float(np.median(d)),
+        nmad_m=nmad(d),
         rmse_m=float(np.sqrt(np.mean(d * d))),
     )
 

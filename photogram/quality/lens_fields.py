@@ -24,6 +24,7 @@ from photogram.quality.gross_errors.snooped_adjustment import Verdict
 from photogram.quality.residual_patterns import ResidualPattern, residual_pattern, squares_of
 from photogram.results import Adjustment, LensFieldDecision
 from photogram.survey import Block
+from photogram.wording import Progress, silent
 
 EXPECTED = 2.0
 """RMS that a field is expected to have over that of the pattern which it has left in the residuals without: poses and
@@ -167,7 +168,7 @@ def _not_held(decision: LensFieldDecision, after: ResidualPattern | None) -> str
 
 def with_lens_fields(
     block: Block, verdict: Verdict, settings: AdjustmentSettings, adjuster: Adjuster,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
 ) -> tuple[Block, Verdict]:  # fmt: skip
     """Return a block whose cameras have the lens fields that its adjustment, the ``verdict``, shows and the block
     holds, and its adjustment with them; both as they are, but for what is said of the fields, where there are none.
@@ -183,7 +184,7 @@ def with_lens_fields(
     wanted = {c: found.expected_px for c, found in enumerate(looked) if found.expected_px > 0.0}
     decisions = [found.decision for found in looked]
     while wanted:
-        progress("lens field: estimated with everything else")
+        progress(0, 0, "lens field: estimated with everything else")
         cameras = list(plain.cameras)
         for c, expected_px in wanted.items():
             field = free_field(before.cameras[c], expected_px)

@@ -19,8 +19,7 @@ from photogram.camera import Camera, Pose
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.relative_orientation import RelativeOrientation, relative_orientations
 from photogram.survey import TiePoints
-
-Progress = Callable[[int, int, str], None]
+from photogram.wording import Progress, silent
 
 GLOBAL_EVERY = 1.25
 WAVE_SHARE = 0.25  # of the block, that may be added at once
@@ -223,7 +222,7 @@ def grow(
     cameras: Sequence[Camera],
     camera_of: IntArray,
     settings: StructureSettings,
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
     *,
     candidates: BoolArray | None = None,
 ) -> list[Structure]:

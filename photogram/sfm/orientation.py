@@ -8,7 +8,7 @@ into the world by a robust similarity to control points or GNSS positions.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -34,9 +34,9 @@ from photogram.sfm.similarity import (
 )
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
+from photogram.wording import Progress, silent
 
 Method = Literal["control", "attitude", "growth", "start"]
-Progress = Callable[[int, int, str], None]
 _LOG = logging.getLogger(__name__)
 
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
@@ -283,7 +283,7 @@ def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -
 def orient(
     block: Block,
     settings: OrientationSettings,
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
     known: KnownPoses | None = None,
 ) -> Orientation:
     """Find a starting pose for every photograph that can be joined to the block; from poses that are ``known``, where

@@ -3,7 +3,6 @@ that truth."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from photogram.simulation.simulated_survey import (
     truth_surface,
 )
 from photogram.simulation.survey_files import photograph_tags, truth_record
+from photogram.wording import Progress
 
 TRUTH_CELL_M = 0.1
 
@@ -129,7 +129,7 @@ def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
 def write_demonstration(
     folder: Path,
     seed: int,
-    progress: Callable[[int, int, str], None],
+    progress: Progress,
     plan: SurveyPlan | None = None,
     *,
     dense: bool = True,

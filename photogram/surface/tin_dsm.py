@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
-from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray
+from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray, nmad
 from photogram.errors import PhotogramError, SettingError, check_positive, check_range
 from photogram.measures.round_lengths import round_near
 from photogram.survey import PointCloud, Raster
@@ -309,7 +309,7 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
         distance, found = tree.query(points_m[chunk, :2], k + 1)
         apart_m[chunk], neighbour = np.asarray(distance)[:, 1], np.asarray(found, dtype=np.int64)
         height_m[chunk], nmad_m[chunk] = _height_over_neighbours(points_m[chunk], points_m[neighbour[:, 1:]])
-    overall_m = NMAD_FACTOR * np.median(np.abs(height_m - np.median(height_m)))
+    overall_m = nmad(height_m)
     least_m = (
         SPIKE_SPACING * float(np.median(apart_m)) if settings.spike_minimum_m is None else settings.spike_minimum_m
     )

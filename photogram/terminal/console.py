@@ -7,11 +7,13 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.progress import Progress as Bars
 from rich.text import Text
 
 from photogram.terminal.interruption import raise_if_interrupted
 from photogram.terminal.time_left import TimeLeft
+from photogram.wording import Progress
 
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
@@ -27,7 +29,7 @@ class TimeLeftColumn(ProgressColumn):
 
 
 @contextmanager
-def bars(to: Console | None = None) -> Iterator[Progress]:
+def bars(to: Console | None = None) -> Iterator[Bars]:
     """Show progress bars while the block runs, on standard output unless another console is given; on no terminal,
     none."""
     columns = (
@@ -38,14 +40,13 @@ def bars(to: Console | None = None) -> Iterator[Progress]:
         TimeLeftColumn(),
     )
     target = to or console
-    with Progress(*columns, console=target, transient=True, disable=not target.is_terminal) as progress:
+    with Bars(*columns, console=target, transient=True, disable=not target.is_terminal) as progress:
         yield progress
 
 
 @contextmanager
-def steps(title: str, total: int | None = None, to: Console | None = None) -> Iterator[Callable[[int, int, str], None]]:
-    """Show one bar while the block runs, and give what reports progress to it: pieces done, of how many, and which one
-    is at work (0 of 0 where their number is not known)."""
+def steps(title: str, total: int | None = None, to: Console | None = None) -> Iterator[Progress]:
+    """Show one bar while the block runs, and give what reports progress to it."""
     left = TimeLeft({title: 1.0})
     left.begin(title)
     with bars(to) as progress:

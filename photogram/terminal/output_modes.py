@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
@@ -22,8 +22,7 @@ from photogram.terminal.events import EventLines
 from photogram.terminal.findings_table import findings_table, has_errors, verdict
 from photogram.terminal.progress import Quiet, Terminal, Told, say_warning
 from photogram.terminal.report_tables import show_report
-
-Step = Callable[[int, int, str], None]
+from photogram.wording import Progress
 
 
 class Voice(Protocol):
@@ -35,7 +34,7 @@ class Voice(Protocol):
     def forecast(self, predicted: Forecast) -> None:
         """Say what the work will take, before it begins."""
 
-    def preparing(self, title: str) -> AbstractContextManager[Step]:
+    def preparing(self, title: str) -> AbstractContextManager[Progress]:
         """Show work before the stages, piece by piece."""
 
     def watching(self, predicted: Mapping[str, float]) -> AbstractContextManager[Watcher]:
@@ -76,7 +75,7 @@ class Spoken:
             console.print("Nothing was processed; --no-check processes in spite of errors.")
 
     @contextmanager
-    def preparing(self, title: str) -> Iterator[Step]:
+    def preparing(self, title: str) -> Iterator[Progress]:
         """Show a bar."""
         with steps(title) as step:
             yield step
@@ -109,7 +108,7 @@ class Brief:
                 console.print(f"[bold red]Error:[/bold red] {escape(str(finding))}", soft_wrap=True)
 
     @contextmanager
-    def preparing(self, title: str) -> Iterator[Step]:  # noqa: ARG002
+    def preparing(self, title: str) -> Iterator[Progress]:  # noqa: ARG002
         """Say nothing."""
         yield lambda *_: None
 
@@ -145,7 +144,7 @@ class InEvents:
                 self._lines.say(finding.severity, str(finding))
 
     @contextmanager
-    def preparing(self, title: str) -> Iterator[Step]:  # noqa: ARG002
+    def preparing(self, title: str) -> Iterator[Progress]:  # noqa: ARG002
         """Say nothing."""
         yield lambda *_: None
 

@@ -101,10 +101,10 @@ def test_a_global_shutter_among_mismatches_is_not_taken_for_a_rolling_one(monkey
         start_attitude_sigma_deg=4.0,
     ).block
     said = list[str]()
-    adjust(block, SETTINGS, said.append)
+    adjust(block, SETTINGS, lambda _done, _total, text: said.append(text))
     assert not any("rolling" in line for line in said)
     monkeypatch.setitem(SURE, 1, 1e2)
-    adjust(block, SETTINGS, said.append)
+    adjust(block, SETTINGS, lambda _done, _total, text: said.append(text))
     assert any("rolling" in line for line in said), "which the bound is for"
 
 
@@ -132,7 +132,7 @@ def test_cameras_of_one_block_are_judged_each_by_itself() -> None:
     readouts = np.array([0.033, 0.0014, 0.0])
     block = of_cameras(tuple(readouts.tolist()), 1)
     said = list[str]()
-    result = adjust(block, SETTINGS, said.append)
+    result = adjust(block, SETTINGS, lambda _done, _total, text: said.append(text))
     assert sum("rolling" in line for line in said) == 2
     used = np.array([camera.readout_s for camera in result.block.cameras])
     assert (used != 0.0).tolist() == [True, True, False]

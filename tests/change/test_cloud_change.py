@@ -18,10 +18,7 @@ from photogram.change.surfaces import StatedSigma
 from photogram.errors import FrameError, PhotogramError
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.survey import PointCloud
-
-
-def silent(done: int, total: int, text: str) -> None:
-    """Take progress and say nothing."""
+from photogram.wording import silent
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,7 @@ from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_pol
 
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.errors import PhotogramError, ProjectError
-
-
-def silent(done: int, total: int, text: str) -> None:
-    """Take progress and say nothing."""
+from photogram.wording import silent
 
 
 @pytest.fixture(scope="module")

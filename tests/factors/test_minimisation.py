@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import bal
 import numpy as np
@@ -76,13 +77,16 @@ def test_both_engines_and_solvers_reach_the_same_minimum(seed: int) -> None:
 def test_solvers_take_the_same_steps_on_a_band() -> None:
     plan = SurveyPlan(strips=1, photographs_per_strip=40, control_points=6, check_points=0, forward_overlap=0.7)
     problem, start = block(3, plan, 400)
-    costs: dict[str, list[float]] = {}
-    for solver in ("banded", "gtsam"):
+
+    def costs_with(solver: Literal["banded", "gtsam"]) -> list[float]:
+        costs = list[float]()
         settings = AdjustmentSettings(solver=solver)
-        costs[solver] = []
-        minimise(problem, start, settings, lambda text, of=costs[solver]: of.append(float(text.split()[-1])))  # type: ignore[misc]
-    assert len(costs["banded"]) > 3
-    np.testing.assert_allclose(costs["gtsam"], costs["banded"], rtol=1e-9)
+        minimise(problem, start, settings, lambda _done, _total, text: costs.append(float(text.split()[-1])))
+        return costs
+
+    banded = costs_with("banded")
+    assert len(banded) > 3
+    np.testing.assert_allclose(costs_with("gtsam"), banded, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 0.5, 0.9])

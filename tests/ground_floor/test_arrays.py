@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from photogram.arrays import grouped
+from photogram.arrays import grouped, nmad
 
 
 def test_numbers_are_grouped_as_a_stable_sort_does() -> None:
@@ -19,3 +20,10 @@ def test_nothing_is_grouped_into_nothing() -> None:
     order, first = grouped(np.zeros(0, dtype=np.int64), 2)
     assert order.tolist() == []
     assert first.tolist() == [0, 0, 0]
+
+
+def test_the_scatter_of_a_sample_is_its_standard_deviation_and_that_of_nothing_unknown() -> None:
+    sample = np.random.default_rng(3).normal(5.0, 2.0, 10_000)
+    sample[:500] += 1000.0
+    assert nmad(sample) == pytest.approx(2.0, rel=0.1)
+    assert np.isnan(nmad(np.zeros(0)))

@@ -21,11 +21,12 @@ from photogram.camera import project
 from photogram.errors import AdjustmentError, ImageError, PhotogramError
 from photogram.files.marks.marks import Place, Proposal
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
-from photogram.marking.page.proposing import AROUND_PX, Box, Progress, SearchState, TargetSearch, merged, proposed_marks
+from photogram.marking.page.proposing import AROUND_PX, Box, SearchState, TargetSearch, merged, proposed_marks
 from photogram.marking.page.snapping import LENS_PX
 from photogram.marking.predictions import predicted_places
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
 from photogram.survey import Block
+from photogram.wording import Progress
 
 PLAN = SurveyPlan(
     width_px=600, height_px=450, focal_px=900.0, strips=2, photographs_per_strip=2, control_points=4, check_points=2,

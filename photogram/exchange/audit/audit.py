@@ -7,7 +7,7 @@ covariances of the second; two adjustments of the same measurements with the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
 from photogram.survey import Block, TiePoints
+from photogram.wording import Progress, silent
 
 FEWEST_POINTS = 20
 """Tie points in both results from which a bend is looked for."""
@@ -44,8 +45,6 @@ LEAST_SQUARES = AdjustmentSettings(
     robust_loss="none", outlier_threshold=1e3, first_outlier_threshold_px=1e4, estimate_sigmas=False
 )
 """Of programs that reject nothing."""
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ class Audit:
 def audited(
     solution: ForeignSolution,
     start: ForeignBlock,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
     beside: Sequence[tuple[ForeignSolution, ForeignBlock]] = (),
 ) -> Audit:
     """Adjust the measurements of a foreign solution anew and compare, with further solutions of its photographs
@@ -99,13 +98,13 @@ def audited(
     for other, _ in beside:
         check_shared(solution, other)
     block = start.block
-    progress("their result")
+    progress(0, 0, "their result")
     theirs = fit_of_solution(solution, start.theirs)
     same, same_fit = _with_their_weights(solution, start, progress)
-    progress("blunders and sigmas")
+    progress(0, 0, "blunders and sigmas")
     block, mark_factor = _with_scatter_of_marks(start, progress)
     ours = adjust_and_judge(block, AdjustmentSettings(), start.parameters, progress)
-    progress("deformation of the block")
+    progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     bent = block_deformation(ours.result, AdjustmentSettings(), known_before)
     ours = replace(ours, result=with_model_error(replace(ours.result, deformation=bent)))
@@ -113,7 +112,7 @@ def audited(
     every = np.arange(len(solution.photographs))
     moved = brought(start, every, result) or start.theirs
     off, sigmas = calibration_differences(solution.cameras, result)
-    progress("differences")
+    progress(0, 0, "differences")
     return Audit(
         solution=solution,
         start=start,
@@ -162,7 +161,7 @@ def _with_their_weights(
     solution: ForeignSolution, start: ForeignBlock, progress: Progress
 ) -> tuple[Adjustment | None, Fit | None]:
     """Return the adjustment as the program made it, as far as its files say how, and how it fits."""
-    progress("their weights")
+    progress(0, 0, "their weights")
     settings = LEAST_SQUARES if solution.stated.is_least_squares else AdjustmentSettings(estimate_sigmas=False)
     try:
         same = adjust(with_their_model(start, solution), settings, progress, start=start.parameters)

@@ -34,7 +34,7 @@ def run(path: Path, crs: str | None, checks: list[str], beside: list[Path], outp
         named = checks_of(solutions, checks, crs)
         solutions = [with_checks(solution, names) for solution, names in zip(solutions, named, strict=True)]
         starts = [(solution, foreign_block(solution, crs)) for solution in solutions]
-        found = tables(audited(*starts[0], lambda text: progress(0, 0, text), starts[1:]))
+        found = tables(audited(*starts[0], progress, starts[1:]))
     _show(found)
     make_folder(output)
     write_json(output / "audit.json", {"photogram": __version__, **asdict(found)})

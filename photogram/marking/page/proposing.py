@@ -22,7 +22,7 @@ from photogram.marking.predictions import PredictedPlaces, predicted_places
 from photogram.marking.targets.kinds import MeasuredCentre
 from photogram.marking.targets.measurement import propose
 from photogram.survey import Block
-from photogram.wording import things
+from photogram.wording import Progress, silent, things
 
 AROUND_PX = 40
 """How far beside the ellipse of a place a patch reaches: half of a large target."""
@@ -31,7 +31,6 @@ MOST_PX = 160
 SAME_PX = 2.0
 """How near to each other targets are one."""
 
-Progress = Callable[[int, int, str], None]
 Box = tuple[int, int, int, int]
 """First column and row of a part of a photograph, and those after the last."""
 
@@ -47,7 +46,7 @@ def proposed_marks(
     block: Block,
     patches: PatchReader,
     hidden: frozenset[Place] = frozenset(),
-    progress: Progress = lambda *_: None,
+    progress: Progress = silent,
 ) -> tuple[Proposal, ...]:
     """Return a proposal for every target that is taken for a point, where the point has no mark and nobody said that it
     cannot be seen (``hidden``).

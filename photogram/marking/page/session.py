@@ -43,10 +43,10 @@ from photogram.marking.page.outlook import (
     marked_block,
     reckoned,
 )
-from photogram.marking.page.proposing import Progress, SearchState, TargetSearch
+from photogram.marking.page.proposing import SearchState, TargetSearch
 from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
 from photogram.survey import Block
-from photogram.wording import things
+from photogram.wording import Progress, things
 
 PROPOSALS = "proposals.csv"
 """File of the proposals, beside the journal."""

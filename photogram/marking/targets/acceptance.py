@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray, nmad
 from photogram.marking.targets.fitting import Fit, pixels
 from photogram.marking.targets.picture import (
     BLUR,
@@ -36,7 +36,7 @@ from photogram.marking.targets.picture import (
     Pattern,
     level_share,
 )
-from photogram.marking.targets.starts import texture, texture_scatter
+from photogram.marking.targets.starts import texture
 
 SECTORS = 8
 LEAST_PIXELS = 4
@@ -155,7 +155,7 @@ def _texture_scatter(fit: Fit, around: Ground) -> float:
     """Return the scatter of the texture around a target, 0 where too little of it is seen."""
     beyond = _beyond_px(fit)
     value = _around(fit, around.texture, 2 + beyond, AROUND_PX + beyond)
-    return texture_scatter(value) if len(value) >= LEAST_AROUND else 0.0
+    return nmad(value) if len(value) >= LEAST_AROUND else 0.0
 
 
 def _blob_strengths(fit: Fit, around: Ground) -> tuple[float, float]:

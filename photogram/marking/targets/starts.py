@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.marking.targets.judging import judge_all
 from photogram.marking.targets.picture import (
     BLUR,
@@ -133,18 +133,13 @@ def texture(grey: FloatArray) -> FloatArray:
     return np.asarray(fine - coarse, np.float64)
 
 
-def texture_scatter(value: FloatArray) -> float:
-    """Return the scatter of a texture: NMAD, which a kerb or the edge of a shadow leaves alone."""
-    return NMAD_FACTOR * float(np.median(np.abs(value - np.median(value))))
-
-
 def saddles(
     grey: FloatArray, most: int, near: FloatArray | None = None, reach_px: float = np.inf
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return centre (2,) px and the unit normals (2, 2) of both edges of the strongest saddles of a patch (H, W), of
     those that lie at most ``reach_px`` from ``near`` (2,) where it is given."""
     rows: list[tuple[float, FloatArray, FloatArray]] = []
-    least = 0.12 * max(LEAST_CONTRAST_DN, OVER_TEXTURE * texture_scatter(texture(grey)))
+    least = 0.12 * max(LEAST_CONTRAST_DN, OVER_TEXTURE * nmad(texture(grey)))
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.float32)
     for scale in SCALES_PX:
         L = cv2.GaussianBlur(grey, (0, 0), scale)
@@ -261,7 +256,7 @@ def regions(grey: FloatArray, near: FloatArray | None = None, reach_px: float = 
     found: list[Region] = []
     taken: set[tuple[int, ...]] = set()
     smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.float64)
-    least = max(LEAST_CONTRAST_DN, OVER_TEXTURE * texture_scatter(texture(grey)))
+    least = max(LEAST_CONTRAST_DN, OVER_TEXTURE * nmad(texture(grey)))
     if near is None:  # where nobody has said that there is a target it must be a clear one
         least *= CLEARER
     for mask in _masks(smooth):

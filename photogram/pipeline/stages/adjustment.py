@@ -18,7 +18,6 @@ from photogram.frames import LocalFrame
 from photogram.pipeline.stages.tie_points import orientation_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import resection_to, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
@@ -29,6 +28,7 @@ from photogram.quality.model_error import with_model_error
 from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, PointCloud
+from photogram.wording import Progress
 
 
 def _sigma_map_m(
@@ -64,9 +64,9 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     readings_px = run.project.focal_readings_px
 
     def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_and_judge(block, settings, start, lambda text: progress(0, 0, text), readings_px)
+        return adjust_and_judge(block, settings, start, progress, readings_px)
 
-    block, verdict = with_lens_fields(block, judged(block, start), settings, judged, lambda text: progress(0, 0, text))
+    block, verdict = with_lens_fields(block, judged(block, start), settings, judged, progress)
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]

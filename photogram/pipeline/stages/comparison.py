@@ -13,12 +13,12 @@ from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import write_json
 from photogram.frames import map_heights
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import write_comparison
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import compare, triangulate
 from photogram.survey import PointCloud, Raster
+from photogram.wording import Progress
 
 
 def read_reference(path: Path, crs: str = NO_CRS) -> Raster | PointCloud:

@@ -18,7 +18,6 @@ from photogram.grid import Window
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
@@ -36,6 +35,7 @@ from photogram.surface.dense.pyramid import (
 )
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
 from photogram.surface.views import Views
+from photogram.wording import Progress
 
 ALL_USED = 1.0 - 1e-3
 """Share of what a reduced pixel is the mean of that a mask must leave; the least weight in it is 1/256."""

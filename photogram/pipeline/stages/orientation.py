@@ -19,7 +19,6 @@ from photogram.pipeline.stages.tie_points import orientation_thresholds, transfe
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import AUTOMATIC_MASKS, PLACED_BY, Run, mask_file
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
 from photogram.project.rigs.entries import bands_of
@@ -33,6 +32,7 @@ from photogram.sfm.tie_points.band_matching import found_in_band
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
+from photogram.wording import Progress
 
 
 def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:

@@ -30,7 +30,6 @@ from photogram.pipeline.stages.orthophoto_pieces import (
 from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
@@ -56,7 +55,7 @@ from photogram.surface.ortho.outline import (
 from photogram.surface.ortho.visibility import Surface
 from photogram.surface.views import Views
 from photogram.survey import Raster
-from photogram.wording import some
+from photogram.wording import Progress, some
 
 OUTLINE_FILE = "outline.gpkg"
 """The rim with the seams."""

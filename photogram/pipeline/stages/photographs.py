@@ -19,7 +19,6 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.store.dependence import placing_fingerprint
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import measured_arrays
 from photogram.project.measured.measured_block import (
@@ -33,6 +32,7 @@ from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.positions import time_findings
+from photogram.wording import Progress
 
 
 def _described(project: Project, photograph: ProjectPhotograph, sha256: str) -> tuple[PhotographNote, PhotographTags]:

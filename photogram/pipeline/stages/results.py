@@ -42,7 +42,6 @@ from photogram.pipeline.stages.report_files import (
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_picture
@@ -65,7 +64,7 @@ from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
 from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
-from photogram.wording import file_stem
+from photogram.wording import Progress, file_stem
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {

@@ -24,7 +24,6 @@ from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, 
 from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.contours import contour_lines
@@ -58,6 +57,7 @@ from photogram.surface.water import (
     surface_cells,
 )
 from photogram.survey import TRANSFERRED, Raster
+from photogram.wording import Progress
 
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
 RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"

@@ -14,7 +14,6 @@ from photogram.files.npz_json import read_arrays, read_record, write_arrays, wri
 from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Progress
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
@@ -27,6 +26,7 @@ from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
 from photogram.sfm.tie_points.tracks import Joined, coloured, join_matches, key_point_sigmas_px, without_conflicts
 from photogram.survey import Features, Matches, TiePoints
+from photogram.wording import Progress
 
 
 def _coarseness(project: Project, photograph: int) -> float:

@@ -9,14 +9,7 @@ from typing import Protocol
 
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageSummary
-
-
-class Progress(Protocol):
-    """Told by a stage how far it is."""
-
-    def __call__(self, done: int, total: int, text: str) -> None:
-        """``done`` of ``total`` pieces are finished; ``total`` is 0 while it is not known."""
-
+from photogram.wording import Progress
 
 Settings = Callable[[Run], object]
 Work = Callable[[Run, Path, Progress], StageSummary]

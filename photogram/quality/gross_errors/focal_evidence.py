@@ -19,14 +19,13 @@ from photogram.quality.gross_errors.data_snooping import Adjuster, Search, witho
 from photogram.quality.gross_errors.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
 from photogram.results import Adjustment, FocalDecision, FocalLength, PhotographsSay
 from photogram.survey import Block
+from photogram.wording import Progress
 
 FEWEST_RAYS = 20
 """Rays of a photograph from which it takes part in the adjustment of a part of the pictures."""
 
 FEWEST_CONTROL = 3
 """Control points that, left out one after the other, speak for one focal length or another."""
-
-Progress = Callable[[str], None]
 
 
 def _restricted(block: Block, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Block:
@@ -123,7 +122,7 @@ def settle_focal_lengths(
     for c, given in enumerate(block.cameras):
         if given.name not in rejected:
             continue
-        progress(f"focal length of {given.name}")
+        progress(0, 0, f"focal length of {given.name}")
         wide = without(block, found.rejected)
         says = photographs_say(wide, found.result, c, near(found.result))
         others = without(block, [a for a in found.rejected if a.name != given.name])

@@ -39,7 +39,7 @@ from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.results import Adjustment, EstimatedSigmas, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
-from photogram.wording import some, things
+from photogram.wording import Progress, silent, some, things
 
 BENT = 12.0
 """Sigmas of the largest contradiction from which a blunder may contaminate other tests."""
@@ -61,8 +61,6 @@ MOST_NAMED = 10
 
 MANY = 4
 """Gross blunders from which a second screening, without control points, is made."""
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +270,7 @@ def adjust_and_judge(
     block: Block,
     settings: AdjustmentSettings,
     start: Sequence[FloatArray] = (),
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
     readings_px: Sequence[Sequence[float]] = (),
 ) -> Verdict:
     """Adjust a block by data snooping (Baarda 1968): reject blunders, and name them.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.adjustment.stochastic_model.variance_components import Scatter, scatters
-from photogram.arrays import NMAD_FACTOR, FloatArray
+from photogram.arrays import FloatArray, nmad
 from photogram.quality.prediction_test import (
     LeaveOneOut,
     PredictedAgainstAchieved,
@@ -211,6 +211,6 @@ def dsm_numbers(
         "held_out": {
             "n": len(held_out_m),
             "rmse_m": _finite(np.sqrt(np.mean(off**2))),
-            "nmad_m": _finite(NMAD_FACTOR * np.median(np.abs(off - np.median(off)))),
+            "nmad_m": _finite(nmad(off)),
         },
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ from photogram.results import Deformation
 from photogram.simulation.flight import footprints, observe
 from photogram.simulation.planning.flight_plan import FlightPlan, PlannedSurvey, courses, survey_of
 from photogram.simulation.scene import terrain_height
+from photogram.wording import Progress, silent
 
 SEED = 1  # of the terrain and of how badly the plan is flown
 PLACES = 13  # along the longer side of the site, where ground points are predicted
@@ -231,7 +232,7 @@ def _changed(plan: FlightPlan, values: Mapping[str, Any]) -> FlightPlan | None:
         return None
 
 
-def alternatives(plan: FlightPlan, progress: Callable[[int, int, str], None] = lambda *_: None) -> list[Alternative]:
+def alternatives(plan: FlightPlan, progress: Progress = silent) -> list[Alternative]:
     """Return the changes of a plan and what they achieve, what helps the heights most first.
 
     ``progress`` is called with the changes that are done, their number, and the one that comes next.
