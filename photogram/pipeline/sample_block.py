@@ -44,9 +44,7 @@ def sample_block(tie_points: int = 200) -> Block:
     surveyed = _ground(CONTROL + CHECK, rng)
     photograph, point, pixel = _rays(camera, poses, ground, TIE_POINT_SIGMA_PX, rng)
     mark_photograph, mark_point, mark_pixel = _rays(camera, poses, surveyed, MARK_SIGMA_PX, rng)
-    control: tuple[Role, ...] = ("control",) * CONTROL
-    check: tuple[Role, ...] = ("check",) * CHECK
-    roles = control + check
+    roles: tuple[Role, ...] = tuple("control" if n < CONTROL else "check" for n in range(CONTROL + CHECK))
     return Block(
         LocalFrame.near("EPSG:32632", np.array([[500_000.0, 5_300_000.0, 0.0]])),
         (camera,),
