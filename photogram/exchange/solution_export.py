@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,48 +12,16 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, Similarity
 from photogram.crs import crs_in_metres
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
-from photogram.exchange.formats.bundler import write_bundler
-from photogram.exchange.formats.colmap.sparse_models import write_colmap
-from photogram.exchange.formats.metashape.metashape_cameras import write_metashape_cameras
+from photogram.exchange.formats.names import SolutionFormat
 from photogram.exchange.formats.nearest_cameras import with_nearest_cameras, without_fields
-from photogram.exchange.formats.opensfm.reconstructions import write_opensfm
-from photogram.exchange.formats.pix4d.opf import write_opf
-from photogram.exchange.formats.undistorted import pinhole_solution, write_undistorted
+from photogram.exchange.formats.table import WRITERS
+from photogram.exchange.formats.undistorted import write_undistorted
 from photogram.files.atomic import make_folder
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
-from photogram.projection import PARAMETER_NAMES, Model
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
-
-SolutionFormat = Literal[
-    "colmap", "colmap-text", "opensfm", "bundler", "metashape", "opf", "omega-phi-kappa", "yaw-pitch-roll",
-    "undistorted",
-]  # fmt: skip
-
-_FRAMES: dict[SolutionFormat, Frame] = {
-    "opensfm": "topocentric", "metashape": "geocentric", "opf": "map", "omega-phi-kappa": "map",
-    "yaw-pitch-roll": "map",
-}  # fmt: skip
-"""What coordinates a format has; east, north and up of the survey for all others."""
-
-_BROWN = frozenset(PARAMETER_NAMES) - {"k4", "b1", "b2"}
-_FISHEYE = frozenset(PARAMETER_NAMES) - {"p1", "p2", "b2"}
-_TERMS: dict[SolutionFormat, Mapping[Model, frozenset[str]]] = {
-    "colmap": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
-    "colmap-text": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
-    "opensfm": {"brown": _BROWN | {"b1"}, "fisheye": _FISHEYE},
-    "opf": {"brown": _BROWN},
-    "bundler": {"brown": frozenset({"focal_px", "k1", "k2"})},
-}
-"""What the camera models of a format hold of photogram's; all of it in others."""
-
-FOLDERS: frozenset[SolutionFormat] = frozenset({"colmap", "colmap-text", "opensfm", "opf", "undistorted"})
-"""Formats that are a folder of files."""
-
-FORMATS: tuple[SolutionFormat, ...] = get_args(SolutionFormat)
 
 
 def export_solution(
@@ -62,26 +29,25 @@ def export_solution(
 ) -> tuple[str, ...]:
     """Write an adjusted survey for another program; returns sentences on what its files do not hold.
 
-    ``target`` is a new or empty folder for FOLDERS, else a new file; ``photographs`` the folder of the
+    ``target`` is a new or empty folder, or a new file, as the form is; ``photographs`` the folder of the
     photographs in place of the project's. Raises ExchangeError where the survey is not adjusted as the project now
     stands, the format cannot hold it, or something is there already; WorkspaceError where nothing can be written.
     """
     target = Path(target)
-    if (target.is_dir() and (form not in FOLDERS or any(target.iterdir()))) or target.is_file():
-        raise ExchangeError(f"{target}: is there already: name a new {'folder' if form in FOLDERS else 'file'}")
+    is_folder = WRITERS[form].is_folder
+    if (target.is_dir() and (not is_folder or any(target.iterdir()))) or target.is_file():
+        raise ExchangeError(f"{target}: is there already: name a new {'folder' if is_folder else 'file'}")
     survey = load_project(Path(project), None if photographs is None else Path(photographs))
     with open_run(survey) as run:
         if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
             raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
         result, stretches = run.adjustment(), run.stretches
-    frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else _FRAMES.get(form, "local")
+    frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else WRITERS[form].frame
     solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
     if form == "undistorted":
         make_folder(target)
         said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
-        make_folder(target / "sparse")
-        pinholes = pinhole_solution(solution)
-        said = (*shutters, *said, *pinholes.left_out, *write_colmap(target / "sparse", pinholes))
+        said = (*shutters, *said, *WRITERS[form].write(target, solution))
         return tuple(dict.fromkeys(said))  # each once, though photographs and model both miss it
     return (*shutters, *_written(form, target, solution))
 
@@ -97,29 +63,18 @@ def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
 
 def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
     solution, fields = without_fields(solution)
-    solution, said = with_nearest_cameras(solution, _TERMS.get(form, {}))
-    if form in FOLDERS:
+    writer = WRITERS[form]
+    solution, said = with_nearest_cameras(solution, writer.terms)
+    if writer.is_folder:
         make_folder(target)
     try:
-        return (*fields, *said, *_WRITERS[form](target, solution))
+        return (*fields, *said, *writer.write(target, solution))
     except ExchangeError as fault:
-        if form in FOLDERS and not any(target.iterdir()):
+        if writer.is_folder and not any(target.iterdir()):
             target.rmdir()
         raise ExchangeError(
             f"{fault}; --to undistorted writes photographs without distortion, whose cameras every program takes"
         ) from fault
-
-
-_WRITERS: dict[SolutionFormat, Callable[[Path, ForeignSolution], tuple[str, ...]]] = {
-    "colmap": write_colmap,
-    "colmap-text": lambda target, solution: write_colmap(target, solution, "text"),
-    "opensfm": write_opensfm,
-    "bundler": write_bundler,
-    "metashape": write_metashape_cameras,
-    "opf": write_opf,
-    "omega-phi-kappa": write_omega_phi_kappa,
-    "yaw-pitch-roll": write_yaw_pitch_roll,
-}
 
 
 def adjusted_solution(result: Adjustment, frame: Frame) -> ForeignSolution:

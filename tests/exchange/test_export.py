@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from photogram.exchange.commands.export import FormatName
-from photogram.exchange.solution_export import SolutionFormat
+from photogram.exchange.formats.names import SOLUTION_FORMATS
+from photogram.exchange.formats.table import WRITERS
 
 Photogram = Callable[..., Any]
 
 
 def test_the_command_knows_the_formats() -> None:
-    assert FormatName == SolutionFormat
+    assert set(SOLUTION_FORMATS) == set(WRITERS)
 
 
 def test_a_survey_is_written_for_another_program(adjusted_survey: Path, tmp_path: Path, photogram: Photogram) -> None:

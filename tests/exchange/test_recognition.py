@@ -9,7 +9,8 @@ import pytest
 from makers import SharedData
 
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.recognition import FORMATS, read_solution, recognised
+from photogram.exchange.formats.recognition import read_solution, recognised
+from photogram.exchange.formats.table import FORMATS
 
 
 def name_of(path: Path) -> list[str]:

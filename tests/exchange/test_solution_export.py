@@ -18,14 +18,11 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.errors import ExchangeError
 from photogram.exchange.audit.foreign_block import foreign_block
+from photogram.exchange.formats.names import SOLUTION_FORMATS, SolutionFormat
 from photogram.exchange.formats.nearest_cameras import with_nearest_cameras
 from photogram.exchange.formats.recognition import read_solution
-from photogram.exchange.solution_export import (
-    FOLDERS,
-    FORMATS,
-    adjusted_solution,
-    export_solution,
-)
+from photogram.exchange.formats.table import WRITERS
+from photogram.exchange.solution_export import adjusted_solution, export_solution
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.projection import PARAMETER_NAMES, Model
 from photogram.results import Adjustment
@@ -75,15 +72,15 @@ def test_local_coordinates_are_those_of_the_survey() -> None:
     assert solution.ground_points.name == result.block.control_points.name
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: str) -> None:
+@pytest.mark.parametrize("form", SOLUTION_FORMATS)
+def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: SolutionFormat) -> None:
     """And read again where it holds a solution; a camera that a format cannot hold is said, and nothing is left."""
     target = tmp_path / form
-    said = export_solution(adjusted_survey / "project.yaml", form, target)  # type: ignore[arg-type]
+    said = export_solution(adjusted_survey / "project.yaml", form, target)
     assert ("the nearest camera without is written" in " ".join(said)) is (form == "bundler")
-    assert target.is_dir() is (form in FOLDERS)
+    assert target.is_dir() is WRITERS[form].is_folder
     with pytest.raises(ExchangeError, match="is there already"):
-        export_solution(adjusted_survey / "project.yaml", form, target)  # type: ignore[arg-type]
+        export_solution(adjusted_survey / "project.yaml", form, target)
     if form in ("omega-phi-kappa", "yaw-pitch-roll"):
         assert len(target.read_text(encoding="utf-8").splitlines()) == 5
         return

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from photogram.exchange.formats.names import SolutionFormat
 from photogram.terminal.arguments import Photographs, ProjectFile
 from photogram.terminal.fast_checks import check_project_file
-
-FormatName = Literal[
-    "colmap", "colmap-text", "opensfm", "bundler", "metashape", "opf", "omega-phi-kappa", "yaw-pitch-roll",
-    "undistorted",
-]  # fmt: skip
 
 
 def export(
     project: ProjectFile,
-    form: Annotated[FormatName, typer.Option("--to", help="The program or form it is for.", show_default=False)],
+    form: Annotated[SolutionFormat, typer.Option("--to", help="Target format.", show_default=False)],
     output: Annotated[Path, typer.Option(help="A new folder or file to write.", show_default=False)],
     photographs: Photographs = None,
 ) -> None:

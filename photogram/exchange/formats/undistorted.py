@@ -19,6 +19,7 @@ from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, distort, image_plane_or_nan
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import check_names
+from photogram.exchange.formats.colmap.sparse_models import write_colmap
 from photogram.exchange.formats.writing import check_writable, unoriented_photographs
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.photographs.depth import Stretch
@@ -71,6 +72,14 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
         ground_points=ground,
         left_out=(*solution.left_out, *said),
     )
+
+
+def write_pinholes(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    """Write the pinhole cameras of the undistorted photographs, with poses, points and marks, as a model of COLMAP in
+    ``sparse``; returns sentences on what has no place in it. Raises as ``write_colmap`` does."""
+    make_folder(folder / "sparse")
+    pinholes = pinhole_solution(solution)
+    return (*pinholes.left_out, *write_colmap(folder / "sparse", pinholes))
 
 
 def write_undistorted(

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from photogram.exchange.solution_export import SolutionFormat, export_solution
+from photogram.exchange.formats.names import SolutionFormat
+from photogram.exchange.solution_export import export_solution
 from photogram.terminal.console import console
 
 

@@ -187,6 +187,11 @@ def write_colmap(
     return (*unoriented_photographs(solution), *others, *renumbered, *without_place(solution))
 
 
+def write_colmap_text(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
+    """Write a sparse model for COLMAP as text, as ``write_colmap`` does."""
+    return write_colmap(folder, solution, "text")
+
+
 def _name_to_write(photograph: ForeignPhotograph, form: str) -> str:
     name = path_to_write(photograph)
     if form == "text" and len(name.split()) != 1:
