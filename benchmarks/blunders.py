@@ -32,7 +32,7 @@ from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS, suspects
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import hypotheses, scatter
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -129,7 +129,7 @@ def power(clean: Adjustment, kind: str, times: float) -> float:
 def blamed(block: Block) -> tuple[Blunder, ...]:
     """Return what the verdict on a survey blames."""
     try:
-        return adjust_and_judge(block, AdjustmentSettings()).blunders
+        return adjust_with_snooping(block, AdjustmentSettings()).blunders
     except PhotogramError as fault:
         return (Blunder("not adjusted", (), None, str(fault)),)
 

@@ -26,7 +26,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import minimal_detectable_blunder
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -78,14 +78,14 @@ def scale_bars(seeds: int) -> None:
         result = adjust(replace(survey.block, constraints=(*bars, tested)), SETTINGS)
         scale.append(compared(survey, result))
         check.append(float(result.constraints.z[-1]))
-        right = adjust_and_judge(replace(survey.block, constraints=tuple(bars)), SETTINGS)
+        right = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
         alarms += bool(right.blunders)
         wrong = seed % len(bars)
         redundancy = result.constraints.redundancy[[wrong]]
         off_m = TIMES_MDB * float(minimal_detectable_blunder(np.array([BAR_SIGMA_M]), redundancy)[0])
         changed = replace(bars[wrong], length_m=bars[wrong].length_m + (off_m if seed % 2 else -off_m))
         bars[wrong] = changed
-        verdict = adjust_and_judge(replace(survey.block, constraints=tuple(bars)), SETTINGS)
+        verdict = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
         accused = [blunder.points for blunder in verdict.blunders]
         named += changed.ends in accused
         innocent += sum(points != changed.ends for points in accused)

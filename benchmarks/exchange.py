@@ -30,7 +30,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.exchange.formats.angle_tables import write_omega_phi_kappa
 from photogram.exchange.formats.assembly import tie_points_of
 from photogram.exchange.formats.bundler import read_bundler, write_bundler
@@ -81,7 +81,7 @@ def simulated_solution(photographs: int, observations: int, seed: int = 1) -> Fo
         if photograph.pose is None:
             continue
         near = np.array(sorted(tree.query_ball_point(centres[i, :2], 100.0)), dtype=np.int64)
-        at = project(camera, photograph.pose, position[near]) + rng.normal(0.0, NOISE_PX, (len(near), 2))
+        at = project_points(camera, photograph.pose, position[near]) + rng.normal(0.0, NOISE_PX, (len(near), 2))
         inside = camera.contains(at)
         photo.append(np.full(int(inside.sum()), i))
         point.append(near[inside])
@@ -197,7 +197,9 @@ def mean_error_px(solution: ForeignSolution) -> float:
     for i, photograph in enumerate(solution.photographs):
         mine = tie.photograph == i
         if photograph.pose is not None and mine.any():
-            at = project(solution.cameras[photograph.camera], photograph.pose, tie.position_world_m[tie.point[mine]])
+            at = project_points(
+                solution.cameras[photograph.camera], photograph.pose, tie.position_world_m[tie.point[mine]]
+            )
             length[mine] = np.linalg.norm(at - tie.pixel[mine], axis=1)
     return float((np.bincount(tie.point, length) / tie.rays).mean())
 

@@ -31,7 +31,7 @@ from model_errors import normalised, pattern_px
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, IntArray
 from photogram.projection import CAMERA_PARAMETERS, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
@@ -78,7 +78,7 @@ def adjusted(block: Block) -> tuple[Adjustment, Adjustment]:
     """Adjust a block as the stage does, without and with what is decided of lens fields."""
 
     def judge(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_and_judge(block, SETTINGS, start)
+        return adjust_with_snooping(block, SETTINGS, start)
 
     first = judge(block, ())
     plain, result = first.result, with_lens_fields(block, first, SETTINGS, judge)[1].result
@@ -130,7 +130,7 @@ def trial(form: str, kind: str, seed: int) -> Outcome:
     made = survey(form, kind, seed)
     before, after = adjusted(made.block)
     decision = after.lens_fields[0]
-    clean = before if kind == "none" else adjust_and_judge(survey(form, "none", seed).block, SETTINGS).result
+    clean = before if kind == "none" else adjust_with_snooping(survey(form, "none", seed).block, SETTINGS).result
     (dome, height), (dome_after, height_after) = (effect_m(made, r, clean) for r in (before, after))
     squares = normalised(made, before)[0], normalised(made, after)[0]
     return Outcome(decision.estimated, (dome, dome_after), (height, height_after), squares, decision.why)

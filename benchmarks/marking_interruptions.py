@@ -38,7 +38,7 @@ from photogram.files.marks.marks import Mark, Place
 from photogram.marking.files.actions import Action, PlaceMarks, RemoveMarks, state_of
 from photogram.marking.files.journal import read_journal
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(
@@ -148,7 +148,7 @@ class Sums:
 def written_survey(folder: Path) -> tuple[Path, SimulatedSurvey]:
     """Write the survey without marks, and its project as photogram init drafts it."""
     survey = simulate(PLAN, SURVEY)
-    write_survey_folder(folder, survey, render_photographs(survey))
+    write_survey(folder, survey, render_photographs(survey))
     for made in ("marks.csv", "control.txt", "check.txt"):
         (folder / made).unlink()
     command: list[str | Path] = [photogram(), "init", folder / "photographs", "--control", folder / "points.csv"]

@@ -30,7 +30,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.projection import CAMERA_PARAMETERS, FOCAL, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
@@ -116,7 +116,7 @@ class Outcome:
 def trial(kind: str, ground: str, seed: int) -> Outcome:
     """Adjust a block as the stage does, and compare its heights with the truth."""
     made, settings = survey(kind, ground, seed), AdjustmentSettings()
-    verdict = adjust_and_judge(made.block, settings)
+    verdict = adjust_with_snooping(made.block, settings)
     known = [camera.parameters for camera in made.block.cameras]
     plain = replace(verdict.result, deformation=block_deformation(verdict.result, settings, known))
     without, gsd = normalised(made, plain)

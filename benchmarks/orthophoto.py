@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from photogram.camera import Camera, Pose, oriented_by, project
+from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.pipeline import load_project, open_run
@@ -167,7 +167,7 @@ def truly_hidden(survey: SimulatedSurvey, grid: MapGrid, cells: NDArray[np.bool_
     world = world_of(survey, np.column_stack([east[column], north[row]]))
     seen, camera = np.zeros(len(world), bool), survey.truth.camera
     for pose in survey.truth.poses:
-        shown = camera.contains(project(camera, pose, world))
+        shown = camera.contains(project_points(camera, pose, world))
         seen[shown] |= visible(survey.scene, pose, world[shown], tolerance_m=0.02)
     return float(np.mean(~seen)) if len(seen) else float("nan")
 
@@ -183,7 +183,7 @@ def from_above(survey: SimulatedSurvey, grid: MapGrid) -> NDArray[np.float32]:
     picture = render(survey.scene, high, pose, seed=0, noise_dn=0.0, vignetting=0.0)
     for window in grid.tiles(512):
         columns, rows = np.meshgrid(east[window.slices[1]], north[window.slices[0]])
-        pixel = project(high, pose, world_of(survey, np.column_stack([columns.ravel(), rows.ravel()])))
+        pixel = project_points(high, pose, world_of(survey, np.column_stack([columns.ravel(), rows.ravel()])))
         u, v = pixel.astype(np.float32).T.reshape(2, *window.shape)
         truth[window.slices] = cv2.remap(picture, u, v, cv2.INTER_CUBIC)
     return truth

@@ -16,7 +16,7 @@ import numpy as np
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.simulation.planning.flight_plan import FlightPlan, survey_of
-from photogram.simulation.planning.prediction import predict
+from photogram.simulation.planning.prediction import predict_accuracy
 
 PLAN = FlightPlan(
     width_m=80, length_m=120, width_px=2000, height_px=1500, focal_px=1500, flying_height_m=60, forward_overlap=0.7,
@@ -34,7 +34,7 @@ def main(seeds: int) -> None:
     print(f"{seeds} simulated surveys of each plan; RMS errors of check points over what was predicted")
     print(f"{'plan':<36}{'photographs':>12}{'predicted, cm':>16}{'plan':>8}{'height':>8}")
     for name, plan in PLANS.items():
-        found = predict(plan)
+        found = predict_accuracy(plan)
         seen = found.rays >= 2
         errors = []
         for seed in range(100, 100 + seeds):

@@ -46,7 +46,7 @@ from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.store.run import Run
 from photogram.project.draft.shutters import shutter_of
 from photogram.projection import B1, B2, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.quality.residual_patterns import residual_patterns
 from photogram.results import Adjustment
 from photogram.sfm.orientation import believed_attitudes
@@ -112,7 +112,7 @@ def adjusted(run: Run, row: str) -> Line:
         own[READOUT] = camera.readout_s
         start.append(own)
     readings_px = run.project.focal_readings_px
-    result = adjust_and_judge(block, run.project.adjustment, start, readings_px=readings_px).result
+    result = adjust_with_snooping(block, run.project.adjustment, start, readings_px=readings_px).result
     finite = np.isfinite(result.residual_px).all(axis=1)
     (pattern,) = residual_patterns(result).values()
     told = len(result.readout_s) > 0

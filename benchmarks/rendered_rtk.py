@@ -32,7 +32,7 @@ from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 from photogram.simulation.survey_plan import rtk_plan
 from photogram.survey import Photograph
 
@@ -127,7 +127,7 @@ def main() -> None:
             photographs = base_off(true, survey.truth.poses, np.random.default_rng([seed, 12]))
             survey = replace(survey, photographs=photographs)
             base_height_m = _height_m(photographs) - _height_m(true)
-            write_survey_folder(folder, survey, pictures)
+            write_survey(folder, survey, pictures)
             values = draft(folder, survey.frame.crs)
             for way, settings in WAYS.items():
                 found[way].append(adjusted(folder, values, survey, base_height_m, settings))

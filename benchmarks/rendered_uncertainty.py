@@ -42,7 +42,7 @@ from photogram.simulation.simulated_survey import (
     simulate,
     whole_survey_plan,
 )
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 
 SURVEYS: dict[str, tuple[SurveyPlan, str]] = {
     "rtk": (rtk_plan(), "nothing"),
@@ -72,7 +72,7 @@ def adjusted(folder: Path, seed: int, plan: SurveyPlan, common: str) -> tuple[Si
     pictures = render_photographs(survey)
     photographs = COMMON_ERRORS[common](survey.photographs, survey.truth.poses, np.random.default_rng([seed, 12]))
     survey = replace(survey, photographs=photographs)
-    write_survey_folder(folder, survey, pictures)
+    write_survey(folder, survey, pictures)
     project, ground = folder / "project.yaml", (folder / "points.csv", folder / "marks.csv")
     pg.init(folder / "photographs", control=ground[0], marks=ground[1], crs=plan.crs, project=project)
     with project.open("a", encoding="utf-8") as file:

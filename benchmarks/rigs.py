@@ -27,7 +27,7 @@ import numpy as np
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.rig_poses import carried_by_masters
 from photogram.simulation.rigs.bands import simulate_bands
@@ -84,11 +84,11 @@ def late(seeds: int) -> str:
     named, innocent, alarms = 0, 0, 0
     for seed in range(seeds):
         right = simulate_two_cameras(PLAN, seed, tie_points=TIE_POINTS)
-        alarms += len(adjust_and_judge(right.block, SETTINGS).rejected)
+        alarms += len(adjust_with_snooping(right.block, SETTINGS).rejected)
         number = seed % (len(right.poses) // 2)
         wrong = simulate_two_cameras(PLAN, seed, tie_points=TIE_POINTS, late_m={number: LATE_M})
         name = wrong.block.rigs[0].exposures[number][0]
-        accused = [(a.kind, a.name) for a in adjust_and_judge(wrong.block, SETTINGS).rejected]
+        accused = [(a.kind, a.name) for a in adjust_with_snooping(wrong.block, SETTINGS).rejected]
         named += ("exposure", name) in accused
         innocent += sum(what != ("exposure", name) for what in accused)
     return f"triggered {LATE_M} m late: named {named / seeds:.0%}, innocent {innocent}, false alarms {alarms}"

@@ -41,7 +41,7 @@ import numpy as np
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.projection import B1, B2, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import CommonError
 
@@ -176,7 +176,7 @@ def slow(surveys: int) -> None:
     found = []
     for seed in range(1, surveys + 1):
         made = simulate_block(SLOW, seed, tie_points=3000, sigma_px=0.1)
-        verdict = adjust_and_judge(made.block, AdjustmentSettings())
+        verdict = adjust_with_snooping(made.block, AdjustmentSettings())
         result = verdict.result
         check = np.array([role == "check" for role in result.block.control_points.role])
         error_m = (result.ground_world_m - made.truth.control_position_world_m)[check]

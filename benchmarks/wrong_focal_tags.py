@@ -30,7 +30,7 @@ from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate, whole_survey_plan
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 
 OFF_PERCENT = (0, -5, 5, -10, 10, -15, 15, 20)
 SHAPES = ((3, 5), (3, 6), (4, 5), (4, 6), (3, 7))
@@ -153,7 +153,7 @@ def main() -> None:
     for seed in range(1, given.seeds + 1):
         with tempfile.TemporaryDirectory() as name:
             folder, survey = Path(name), simulate(plan_of(seed, given.readout), seed)
-            write_survey_folder(folder, survey, render_photographs(survey))
+            write_survey(folder, survey, render_photographs(survey))
             drafted = {control: draft(folder, control, survey.plan.crs) for control in (True, False)}
             for off in given.off:
                 for control, values in drafted.items():

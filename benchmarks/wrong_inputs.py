@@ -27,7 +27,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.sfm.orientation import OrientationSettings, believed_attitudes, orient
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, Photograph
@@ -220,7 +220,7 @@ def judged(given: Block) -> tuple[Verdict, set[What]]:
         for a, b in zip(given.photographs, block.photographs, strict=True)
         if a.attitude_sigma_rad is not None and (b.attitude_sigma_rad is None or a.heading_known > b.heading_known)
     }
-    return adjust_and_judge(block, AdjustmentSettings(), orientation.parameters), lost
+    return adjust_with_snooping(block, AdjustmentSettings(), orientation.parameters), lost
 
 
 def trial(job: tuple[int, str, str]) -> Trial | None:

@@ -374,7 +374,7 @@ def _contiguous(array: FloatArray) -> FloatArray:
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def project(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArray:
+def project_points(camera: Camera, pose: Pose, points_world_m: FloatArray) -> FloatArray:
     """Project points (N, 3) of the world frame, m, to pixels (N, 2), u to the right and v down, the centre of the
     top-left pixel at (0, 0).
 

@@ -14,7 +14,7 @@ from lib.simulated_changes import CORNER, CRS, Errors, Heap, epoch, grid_at, une
 from photogram.change.surfaces import SurfaceFiles
 from photogram.files.clouds.dense_points import points_of_cells, write_dense_laz
 from photogram.files.maps.cogs import write_cog_codes
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.pipeline.stages.surface import SOURCES
 from photogram.survey import Raster
 
@@ -47,7 +47,7 @@ def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] 
         values = raster.read(grid.whole)
         if hole is not None:
             values[hole] = np.nan
-        write_geotiff(folder / f"dsm{part}.tif", Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m), crs)
+        write_raster(folder / f"dsm{part}.tif", Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m), crs)
     codes = np.where(np.isnan(values), 0, 1).astype(np.uint8)
     write_cog_codes(folder / "dsm_source.tif", grid, crs, [(grid.whole, codes)], categories=SOURCES)
     height, sigma = survey.heights.read(grid.whole), survey.sigma.read(grid.whole)

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.errors import ExchangeError
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import ControlPoints, TiePoints
@@ -45,7 +45,7 @@ def small_solution(seed: int = 4, k4: float = 0.003, b: tuple[float, float] = (0
         if shown.pose is None:
             continue
         camera = cameras[shown.camera]
-        at = project(camera, shown.pose, points)
+        at = project_points(camera, shown.pose, points)
         for j in np.flatnonzero(camera.contains(at)):
             photograph.append(i)
             point.append(int(j))
@@ -88,7 +88,7 @@ def made(
         pose = Pose(R, rng.normal(0, 0.6, 3))
         file = PurePosixPath(f"flight/photo_{i:02d}.jpg")
         shot.append(ForeignPhotograph(file.name, i % len(cameras), pose, file))
-        pixel = project(cameras[i % len(cameras)], pose, X) + rng.normal(0, noise_px, (points, 2))
+        pixel = project_points(cameras[i % len(cameras)], pose, X) + rng.normal(0, noise_px, (points, 2))
         inside = cameras[i % len(cameras)].contains(pixel)
         rows += [(k, i, *pixel[k]) for k in np.flatnonzero(inside)]
     rows.sort()
@@ -114,7 +114,7 @@ def residuals(solution: ForeignSolution) -> FloatArray:
         if photograph.pose is not None:
             mine = tie.photograph == i
             X = tie.position_world_m[tie.point[mine]]
-            misfit[mine] = tie.pixel[mine] - project(solution.cameras[photograph.camera], photograph.pose, X)
+            misfit[mine] = tie.pixel[mine] - project_points(solution.cameras[photograph.camera], photograph.pose, X)
     return misfit
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera, Pose, image_plane, project
+from photogram.camera import Camera, Pose, image_plane, project_points
 from photogram.files.maps.rasters import read_raster
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import fingerprint
@@ -79,7 +79,7 @@ def photographs_that_see(
 
     def sees(photograph: tuple[Camera, Pose]) -> BoolArray:
         camera, pose = photograph
-        shown = camera.contains(project(camera, pose, points_world_m))
+        shown = camera.contains(project_points(camera, pose, points_world_m))
         shown[shown] = visible(scene, pose, points_world_m[shown], tolerance_m=HIDDEN_M)
         return np.asarray(shown)
 
@@ -206,7 +206,7 @@ def block_error(truth: Truth, survey: SimulatedSurvey, block: Block) -> Callable
         camera, pose = poses.get(photograph.name, (None, None))
         if camera is None or pose is None:
             continue
-        pixel = project(survey.truth.camera, true, X)
+        pixel = project_points(survey.truth.camera, true, X)
         shown = survey.truth.camera.contains(pixel)
         shown[shown] = visible(survey.scene, true, X[shown], tolerance_m=HIDDEN_M)
         ray = np.column_stack([image_plane(camera, pixel[shown]), np.ones(int(shown.sum()))])

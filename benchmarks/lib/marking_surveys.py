@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate, whole_survey_plan
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 
 EDGE_PX = 12.0
 """From the edge of a photograph, within which nobody marks."""
@@ -34,7 +34,7 @@ def unmarked_survey(folder: Path, seed: int, points: int, photographs: int) -> U
     each; other targets lie about."""
     plan = replace(whole_survey_plan(), control_points=16, check_points=8)
     survey = simulate(plan, seed)
-    write_survey_folder(folder, survey, render_photographs(survey))
+    write_survey(folder, survey, render_photographs(survey))
     truth = {name: places for name, places in _true_places(survey).items() if len(places) >= photographs}
     kept = sorted(truth)[:points]
     if len(kept) < points:
@@ -57,7 +57,7 @@ def _true_places(survey: SimulatedSurvey) -> dict[str, dict[str, FloatArray]]:
     size = np.array([camera.width_px, camera.height_px])
     places: dict[str, dict[str, FloatArray]] = {name: {} for name in points.name}
     for i, pose in enumerate(survey.truth.poses):
-        pixel = project(camera, pose, survey.truth.control_position_world_m)
+        pixel = project_points(camera, pose, survey.truth.control_position_world_m)
         for g, name in enumerate(points.name):
             if (g, i) in seen and np.all((pixel[g] > EDGE_PX) & (pixel[g] < size - EDGE_PX)):
                 places[name][survey.photographs[i].name] = pixel[g]

@@ -9,7 +9,7 @@ import typer
 from photogram.errors import ProjectError
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import Forecast
-from photogram.pipeline.input_validation import checked_project, predicted_costs, validate_project_file
+from photogram.pipeline.input_validation import check_project, checked_project, predicted_costs
 from photogram.pipeline.pipeline import load_project
 from photogram.project.findings import Findings
 from photogram.terminal.console import console
@@ -22,7 +22,7 @@ def _checked(project: Path, photographs: Path | None) -> tuple[Findings, Forecas
     try:
         survey = load_project(project, photographs)
     except ProjectError:  # its errors are found again, and all others with them
-        return validate_project_file(project, photographs), None
+        return check_project(project, photographs), None
     checked = checked_project(survey)
     if has_errors(checked.findings):
         return checked.findings, None

@@ -17,7 +17,7 @@ from lib.simulated_changes import CORNER, CRS, Errors, Heap, epoch, grid_at, une
 from numpy.typing import NDArray
 
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.survey import Raster
 
 HEAPS = {"gravel": Heap(-20.0, 10.0, 8.0, 0.5), "sand": Heap(14.0, -6.0, 5.0, 0.5), "pit": Heap(24.0, 18.0, 6.0, -0.4)}
@@ -53,7 +53,7 @@ def main(output: Path) -> None:
                 if epoch_name == "june":
                     values[HOLE] = np.nan
                 tile = Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m)
-                write_geotiff(folder / f"{epoch_name}{part}.tif", tile, CRS)
+                write_raster(folder / f"{epoch_name}{part}.tif", tile, CRS)
         east, north = CORNER
         heaps = {
             n: shapely.Point(east + h.east_m, north + h.north_m).buffer(h.radius_m + 1.0) for n, h in HEAPS.items()

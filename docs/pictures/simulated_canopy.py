@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.simulation.cover.leaves import PlantKind
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import Material
@@ -32,7 +32,7 @@ def two_windows(survey: SimulatedSurvey, place: FloatArray) -> ByteArray:
     """Return the surroundings of a place (2,) in the two photographs that show it nearest to their middles."""
     camera = survey.truth.camera
     point = np.append(place, survey.scene.height(place[None]))[None]
-    pixel = np.array([project(camera, pose, point)[0] for pose in survey.truth.poses])
+    pixel = np.array([project_points(camera, pose, point)[0] for pose in survey.truth.poses])
     off = np.linalg.norm(pixel - camera.principal_point_px, axis=1)
     off[~np.all((pixel > HALF) & (pixel < [camera.width_px, camera.height_px] - HALF), axis=1)] = np.inf
     chosen = np.argsort(off)[:2]

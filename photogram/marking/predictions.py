@@ -16,7 +16,7 @@ from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solvability import undetermined
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances, predicted_marks
 from photogram.factors.graph import IndeterminateError
@@ -90,7 +90,7 @@ def _pairs(
     found = []
     for i, (own, pose) in enumerate(zip(block.camera_of.tolist(), poses, strict=True)):
         camera = cameras[own]
-        pixel = project(camera, pose, position_world_m)
+        pixel = project_points(camera, pose, position_world_m)
         beside = NEAR_SHARE * max(camera.width_px, camera.height_px)
         size = np.array([camera.width_px, camera.height_px])
         with np.errstate(invalid="ignore"):

@@ -158,7 +158,7 @@ def predicted_costs(
     return forecast(project, tags, speed, cores(), remaining)
 
 
-def validate_project_file(project: Path | str, photographs: Path | str | None = None) -> Findings:
+def check_project(project: Path | str, photographs: Path | str | None = None) -> Findings:
     """Return everything that can be known to be wrong with a project file before the work starts, the worst first;
     where the file itself has errors, those and what is wrong with its photographs.
 

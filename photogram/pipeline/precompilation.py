@@ -26,7 +26,7 @@ from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import compiled_share
 from photogram.pipeline.sample_block import sample_block
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import OrthophotoSettings, plan_orthophoto
@@ -75,7 +75,7 @@ def compile_all() -> None:
     # in the order in which they are needed, but for the orientation, which needs most of what the adjustment does
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        adjust_and_judge(_with_priors(block), AdjustmentSettings())
+        adjust_with_snooping(_with_priors(block), AdjustmentSettings())
         nowhere = np.full_like(block.tie_points.position_world_m, np.nan)
         points = replace(block.tie_points, position_world_m=nowhere)
         orient(replace(block, poses=(None,) * len(block.poses), tie_points=points), OrientationSettings())

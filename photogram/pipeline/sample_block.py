@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.frames import LocalFrame
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
@@ -83,7 +83,7 @@ def _rays(
     camera: Camera, poses: list[Pose], ground: FloatArray, sigma_px: float, rng: np.random.Generator
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], np.ndarray[tuple[int], np.dtype[np.int64]], FloatArray]:
     """Return photograph, point and noisy pixel of every ray, by photograph."""
-    pixel = np.array([project(camera, pose, ground) for pose in poses])
+    pixel = np.array([project_points(camera, pose, ground) for pose in poses])
     last = np.array([camera.width_px, camera.height_px]) - 1.0
     photograph, point = np.nonzero(np.all((pixel > 5.0) & (pixel < last - 5.0), axis=2))
     noise = sigma_px * rng.standard_normal((len(point), 2))

@@ -133,7 +133,7 @@ def camera_of(file: ProjectFile, photograph: PhotographEntry) -> str | None:
     return photograph.camera or file.photographs.camera or only
 
 
-def check_project(
+def check_entries(
     document: Document,
     file: ProjectFile,
     photographs: Sequence[PhotographEntry] | None,

@@ -28,7 +28,7 @@ from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.constraints import constraints_of, controlling_points
 from photogram.project.control_points import GroundPoint, read_point_files
-from photogram.project.cross_checks import camera_of, check_project, photographs_of
+from photogram.project.cross_checks import camera_of, check_entries, photographs_of
 from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
@@ -350,7 +350,7 @@ def read_project(
     surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
     positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
     checks = [point.name for point in surveyed if "control" not in point.role]
-    check_project(document, file, photographs, folder, base, places, located, checks)
+    check_entries(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
     check_camera_masks(document, file, base)
     check_automatic_masks(document, file, settings["dense"])

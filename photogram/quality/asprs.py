@@ -112,7 +112,7 @@ def _axis(difference_m: FloatArray) -> AxisAccuracy:
     return AxisAccuracy(n, float(np.sqrt(np.mean(difference_m**2))), float(difference_m.mean()), sd_m)
 
 
-def accuracy(difference_m: FloatArray, sigma_m: FloatArray) -> Accuracy:
+def asprs_accuracy(difference_m: FloatArray, sigma_m: FloatArray) -> Accuracy:
     """Return the accuracy from differences, product minus survey (n, 3), of check points surveyed with ``sigma_m``
     (n, 3): easting, northing, height, in m.
 

@@ -175,7 +175,7 @@ def cloud_to_surface(cloud: PointCloud, reference: Reference) -> FloatArray:
     return points[:, 2] - surface.heights(points)
 
 
-def compare(cloud: PointCloud, reference: Reference, sor: bool = True) -> Comparison:
+def compare_to_reference(cloud: PointCloud, reference: Reference, sor: bool = True) -> Comparison:
     """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
 
     ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are

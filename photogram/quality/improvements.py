@@ -15,7 +15,7 @@ import numpy as np
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Pose, project
+from photogram.camera import Pose, project_points
 from photogram.factors.consider import with_considered
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.reduced import SingularError
@@ -124,7 +124,7 @@ def _seen(
     lens = problem.block.cameras[camera].with_parameters(state.parameters[camera])
     photograph, point, pixel = [], [], []
     for i, pose in enumerate(poses):
-        place = project(lens, pose, points)
+        place = project_points(lens, pose, points)
         seen = np.flatnonzero(np.isfinite(place).all(axis=1))
         seen = seen[lens.contains(place[seen])]
         seen = seen[np.unique(np.linspace(0, len(seen) - 1, min(most, len(seen))).astype(np.int64))]

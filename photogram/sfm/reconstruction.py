@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray, grouped
-from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project
+from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
 from photogram.errors import check_range
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.loss import RobustLoss
@@ -313,7 +313,7 @@ class Structure:
         with np.errstate(divide="ignore", invalid="ignore"):
             error_px = np.linalg.norm(local[:, :2] / local[:, 2:] - ideal, axis=1) * camera.focal_px
         if camera.model == "fisheye":  # a pixel far off its axis is much more of ideal coordinates
-            error_px = np.linalg.norm(project(camera, pose, points) - tie.pixel[seen], axis=1)
+            error_px = np.linalg.norm(project_points(camera, pose, points) - tie.pixel[seen], axis=1)
         agree = (local[:, 2] > 0) & (error_px < s.threshold_px)
         if agree.sum() < max(s.minimum_points, s.minimum_share * len(seen)):
             return False

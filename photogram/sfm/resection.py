@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project
+from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
 
@@ -137,7 +137,7 @@ class _Marks:
 
     def misfit_px(self, pose: Pose) -> FloatArray:
         """Distance (N,) between projected points and their marks, infinite where a point is not seen."""
-        distance = np.linalg.norm(project(self.camera, pose, self.points) - self.pixel, axis=1)
+        distance = np.linalg.norm(project_points(self.camera, pose, self.points) - self.pixel, axis=1)
         return np.where(np.isfinite(distance), distance, np.inf)
 
     def expected_px(self, pose: Pose) -> FloatArray:
@@ -349,5 +349,5 @@ def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
 def _resection(marks: _Marks, choice: _Choice, refined: Pose, inliers: NDArray[np.bool_]) -> Resection:
     others = [i for i in np.flatnonzero(inliers) if i not in choice.triple]
     check_px = float(choice.error_px[others].max()) if others else float("nan")
-    residual_px = project(marks.camera, refined, marks.points) - marks.pixel
+    residual_px = project_points(marks.camera, refined, marks.points) - marks.pixel
     return Resection(choice.pose, choice.triple, choice.solutions, check_px, refined, inliers, residual_px)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.constraints.between_points import Distance
 from photogram.frames import LocalFrame
 from photogram.projection import PARAMETERS, READOUT
@@ -87,7 +87,7 @@ def simulate_close_range(
 
     def seen(points: FloatArray, sigma_px: float) -> tuple[IntArray, IntArray, FloatArray]:
         point, photograph = np.divmod(np.arange(photographs * len(points)), photographs)
-        pixel = np.stack([project(true, Pose(r, c), points) for r, c in zip(R, C, strict=True)], axis=1)
+        pixel = np.stack([project_points(true, Pose(r, c), points) for r, c in zip(R, C, strict=True)], axis=1)
         return photograph, point, pixel.reshape(-1, 2) + sigma_px * rng.standard_normal((len(point), 2))
 
     photograph, point, pixel = seen(X, TIE_SIGMA_PX)

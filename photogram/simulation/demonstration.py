@@ -10,7 +10,7 @@ import numpy as np
 
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.files.npz_json import fingerprint, read_json, write_json
 from photogram.files.photographs.images import write_photograph
 from photogram.projection import PARAMETER_NAMES, PARAMETERS, USUAL
@@ -155,7 +155,7 @@ def write_demonstration(
     ):
         progress(done, count, name)
         write_photograph(folder / "photographs" / name, pixels, photograph_tags(survey, photograph))
-    write_geotiff(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
+    write_raster(folder / "truth_surface.tif", truth_surface(survey, TRUTH_CELL_M), survey.frame.crs)
     with replacing(project) as temporary:
         temporary.write_text(_project_text(survey, dense), encoding="utf-8")
     write_json(truth, truth_record(survey))

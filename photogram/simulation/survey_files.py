@@ -143,7 +143,7 @@ def write_control_tables(
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_survey_folder(
+def write_survey(
     folder: Path | str,
     survey: SimulatedSurvey,
     pictures: Iterable[tuple[str, NDArray[np.uint8]]],

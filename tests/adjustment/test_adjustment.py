@@ -15,7 +15,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.outliers import noise_scale, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, oriented_by, oriented_cameras, project
+from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import values_of
 from photogram.factors.covariance import covariances
@@ -179,10 +179,10 @@ def with_mismatch_at(made: SimulatedBlock, share_of_depth: float) -> tuple[Block
         n = int(tie.first_observation[p])
         a, b = (truth.poses[i] for i in tie.photograph[n : n + 2].tolist())
         wrong = a.position_world_m + share_of_depth * (X[p] - a.position_world_m)
-        pixel = project(truth.camera, b, wrong[None])
+        pixel = project_points(truth.camera, b, wrong[None])
         if truth.camera.contains(pixel)[0] and not made.mismatch[n : n + 2].any():
             moved = tie.pixel.copy()
-            moved[n : n + 2] = project(truth.camera, a, wrong[None])[0], pixel[0]
+            moved[n : n + 2] = project_points(truth.camera, a, wrong[None])[0], pixel[0]
             return replace(block, tie_points=replace(tie, pixel=moved)), p
     raise ValueError("no point of two rays has room for a mismatch")
 

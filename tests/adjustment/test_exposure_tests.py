@@ -16,7 +16,7 @@ from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
 from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
 from photogram.arrays import FloatArray
 from photogram.constraints.rigs import exposure_names, rejecting_exposures, relative_poses
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.rigs.two_cameras import EXPOSURE_SIGMA, TwoCameras, simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
@@ -76,7 +76,7 @@ def test_redundancy_numbers_sum_to_what_an_exposure_adds() -> None:
 @pytest.mark.parametrize("seed", [1, 3])
 def test_an_exposure_not_taken_together_is_named_and_no_other(seed: int) -> None:
     made = simulate_two_cameras(WIDER, seed, tie_points=300, late_m={5: 0.3})
-    verdict = adjust_and_judge(made.block, AdjustmentSettings())
+    verdict = adjust_with_snooping(made.block, AdjustmentSettings())
     assert [(a.kind, a.name) for a in verdict.rejected] == [("exposure", "sim_0006_B.JPG")]
     assert re.match(r"exposure sim_0006_B.JPG: all other observations put it 0\.[23]", verdict.blunders[0].sentence)
     assert verdict.blunders[0].sentence.endswith("beside sim_0006.JPG: the two were not taken at the same moment")
@@ -89,14 +89,14 @@ def test_an_exposure_not_taken_together_is_named_and_no_other(seed: int) -> None
 
 def test_nothing_is_accused_where_all_were_taken_together() -> None:
     made = simulate_two_cameras(WIDER, 2, tie_points=300)
-    assert adjust_and_judge(made.block, AdjustmentSettings()).rejected == ()
+    assert adjust_with_snooping(made.block, AdjustmentSettings()).rejected == ()
 
 
 def test_gross_exposures_are_found_by_the_robust_start() -> None:
     """Three of eight, by metres: they would bend the block, and hide each other."""
     late = {1: 4.0, 4: 6.0, 6: 5.0}
     made = simulate_two_cameras(WIDER, 7, tie_points=300, late_m=late)
-    verdict = adjust_and_judge(made.block, AdjustmentSettings())
+    verdict = adjust_with_snooping(made.block, AdjustmentSettings())
     assert {a.name for a in verdict.rejected} == {f"sim_{i + 1:04d}_B.JPG" for i in late}
 
 

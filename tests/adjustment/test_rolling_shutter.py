@@ -24,7 +24,7 @@ from photogram.arrays import FloatArray
 from photogram.factors.elimination.reprojection import predicted
 from photogram.factors.graph import cost, ground_graph
 from photogram.projection import B1, B2, FOCAL, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -270,7 +270,7 @@ def test_a_rolling_shutter_is_not_taken_for_wrong_control_points() -> None:
     z = list[float]()
     for seed in (1, 5, 24):
         made = simulate_block(SLOW, seed, tie_points=3000, sigma_px=0.1)
-        verdict = adjust_and_judge(made.block, SETTINGS)
+        verdict = adjust_with_snooping(made.block, SETTINGS)
         assert verdict.blunders == ()
         result = verdict.result
         assert result.block.cameras[0].readout_s == result.readout_s[0]

@@ -9,7 +9,7 @@ import pytest
 from lib import dense_scores, dense_truth, rectified_pairs
 from lib.dense_truth import Truth
 
-from photogram.camera import Camera, Pose, image_plane, project
+from photogram.camera import Camera, Pose, image_plane, project_points
 from photogram.grid import MapGrid
 from photogram.simulation.simulated_survey import simulate, simulate_block
 from photogram.simulation.survey_plan import SurveyPlan, whole_survey_plan
@@ -191,7 +191,7 @@ def test_rows_of_rectified_pairs_are_epipolar_lines() -> None:
         places = []
         for side in (0, 1):
             pose = made.truth.poses[number[side]]
-            ideal = image_plane(made.truth.camera, project(made.truth.camera, pose, X))
+            ideal = image_plane(made.truth.camera, project_points(made.truth.camera, pose, X))
             ray = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation_world_from_camera.T
             places.append(ray @ pair.rotation_world_from_rectified @ pair.matrix(side).T)
             places[-1] = places[-1][:, :2] / places[-1][:, 2:]
@@ -203,7 +203,7 @@ def test_rows_of_rectified_pairs_are_epipolar_lines() -> None:
         u, _ = np.meshgrid(np.arange(1200.0), np.arange(900.0))
         picture, held = rectified_pairs.rectified(block, pair, 0, (u / 5).astype(np.uint8))
         within = np.rint(places[0]).astype(int)
-        expected = project(made.truth.camera, made.truth.poses[number[0]], X)[:, 0] / 5
+        expected = project_points(made.truth.camera, made.truth.poses[number[0]], X)[:, 0] / 5
         assert held[within[:, 1], within[:, 0]].mean() > 0.97
         assert picture[within[:, 1], within[:, 0]] == pytest.approx(expected, abs=1.5)
 

@@ -22,7 +22,7 @@ from photogram.change.surfaces import (
     surface_path,
 )
 from photogram.errors import ProjectError
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 
@@ -116,20 +116,20 @@ def test_surfaces_are_told_apart_by_their_folders() -> None:
 
 def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:
     raster = Raster(np.zeros((8, 9), np.float32), 500_000.0, 6_000_000.0, 0.5)
-    write_geotiff(tmp_path / "site.tif", raster, CRS)
+    write_raster(tmp_path / "site.tif", raster, CRS)
     with pytest.raises(ProjectError, match=r"no standard deviations beside it \(site_sigma\.tif\): state two"):
         open_surface(tmp_path / "site.tif", None, None)
     stated = open_surface(tmp_path / "site.tif", StatedSigma(0.02, 0.03), None)
     cells = surface_cells(stated, stated.heights.grid, stated.heights.grid.whole)
     assert cells.own_m[2, 2] == 0.02
     assert cells.pattern_m[4, 2, 2] == 0.03
-    write_geotiff(tmp_path / "site_sigma.tif", raster, CRS)
+    write_raster(tmp_path / "site_sigma.tif", raster, CRS)
     with pytest.raises(ProjectError, match=r"no site_source\.tif beside it.*--correlation"):
         open_surface(tmp_path / "site.tif", None, None)
     assert open_surface(tmp_path / "site.tif", None, 3.0).told_by == "site_sigma.tif, the whole of it taken as common"
     with pytest.raises(ProjectError, match="correlation -1 m"):
         open_surface(tmp_path / "site.tif", None, -1.0)
-    write_geotiff(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)
+    write_raster(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)
     with pytest.raises(ProjectError, match=r"site_sigma\.tif: its cells are not those of site\.tif"):
         open_surface(tmp_path / "site.tif", None, 3.0)
     with pytest.raises(ProjectError, match="two lengths in m are expected"):

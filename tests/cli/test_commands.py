@@ -22,7 +22,7 @@ import photogram as package
 from photogram.cli import main  # noqa: F401 - its commands register
 from photogram.cli.app import app
 from photogram.files.clouds.points import write_laz, write_xyz
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
@@ -182,7 +182,7 @@ def reference(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     easting, northing = np.meshgrid(602300.25 + 0.5 * np.arange(100), 5794139.75 - 0.5 * np.arange(80))
     if path.suffix == ".tif":
         height = plane(easting, northing).astype(np.float32)
-        write_geotiff(path, Raster(height, 602300.0, 5794140.0, 0.5), "EPSG:25832")
+        write_raster(path, Raster(height, 602300.0, 5794140.0, 0.5), "EPSG:25832")
     else:
         points = np.column_stack([easting.ravel(), northing.ravel(), plane(easting, northing).ravel()])
         write_xyz(path, PointCloud(points))

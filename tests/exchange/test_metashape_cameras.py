@@ -15,7 +15,7 @@ from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Pose, project
+from photogram.camera import Pose, project_points
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.metashape.metashape_cameras import read_metashape_cameras, write_metashape_cameras
 
@@ -82,7 +82,7 @@ def written(tmp_path: Path, text: str) -> Path:
 def test_the_calibration_is_that_of_metashapes_formula(tmp_path: Path) -> None:
     solution = read_metashape_cameras(written(tmp_path, EXPORT))
     ideal = np.array([[0.1, 0.2], [-0.5, 0.3], [0.6, -0.4], [0.0, 0.0]])
-    found = project(solution.cameras[0], Pose(np.eye(3), np.zeros(3)), np.column_stack([ideal, np.ones(4)]))
+    found = project_points(solution.cameras[0], Pose(np.eye(3), np.zeros(3)), np.column_stack([ideal, np.ones(4)]))
     expected = np.array([as_metashape(x, y) for x, y in ideal]) - 0.5
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 

@@ -169,7 +169,7 @@ def test_the_poses_of_strasbourg_are_those_of_another_adjustment(shared_data: Sh
 
 
 def test_marks_of_strasbourg_are_near_their_points(shared_data: SharedData) -> None:
-    from photogram.camera import project
+    from photogram.camera import project_points
 
     solution = read_metashape_project(shared_data("dbat_sxb/sxb.psz"))
     ground = solution.ground_points
@@ -178,7 +178,7 @@ def test_marks_of_strasbourg_are_near_their_points(shared_data: SharedData) -> N
     for i, photograph in enumerate(solution.photographs):
         mine = ground.mark_photograph == i
         assert photograph.pose is not None
-        at = project(
+        at = project_points(
             solution.cameras[photograph.camera], photograph.pose, ground.position_world_m[ground.mark_point[mine]]
         )
         residual[mine] = at - ground.mark_pixel[mine]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from foreign import assert_refused_or_read, small_solution
 
-from photogram.camera import Pose, project
+from photogram.camera import Pose, project_points
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.micmac import read_micmac
 
@@ -58,7 +58,7 @@ GRID = np.array([[x, y] for x in np.linspace(-0.7, 0.7, 9) for y in np.linspace(
 
 def largest_difference(folder: Path, **more: float | bool | tuple[float, float]) -> tuple[float, tuple[str, ...]]:
     solution = read_micmac(folder)
-    at = project(solution.cameras[0], Pose(np.eye(3), np.zeros(3)), np.column_stack([GRID, np.ones(len(GRID))]))
+    at = project_points(solution.cameras[0], Pose(np.eye(3), np.zeros(3)), np.column_stack([GRID, np.ones(len(GRID))]))
     true = np.array([as_micmac(x, y, **more) for x, y in GRID])  # type: ignore[arg-type]
     return float(np.linalg.norm(at - true, axis=1).max()), solution.left_out
 

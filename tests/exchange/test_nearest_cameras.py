@@ -9,7 +9,7 @@ import pytest
 from foreign import small_solution
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, field_at, image_plane, project, undistort
+from photogram.camera import Camera, Pose, field_at, image_plane, project_points, undistort
 from photogram.exchange.formats.nearest_cameras import nearest_camera, without_fields
 from photogram.exchange.formats.undistorted import pinhole_solution
 from photogram.lens.fields import free_field
@@ -46,12 +46,12 @@ def test_points_of_the_world_are_as_near_as_is_said(terms: frozenset[str]) -> No
     lost = [value for name, value in zip(PARAMETER_NAMES, found.camera.parameters, strict=True) if name not in terms]
     assert all(value in (0.0, 1999.5, 1499.5) for value in lost)
     pose, points, pixel = seen(CAMERA)
-    away = np.linalg.norm(project(found.camera, found.turned(pose), points) - pixel, axis=1)
+    away = np.linalg.norm(project_points(found.camera, found.turned(pose), points) - pixel, axis=1)
     assert float(np.sqrt(np.mean(away**2))) == pytest.approx(found.rms_px, rel=0.15)
     assert away.max() <= 1.01 * found.largest_px
     bare = np.where(np.isin(PARAMETER_NAMES, list(terms)), CAMERA.parameters, 0.0)
     bare[1:3] = CAMERA.parameters[1:3] if "cx_px" in terms else [1999.5, 1499.5]
-    dropped = project(CAMERA.with_parameters(bare), pose, points) - pixel
+    dropped = project_points(CAMERA.with_parameters(bare), pose, points) - pixel
     assert found.rms_px < 0.85 * np.sqrt(np.mean(np.sum(dropped**2, axis=1)))
 
 
@@ -89,7 +89,7 @@ def test_the_nearest_camera_without_its_lens_field_is_as_far_away_as_the_field_i
     # the field is free of what parameters and a turn describe
     assert 0.9 < found.rms_px / np.sqrt(np.mean(size**2)) < 1.0 + 1e-6
     pose, points, pixel = seen(camera)
-    away = np.linalg.norm(project(found.camera, found.turned(pose), points) - pixel, axis=1)
+    away = np.linalg.norm(project_points(found.camera, found.turned(pose), points) - pixel, axis=1)
     assert 0.7 * found.rms_px < np.sqrt(np.mean(away**2)) < found.rms_px  # the edge of the picture counts more there
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from foreign import assert_refused_or_read, assert_same_cameras, small_solution
 
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.pix4d.pix4d_params import PARAMETERS, read_pix4d_cam, read_pix4d_params
 from photogram.files.solutions.solution import ForeignSolution
@@ -87,7 +87,7 @@ def test_the_printed_example_looks_down(tmp_path: Path) -> None:
     from dataclasses import replace
 
     ideal = replace(camera, radial=np.zeros(4), tangential=np.zeros(2))
-    np.testing.assert_allclose(project(ideal, photograph.pose, X)[0], m[:2] / m[2] - 0.5, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(project_points(ideal, photograph.pose, X)[0], m[:2] / m[2] - 0.5, rtol=0, atol=1e-8)
 
 
 def test_a_solution_comes_back_with_offset_and_crs(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from photogram.constraints.between_points import CommonSurface, Constraint, Dist
 from photogram.factors.constraints import Heights, rows_of
 from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
-from photogram.quality.gross_errors.snooped_adjustment import adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.report.local_frame import constraint_numbers, distance_numbers
 from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.simulation.simulated_survey import SurveyPlan
@@ -73,7 +73,7 @@ def test_a_check_changes_no_bit() -> None:
 def test_a_blunder_is_rejected_by_its_name() -> None:
     survey = simulate_close_range(2)
     bars = tuple(bar(survey, ends, 0.05 * (ends == "CD")) for ends in ("AB", "CD", "AC", "BD"))
-    verdict = adjust_and_judge(replace(survey.block, constraints=bars), SETTINGS)
+    verdict = adjust_with_snooping(replace(survey.block, constraints=bars), SETTINGS)
     assert [(b.kind, b.points) for b in verdict.blunders] == [("distance", ("C", "D"))]
 
 

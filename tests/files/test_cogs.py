@@ -16,7 +16,7 @@ from rio_cogeo import cog_validate
 
 from photogram.errors import FrameError, WorkspaceError
 from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_bands, write_cog_codes, write_cog_rgba
-from photogram.files.maps.rasters import read_raster, write_geotiff
+from photogram.files.maps.rasters import read_raster, write_raster
 from photogram.grid import MapGrid, Window
 
 CRS, HEIGHTS = "EPSG:25832", "EPSG:25832+5799"
@@ -122,7 +122,7 @@ def test_tiling_does_not_show_in_the_bytes(tmp_path: Path, kind: str) -> None:
     assert write("b.tif", tiles(whole, 97)) == first
     assert write("c.tif", tiles(whole, 256, backwards=True)) == first
     if kind == "heights":
-        write_geotiff(tmp_path / "d.tif", GRID.raster(whole), CRS)
+        write_raster(tmp_path / "d.tif", GRID.raster(whole), CRS)
         assert (tmp_path / "d.tif").read_bytes() == first
 
 

@@ -23,7 +23,7 @@ from photogram.files.photographs.images import (
     inspect_photograph,
     read_grey,
     read_patches,
-    read_pixels,
+    read_photograph,
     read_small,
     read_window,
     sample_values,
@@ -68,17 +68,17 @@ def test_every_pixel_is_stretched_linearly(tmp_path: Path, name: str) -> None:
     expected = stretched(VALUES if not name.startswith("grey") else np.repeat(VALUES[..., :1], 3, axis=2))
     assert inspect_photograph(path).bits == 16
     assert check_photograph(path, (WIDTH, HEIGHT)) == (WIDTH, HEIGHT)
-    np.testing.assert_array_equal(read_pixels(path, (WIDTH, HEIGHT), stretch=STRETCH), expected)
+    np.testing.assert_array_equal(read_photograph(path, (WIDTH, HEIGHT), stretch=STRETCH), expected)
 
 
 @pytest.mark.parametrize("name", ["plain.tif", "grey.png"])
 def test_all_readers_see_the_same_8_bits(tmp_path: Path, name: str) -> None:
     """As of an 8-bit picture of the same pixels: nothing else is done to them."""
     path, shallow = written(tmp_path, name), tmp_path / "shallow.png"
-    pixels = read_pixels(path, stretch=STRETCH)
+    pixels = read_photograph(path, stretch=STRETCH)
     Image.fromarray(pixels if name == "plain.tif" else pixels[..., 0]).save(shallow)
     readers: list[Callable[..., object]] = [
-        read_pixels,
+        read_photograph,
         read_grey,
         thumbnail,
         lambda path, stretch=None: read_small(path, 40, stretch),
@@ -98,7 +98,7 @@ def test_8_bits_are_left_as_they_are(tmp_path: Path, suffix: str, channels: int)
     by_opencv(path, pixels)
     assert inspect_photograph(path).bits == 8
     for stretch in (None, STRETCH):
-        np.testing.assert_array_equal(read_pixels(path, stretch=stretch), np.broadcast_to(pixels, VALUES.shape))
+        np.testing.assert_array_equal(read_photograph(path, stretch=stretch), np.broadcast_to(pixels, VALUES.shape))
 
 
 def test_white_is_zero_and_12_bits(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_samples_cover_the_whole_photograph(tmp_path: Path) -> None:
 )
 def test_other_pixels_are_refused_by_their_kind(tmp_path: Path, pixels: NDArray[np.generic], kind: str) -> None:
     path = write_tiff(tmp_path / "a.tif", pixels)
-    for read in (inspect_photograph, check_photograph, read_pixels, sample_values):
+    for read in (inspect_photograph, check_photograph, read_photograph, sample_values):
         with pytest.raises(ImageError, match=rf"a\.tif: {kind}, photogram reads grey or colour of 8 to 16 bits"):
             read(path)
 
@@ -159,7 +159,7 @@ def test_truncated_files_are_refused(tmp_path: Path, name: str, share: float) ->
     path = written(tmp_path, name)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    for read in (check_photograph, sample_values, lambda path: read_pixels(path, stretch=STRETCH)):
+    for read in (check_photograph, sample_values, lambda path: read_photograph(path, stretch=STRETCH)):
         with pytest.raises(ImageError, match="the file is truncated or damaged"):
             read(path)
 
@@ -175,7 +175,7 @@ def test_damage_is_refused_or_harmless(tmp_path: Path, name: str) -> None:
         content[place] ^= int(rng.integers(1, 256))
         path.write_bytes(bytes(content))
         try:
-            pixels = read_pixels(path, (WIDTH, HEIGHT), stretch=STRETCH)
+            pixels = read_photograph(path, (WIDTH, HEIGHT), stretch=STRETCH)
         except ImageError:
             refused += 1
             continue

@@ -17,7 +17,7 @@ from photogram.files.photographs.images import (
     check_photograph,
     inspect_photograph,
     read_leading_tags,
-    read_pixels,
+    read_photograph,
     read_tags,
     read_window,
     write_photograph,
@@ -67,14 +67,14 @@ def raw(tmp_path: Path, picture: Path) -> Path:
 
 def test_the_preview_of_full_size_is_the_photograph(raw: Path, picture: Path) -> None:
     size = WIDTH, HEIGHT
-    np.testing.assert_array_equal(read_pixels(raw, size), read_pixels(picture))
+    np.testing.assert_array_equal(read_photograph(raw, size), read_photograph(picture))
     np.testing.assert_array_equal(read_window(raw, (8, 3, 60, 40), 2), read_window(picture, (8, 3, 60, 40), 2))
     assert check_photograph(raw, size) == size
-    read_pixels(raw, size, hashlib.sha256(raw.read_bytes()).hexdigest())
+    read_photograph(raw, size, hashlib.sha256(raw.read_bytes()).hexdigest())
     with pytest.raises(ImageError, match="was modified since the run began"):
-        read_pixels(raw, size, hashlib.sha256(picture.read_bytes()).hexdigest())
+        read_photograph(raw, size, hashlib.sha256(picture.read_bytes()).hexdigest())
     with pytest.raises(ImageError, match=f"{WIDTH} × {HEIGHT} px, but its camera has 168 × 100 px"):
-        read_pixels(raw, (168, 100))
+        read_photograph(raw, (168, 100))
 
 
 def test_tags_are_those_of_the_file(raw: Path, picture: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_preview_of_all_raw_pixels_is_one_too(tmp_path: Path) -> None:
     height, width = RAW.shape
     whole = jpeg(tmp_path, "whole.jpg", width, height)
     path = write_dng(tmp_path / "a.dng", RAW, [whole], crop=(WIDTH, HEIGHT))
-    assert read_pixels(path).shape == (height, width, 3)
+    assert read_photograph(path).shape == (height, width, 3)
 
 
 def test_a_small_preview_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_a_small_preview_is_an_error_that_says_what_to_do(tmp_path: Path) -> Non
         (one, r"one\.dng: DNG of 160 × 96 px, its largest preview has 80 × 48 px, and photogram develops no raw"),
         (none, r"none\.dng: DNG of 168 × 100 px, no preview in it"),
     ):
-        for read in (inspect_photograph, read_pixels, read_tags, check_photograph):
+        for read in (inspect_photograph, read_photograph, read_tags, check_photograph):
             with pytest.raises(ImageError, match=said + ".*convert all photographs alike .* to 16-bit TIFF or JPEG"):
                 read(path)
 
@@ -115,7 +115,7 @@ def test_damage_is_refused_or_harmless(raw: Path) -> None:
         content[place] ^= int(rng.integers(1, 256))
         raw.write_bytes(bytes(content))
         try:
-            assert read_pixels(raw, (WIDTH, HEIGHT)).shape == (HEIGHT, WIDTH, 3)
+            assert read_photograph(raw, (WIDTH, HEIGHT)).shape == (HEIGHT, WIDTH, 3)
             inspect_photograph(raw)
         except ImageError:
             refused += 1

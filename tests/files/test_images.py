@@ -31,7 +31,7 @@ from photogram.files.photographs.images import (
     read_grey,
     read_leading_tags,
     read_patches,
-    read_pixels,
+    read_photograph,
     read_tags,
     read_window,
     thumbnail,
@@ -40,7 +40,7 @@ from photogram.files.photographs.images import (
 from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
 from photogram.files.reading import read_rest, read_whole
 
-READERS = (read_pixels, read_grey, check_photograph)
+READERS = (read_photograph, read_grey, check_photograph)
 
 JPEG_OPTIONS: list[dict[str, Any]] = [
     {"subsampling": "4:2:0"},
@@ -190,13 +190,13 @@ def test_pixels_and_grey_of_a_lossless_photograph(tmp_path: Path) -> None:
     pixels = np.random.default_rng(1).integers(0, 256, (11, 17, 3)).astype(np.uint8)
     path = tmp_path / "lossless.png"
     Image.fromarray(pixels).save(path)
-    assert np.array_equal(read_pixels(path, (17, 11)), pixels)
+    assert np.array_equal(read_photograph(path, (17, 11)), pixels)
     luminance = pixels @ np.array([0.299, 0.587, 0.114])
     assert np.abs(read_grey(path).astype(float) - luminance).max() <= 1.0
 
 
 def test_jpeg_keeps_its_pixels_and_its_luminance(photograph: Path) -> None:
-    pixels, grey = read_pixels(photograph, (160, 96)), read_grey(photograph, (160, 96))
+    pixels, grey = read_photograph(photograph, (160, 96)), read_grey(photograph, (160, 96))
     assert pixels.shape == (96, 160, 3)
     assert grey.shape == (96, 160)
     assert pixels.dtype == grey.dtype == np.uint8
@@ -217,7 +217,7 @@ def test_jpeg_is_decoded_to_the_pixels_that_pillow_gives(tmp_path: Path, mode: s
     path = tmp_path / "waves.jpg"
     Image.fromarray(np.clip(waves + noise, 0, 255).astype(np.uint8)).convert(mode).save(path, quality=88, **options)
     with Image.open(path) as picture:
-        assert np.array_equal(read_pixels(path), np.array(picture.convert("RGB")))
+        assert np.array_equal(read_photograph(path), np.array(picture.convert("RGB")))
     with Image.open(path) as picture:
         picture.draft("L", None)
         assert np.array_equal(read_grey(path), np.array(picture.convert("L")))
@@ -249,7 +249,7 @@ def test_orientation_tag_does_not_turn_the_pixels(tmp_path: Path) -> None:
     exif = Image.Exif()
     exif[274] = 6
     Image.new("RGB", (40, 24)).save(path, exif=exif)
-    assert read_pixels(path).shape == (24, 40, 3)
+    assert read_photograph(path).shape == (24, 40, 3)
     assert read_grey(path).shape == (24, 40)
     assert check_photograph(path) == (40, 24)
 
@@ -377,7 +377,7 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path) -> None:
 
 
 def test_same_photograph_gives_the_same_bytes(photograph: Path) -> None:
-    pixels = read_pixels(photograph)
+    pixels = read_photograph(photograph)
     first, second = photograph.with_name("a.jpg"), photograph.with_name("b.jpg")
     write_photograph(first, pixels, TAGS)
     write_photograph(second, pixels, TAGS)
@@ -695,7 +695,7 @@ def test_only_rows_of_a_single_scan_are_cut() -> None:
 def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.jpg"
     write_photograph(path, np.random.default_rng(2).integers(0, 256, (60, 80, 3)).astype(np.uint8), PhotographTags())
-    whole = read_pixels(path)
+    whole = read_photograph(path)
     decoded: list[Path] = []
     decode = images._decode
 

@@ -9,7 +9,7 @@ import pytest
 from makers import SharedData
 from scipy.io import loadmat, savemat
 
-from photogram.camera import Pose, distort, project
+from photogram.camera import Pose, distort, project_points
 from photogram.errors import ProjectError
 from photogram.files.matlab import read_camera, read_tie_points, write_tie_points
 from photogram.survey import TiePoints
@@ -59,7 +59,7 @@ def test_two_focal_lengths_and_skew_are_the_affinity(tmp_path: Path) -> None:
     points = np.array([[3.0, -2.0, 20.0], [-7.0, 4.0, 25.0]])
     plane = distort(replace(camera, affinity=np.zeros(2)), points[:, :2] / points[:, 2:] * 3674.2 + K[:2, 2])
     pixel = ((plane - K[:2, 2]) / 3674.2) @ skewed[:2, :2].T + skewed[:2, 2]
-    np.testing.assert_allclose(project(camera, Pose(np.eye(3), np.zeros(3)), points), pixel, atol=1e-9)
+    np.testing.assert_allclose(project_points(camera, Pose(np.eye(3), np.zeros(3)), points), pixel, atol=1e-9)
 
 
 def without(name: str) -> dict[str, object]:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, gimbal_from_rotation, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, gimbal_from_rotation, project_points, rotation_from_gimbal
 from photogram.errors import WorkspaceError
 from photogram.files.poses import (
     COLUMNS,
@@ -250,7 +250,7 @@ def test_footprints_project_to_the_corners_of_the_photograph(tmp_path: Path) -> 
     assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0, "an outer ring runs counter-clockwise"
     height_map_m = FRAME.map_from_world(np.zeros((1, 3)))[0, 2]
     corners = map_from_geodetic(FRAME.crs, np.column_stack([x[:4], y[:4], np.full(4, height_map_m)]))
-    pixel = project(CAMERA, pose, FRAME.world_from_map(corners))
+    pixel = project_points(CAMERA, pose, FRAME.world_from_map(corners))
     expected = [[-0.5, -0.5], [-0.5, 599.5], [799.5, 599.5], [799.5, -0.5]]
     # 0.2 mm of longitude, and the curvature of the Earth
     assert pixel == pytest.approx(np.array(expected), abs=0.01)

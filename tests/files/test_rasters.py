@@ -9,7 +9,7 @@ from makers import SharedData
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
-from photogram.files.maps.rasters import NODATA, read_raster, write_geotiff
+from photogram.files.maps.rasters import NODATA, read_raster, write_raster
 from photogram.survey import Raster
 
 CRS = "EPSG:25832"
@@ -31,7 +31,7 @@ def written(path: Path, transform: Affine, crs: str | None = CRS, count: int = 1
 
 def test_raster_survives_writing_and_reading(tmp_path: Path) -> None:
     raster, path = surface(), tmp_path / "dsm.tif"
-    write_geotiff(path, raster, CRS)
+    write_raster(path, raster, CRS)
     back, crs = read_raster(path)
     np.testing.assert_array_equal(back.values, raster.values)
     assert back.values.dtype == np.float32
@@ -42,7 +42,7 @@ def test_raster_survives_writing_and_reading(tmp_path: Path) -> None:
 
 def test_other_programs_find_the_corners_nodata_and_layout(tmp_path: Path) -> None:
     raster, path = surface(700, 530), tmp_path / "dsm.tif"
-    write_geotiff(path, raster, CRS)
+    write_raster(path, raster, CRS)
     with rasterio.open(path) as dataset:
         assert (dataset.height, dataset.width, dataset.count) == (700, 530, 1)
         assert dataset.dtypes == ("float32",)
@@ -64,23 +64,23 @@ def test_other_programs_find_the_corners_nodata_and_layout(tmp_path: Path) -> No
 
 
 def test_overviews_can_be_left_out(tmp_path: Path) -> None:
-    write_geotiff(tmp_path / "dsm.tif", surface(700, 530), CRS, overviews=False)
+    write_raster(tmp_path / "dsm.tif", surface(700, 530), CRS, overviews=False)
     with rasterio.open(tmp_path / "dsm.tif") as dataset:
         assert dataset.overviews(1) == []
 
 
 def test_same_raster_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.tif", "b.tif"):
-        write_geotiff(tmp_path / name, surface(300, 410), CRS)
+        write_raster(tmp_path / name, surface(300, 410), CRS)
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
 
 
 def test_a_crs_without_number_comes_back_as_wkt(tmp_path: Path) -> None:
     local = "+proj=tmerc +lat_0=55.8 +lon_0=12.5 +ellps=GRS80 +units=m"
-    write_geotiff(tmp_path / "dsm.tif", surface(), local)
+    write_raster(tmp_path / "dsm.tif", surface(), local)
     back, crs = read_raster(tmp_path / "dsm.tif")
     assert crs.startswith("PROJCRS[")
-    write_geotiff(tmp_path / "again.tif", back, crs)
+    write_raster(tmp_path / "again.tif", back, crs)
     assert read_raster(tmp_path / "again.tif")[1] == crs
 
 
@@ -126,7 +126,7 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "dsm.tif"
     with pytest.raises(ProjectError, match="file not found"):
         read_raster(path)
-    write_geotiff(path, surface(300, 410), CRS)
+    write_raster(path, surface(300, 410), CRS)
     whole = path.read_bytes()
     for kept in (0, 100, len(whole) // 2):
         path.write_bytes(whole[:kept])
@@ -137,12 +137,12 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
 def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     raster = surface()
     with pytest.raises(FrameError, match="not a projected CRS"):
-        write_geotiff(tmp_path / "dsm.tif", raster, "EPSG:4326")
+        write_raster(tmp_path / "dsm.tif", raster, "EPSG:4326")
     raster.values[0, 0] = NODATA
     with pytest.raises(ValueError, match="stands for no data"):
-        write_geotiff(tmp_path / "dsm.tif", raster, CRS)
+        write_raster(tmp_path / "dsm.tif", raster, CRS)
     with pytest.raises(WorkspaceError, match="cannot be written"):
-        write_geotiff(tmp_path / "nowhere" / "dsm.tif", surface(), CRS)
+        write_raster(tmp_path / "nowhere" / "dsm.tif", surface(), CRS)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -25,7 +25,7 @@ from photogram.files.photographs.headers import read_headers
 from photogram.files.photographs.images import check_photograph, inspect_photograph, read_grey
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.files.tables.position_tables import read_positions
-from photogram.pipeline.input_validation import validate_project_file
+from photogram.pipeline.input_validation import check_project
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, Wishes, draft_project
 from photogram.project.draft.text import project_text
 from photogram.quality.asprs import ReportSettings
@@ -123,7 +123,7 @@ def project(case: Case) -> None:
     """Check a survey by its project file."""
     target = case.bench.survey / "project.yaml"
     target.write_bytes(case.path.read_bytes())
-    for finding in validate_project_file(target):
+    for finding in check_project(target):
         str(finding)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from photogram.files.clouds.points import write_laz
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.simulation.demonstration import write_demonstration
@@ -122,7 +122,7 @@ def make_corpus(folder: Path, survey: Path) -> None:
     _clouds(folder)
     heights = np.random.default_rng(3).uniform(60, 70, (70, 90)).astype(np.float32)
     heights[3:9, 4:20] = np.nan
-    write_geotiff(folder / "surface.tif", Raster(heights, 719_000.0, 6_191_070.0, 1.0), CRS)
+    write_raster(folder / "surface.tif", Raster(heights, 719_000.0, 6_191_070.0, 1.0), CRS)
     arrays = io.BytesIO()
     np.savez(arrays, a=np.arange(300.0).reshape(100, 3), b=np.array(3), c=np.zeros((4, 5), np.uint8))
     (folder / "arrays.npz").write_bytes(arrays.getvalue())

@@ -19,7 +19,7 @@ from photogram.camera import (
     image_plane,
     omega_phi_kappa_deg,
     oriented_by,
-    project,
+    project_points,
     rotation_from_gimbal,
     rotation_from_omega_phi_kappa,
     undistort,
@@ -141,7 +141,7 @@ def test_projection_agrees_with_opencv(camera: Camera, seed: int) -> None:
         camera.matrix + np.diag([camera.affinity[0], 0.0, 0.0]),
         np.array([k1, k2, *camera.tangential, k3]),
     )
-    np.testing.assert_allclose(project(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(project_points(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
 
 
 @settings(max_examples=60, deadline=None)
@@ -159,14 +159,14 @@ def test_the_fisheye_agrees_with_opencv(camera: Camera, seed: int) -> None:
         camera.radial,
         alpha=b2 / (camera.focal_px + b1),
     )
-    np.testing.assert_allclose(project(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(project_points(camera, POSE, points), expected.reshape(-1, 2), rtol=0, atol=1e-6)
 
 
 def test_the_fisheye_is_smooth_where_its_series_ends() -> None:
     camera = Camera("eye", 4000, 3000, 1400.0, np.array([1999.5, 1499.5]), model="fisheye")
     tangent = np.sqrt(NEAR_AXIS) * np.array([0.0, 1e-9, 1e-3, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 2.0])
     points = np.column_stack([tangent, np.zeros_like(tangent), np.ones_like(tangent)])
-    pixel = project(camera, Pose(np.eye(3), np.zeros(3)), points)
+    pixel = project_points(camera, Pose(np.eye(3), np.zeros(3)), points)
     np.testing.assert_allclose(pixel[:, 0] - 1999.5, 1400.0 * np.arctan(tangent), rtol=0, atol=1e-12 * 2000)
     np.testing.assert_allclose(image_plane(camera, pixel)[:, 0], tangent, rtol=0, atol=1e-15)
     for model_point in points:
@@ -187,7 +187,7 @@ def test_a_fisheye_that_looks_sideways_is_refused_with_the_place() -> None:
     folding = replace(camera, radial=np.array([-0.25, 0.0, 0.0, 0.0]))
     assert folding.largest_radius == pytest.approx(np.tan(np.sqrt(4.0 / 3.0)))
     sideways = np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
-    pixel = project(folding, Pose(np.eye(3), np.zeros(3)), sideways)
+    pixel = project_points(folding, Pose(np.eye(3), np.zeros(3)), sideways)
     assert np.isnan(pixel[:2]).all()
     assert np.isfinite(pixel[2]).all()
 
@@ -229,19 +229,19 @@ def test_projection_jacobians_agree_with_differences(camera: Camera, seed: int) 
     X = points_before(POSE, camera, 1, seed)[0]
     rotation, centre = POSE.rotation_world_from_camera, POSE.position_world_m
     J_pose, J_camera, J_point = np.empty((2, 6)), np.empty((2, PARAMETERS)), np.empty((2, 3))
-    at = project(camera, POSE, X[None])[0].tolist()
+    at = project_points(camera, POSE, X[None])[0].tolist()
     u, v, depth = project_point_jacobians(one(camera), 0, X, at[1], J_pose, J_camera, J_point)
 
     def of_pose(t: np.ndarray) -> np.ndarray:
         moved = Pose(rotation @ Rotation.from_rotvec(t[:3]).as_matrix(), centre + rotation @ t[3:])
-        return np.asarray(project(camera, moved, X[None])[0])
+        return np.asarray(project_points(camera, moved, X[None])[0])
 
     assert depth > 0
     np.testing.assert_allclose([u, v], of_pose(np.zeros(6)), rtol=0, atol=1e-9)
     assert_close_by_row(J_pose, central(of_pose, np.zeros(6), np.array([1e-4] * 3 + [1e-2] * 3)))
-    assert_close_by_row(J_point, central(lambda p: project(camera, POSE, p[None])[0], X, np.full(3, 1e-2)))
+    assert_close_by_row(J_point, central(lambda p: project_points(camera, POSE, p[None])[0], X, np.full(3, 1e-2)))
     step = np.where(np.isin(PARAMETER_NAMES, ("focal_px", "cx_px", "cy_px", "b1", "b2")), 1.0, 1e-3)
-    of_camera = central(lambda q: project(camera.with_parameters(q), POSE, X[None])[0], camera.parameters, step)
+    of_camera = central(lambda q: project_points(camera.with_parameters(q), POSE, X[None])[0], camera.parameters, step)
     reach = float(np.abs((X - centre) @ rotation).max() / depth)
     np.testing.assert_allclose(J_camera, of_camera, rtol=1e-6, atol=1e-7 * camera.focal_px * max(1.0, reach))
 
@@ -258,7 +258,7 @@ def test_distortion_jacobian_agrees_with_differences(camera: Camera, x: float, y
 def test_points_behind_or_in_the_projection_centre_have_no_pixel() -> None:
     ahead = POSE.rotation_world_from_camera[:, 2]
     points = POSE.position_world_m + np.outer([30.0, -30.0, 0.0], ahead)
-    pixel = project(DRONE, POSE, points)
+    pixel = project_points(DRONE, POSE, points)
     np.testing.assert_allclose(pixel[0], DRONE.principal_point_px, atol=1e-9)
     assert np.isnan(pixel[1:]).all()
     J = np.ones((2, 6)), np.ones((2, PARAMETERS)), np.ones((2, 3))
@@ -285,7 +285,7 @@ def test_unknown_pixels_stay_unknown() -> None:
 
 def test_rays_point_at_what_is_seen() -> None:
     points = points_before(POSE, DRONE, 60, 8)
-    ray = unproject(DRONE, project(DRONE, POSE, points))
+    ray = unproject(DRONE, project_points(DRONE, POSE, points))
     towards = POSE.camera_from_world(points)
     np.testing.assert_allclose(ray, towards / np.linalg.norm(towards, axis=1, keepdims=True), atol=1e-12)
 
@@ -303,8 +303,8 @@ def test_a_similarity_of_points_and_poses_changes_no_pixel() -> None:
     camera = Camera("a", 640, 480, 500.0, np.array([320.0, 240.0]), np.array([-0.1, 0.02, 0.0, 0.0]))
     pose = Pose(Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix(), np.array([0.5, 0.25, -4.0]))
     points = rng.uniform(-1.0, 1.0, (20, 3))
-    moved = project(camera, similarity.pose(pose), similarity.points(points))
-    np.testing.assert_allclose(moved, project(camera, pose, points), rtol=0, atol=1e-9)
+    moved = project_points(camera, similarity.pose(pose), similarity.points(points))
+    np.testing.assert_allclose(moved, project_points(camera, pose, points), rtol=0, atol=1e-9)
 
 
 def test_a_camera_knows_its_edges_width_from_height() -> None:
@@ -380,7 +380,7 @@ def test_points_beyond_the_fold_of_the_distortion_are_not_seen() -> None:
     camera = Camera("fold", 1000, 800, 500.0, np.array([499.5, 399.5]), np.array([-0.25, 0.0, 0.0, 0.0]))
     assert camera.largest_radius == pytest.approx(np.sqrt(4.0 / 3.0))
     nadir = Pose(np.eye(3), np.zeros(3))
-    pixel = project(camera, nadir, np.array([[1.1, 0.0, 1.0], [1.2, 0.0, 1.0], [2.0, 0.0, 1.0]]))
+    pixel = project_points(camera, nadir, np.array([[1.1, 0.0, 1.0], [1.2, 0.0, 1.0], [2.0, 0.0, 1.0]]))
     assert np.isfinite(pixel[0]).all()
     assert np.isnan(pixel[1:]).all()
 

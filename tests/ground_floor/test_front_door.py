@@ -17,45 +17,50 @@ import pytest
 import photogram as pg
 
 SOURCE = Path(pg.__file__)
+STUB = SOURCE.with_suffix(".pyi")
 NAMES = [name for name in pg.__all__ if name != "__version__"]
 ARRAYS = re.compile(r"FloatArray|IntArray|ByteArray|BoolArray|NDArray")
 SHAPE = re.compile(r"\([A-Za-z]\w*( \+ 1)?(, ?[\w ]+)*,?\)|\(\d+( [A-Z])?(, \d+( [A-Z])?)*,?\)")
 UNIT = re.compile(r"\bm\b|\bpx\b|pixels?\b|\brad\b|_m\b|_px\b|_rad\b|metres")
 
 
-def names_for_type_checkers() -> dict[str, str]:
-    """Return the imports under TYPE_CHECKING as the table has them."""
-    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
-    found: dict[str, str] = {}
-    for node in tree.body:
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            for line in node.body:
-                assert isinstance(line, ast.ImportFrom)
-                found |= {alias.asname or alias.name: f"{line.module}:{alias.name}" for alias in line.names}
-    return found
+def places() -> dict[str, str]:
+    """Return the module of every public name as the stub has it."""
+    tree = ast.parse(STUB.read_text(encoding="utf-8"))
+    lines = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: f"photogram.{line.module}" for line in lines for alias in line.names}
 
 
-def test_all_is_sorted_and_equal_to_the_table_and_to_what_type_checkers_see() -> None:
-    assert pg.__all__ == sorted(pg.__all__)
-    assert set(NAMES) == set(pg._PLACES)
-    assert names_for_type_checkers() == pg._PLACES
+def test_the_stub_lists_what_it_imports() -> None:
+    (listed,) = [
+        node.value
+        for node in ast.parse(STUB.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    ]
+    assert ast.literal_eval(listed) == sorted([*places(), "__version__"])
+    assert sorted(pg.__all__) == ast.literal_eval(listed)
 
 
-def test_only_the_front_door_imports_for_type_checkers_alone() -> None:
+def test_nothing_imports_for_type_checkers_alone() -> None:
     root = SOURCE.parents[1]
     sources = [p for tree in ("photogram", "factors", "cli") for p in (root / tree).rglob("*.py")]
-    assert [p for p in sources if "TYPE_CHECKING" in p.read_text(encoding="utf-8")] == [SOURCE]
+    assert [p for p in sources if "TYPE_CHECKING" in p.read_text(encoding="utf-8")] == []
+
+
+@pytest.mark.parametrize(("former", "present"), sorted(pg._FORMER_NAMES.items()))  # type: ignore[attr-defined]
+def test_names_of_the_last_version_say_what_they_are_called_now(former: str, present: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"photogram\.{former} is called photogram\.{present} now"):
+        assert getattr(pg, former) is getattr(pg, present)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_resolves_and_is_documented(name: str) -> None:
     found = getattr(pg, name)
-    module, definition = pg._PLACES[name].split(":")
-    assert found is getattr(importlib.import_module(module), definition)
+    assert found is getattr(importlib.import_module(places()[name]), name)
     assert name in dir(pg)
     text = inspect.getdoc(found)
     assert text is not None
-    assert not text.startswith(f"{definition}("), "dataclasses' own docstring says nothing"
+    assert not text.startswith(f"{name}("), "dataclasses' own docstring says nothing"
     assert text.split("\n\n")[0].rstrip().endswith("."), "the purpose, in a sentence"
 
 
@@ -107,12 +112,12 @@ def test_every_fault_that_a_user_can_mend_is_at_the_door() -> None:
 
 
 def test_no_name_hides_a_module() -> None:
-    modules = {p.stem for p in SOURCE.parent.iterdir() if p.name != "__init__.py"}
+    modules = {p.stem for p in SOURCE.parent.iterdir() if p.stem != "__init__"}
     assert modules & set(NAMES) == set()
 
 
 def test_an_unknown_name_is_an_ordinary_mistake() -> None:
-    with pytest.raises(AttributeError, match="module 'photogram' has no attribute 'adjusst'"):
+    with pytest.raises(AttributeError, match="No photogram attribute adjusst"):
         pg.adjusst  # type: ignore[attr-defined]  # noqa: B018
 
 

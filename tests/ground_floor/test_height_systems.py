@@ -19,7 +19,7 @@ from photogram.arrays import FloatArray
 from photogram.crs import product_crs, written_crs
 from photogram.errors import FrameError
 from photogram.files.clouds.points import write_laz
-from photogram.files.maps.rasters import read_raster, write_geotiff
+from photogram.files.maps.rasters import read_raster, write_raster
 from photogram.frames import LocalFrame, map_heights
 from photogram.height_systems import (
     DeclaredHeights,
@@ -174,7 +174,7 @@ grids = pytest.mark.parametrize("crs", [UTM, "EPSG:32633", "+proj=utm +zone=32 +
 def test_geotiff_says_what_its_heights_are(tmp_path: Path, system: str, crs: str) -> None:
     heights, name = SYSTEMS[system]
     raster = Raster(np.zeros((3, 4), dtype=np.float32), 5e5, 6e6, 1.0)
-    write_geotiff(tmp_path / "dsm.tif", raster, product_crs(crs, heights))
+    write_raster(tmp_path / "dsm.tif", raster, product_crs(crs, heights))
     with rasterio.open(tmp_path / "dsm.tif") as dataset:
         found = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
     assert [p.name for p in tmp_path.iterdir()] == ["dsm.tif"]  # all of it within the file
@@ -193,7 +193,7 @@ def test_geotiff_says_what_its_heights_are(tmp_path: Path, system: str, crs: str
         assert found.axis_info[2].direction == "up"
         assert found.axis_info[2].unit_name == "metre"
     back, crs_again = read_raster(tmp_path / "dsm.tif")
-    write_geotiff(tmp_path / "again.tif", back, crs_again)
+    write_raster(tmp_path / "again.tif", back, crs_again)
     assert read_raster(tmp_path / "again.tif")[1] == crs_again
 
 

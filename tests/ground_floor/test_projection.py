@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, oriented_by, project
+from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.project.schema import CameraEntry, CameraSigmas
 from photogram.projection import (
     AFFINITY,
@@ -74,7 +74,7 @@ def test_each_photograph_is_projected_by_its_own_camera_and_pose() -> None:
     for p, camera in ((0, CAMERA), (2, wide)):
         pose = poses[p]
         assert pose is not None
-        expected = project(camera, pose, X[None])[0]
+        expected = project_points(camera, pose, X[None])[0]
         np.testing.assert_array_equal(project_point(cameras, p, X)[:2], expected)
         np.testing.assert_array_equal(seen_at(cameras, p, X)[:2], expected)
     assert np.isnan(project_point(cameras, 1, X)).all()
@@ -95,15 +95,15 @@ def test_a_rolling_shutter_shows_a_point_from_where_the_camera_is_when_it_reads_
     plain = replace(ROLLING, readout_s=0.0)
     rng = np.random.default_rng(4)
     points = FAST.position_world_m + np.column_stack([rng.uniform(-18, 18, (200, 2)), rng.uniform(-45, -30, 200)])
-    pixel = project(ROLLING, FAST, points)
+    pixel = project_points(ROLLING, FAST, points)
     inside = ROLLING.contains(pixel)
     assert inside.sum() > 50
-    moved = np.linalg.norm(pixel - project(plain, FAST, points), axis=1)
+    moved = np.linalg.norm(pixel - project_points(plain, FAST, points), axis=1)
     assert moved[inside].max() > 30.0, "half of 0.05 s at 15 m/s, in pixels of 1 cm"
     for X, (u, v) in zip(points[inside], pixel[inside], strict=True):
         share = v / (ROLLING.height_px - 1.0) - 0.5
         there = replace(FAST, position_world_m=FAST.position_world_m + 0.05 * share * FAST.velocity_world_m_s)
-        np.testing.assert_allclose(project(plain, there, X[None])[0], [u, v], atol=1e-3)
+        np.testing.assert_allclose(project_points(plain, there, X[None])[0], [u, v], atol=1e-3)
         np.testing.assert_allclose(project_at_row(cameras, 0, X, v)[:2], [u, v], atol=1e-3)
         np.testing.assert_allclose(centre_at_row(cameras, 0, v), there.position_world_m, rtol=1e-12)
         np.testing.assert_array_equal(seen_at(cameras, 0, X)[:2], [u, v])
@@ -113,6 +113,6 @@ def test_without_motion_or_read_out_time_nothing_changes_a_bit() -> None:
     rng = np.random.default_rng(5)
     points = FAST.position_world_m + np.column_stack([rng.uniform(-18, 18, (50, 2)), rng.uniform(-45, -30, 50)])
     still = replace(FAST, velocity_world_m_s=np.zeros(3))
-    expected = project(replace(ROLLING, readout_s=0.0), still, points)
-    np.testing.assert_array_equal(project(ROLLING, still, points), expected)
-    np.testing.assert_array_equal(project(replace(ROLLING, readout_s=0.0), FAST, points), expected)
+    expected = project_points(replace(ROLLING, readout_s=0.0), still, points)
+    np.testing.assert_array_equal(project_points(ROLLING, still, points), expected)
+    np.testing.assert_array_equal(project_points(replace(ROLLING, readout_s=0.0), FAST, points), expected)

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, oriented_by, project
+from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import TiePoints
 from photogram.triangulation import (
@@ -172,7 +172,7 @@ def test_consensus_rejects_planted_mismatches_and_nothing_else() -> None:
     assert np.mean(inlier[of_sound & ~block.mismatch]) > 0.995
     camera = block.truth.camera
     for i in np.flatnonzero(inlier)[::50]:
-        seen = project(camera, block.truth.poses[ties.photograph[i]], points[ties.point[i]][None])[0]
+        seen = project_points(camera, block.truth.poses[ties.photograph[i]], points[ties.point[i]][None])[0]
         assert np.linalg.norm(seen - ties.pixel[i]) < 3.0
 
 
@@ -202,7 +202,9 @@ def test_consensus_takes_the_pair_with_most_support_and_then_the_smallest_residu
             X = midpoint(block, ideal[[i, j]], ties.photograph[[i, j]].tolist())
             if X is None:
                 continue
-            seen = np.array([project(camera, block.truth.poses[k], X[None])[0] for k in ties.photograph[members]])
+            seen = np.array(
+                [project_points(camera, block.truth.poses[k], X[None])[0] for k in ties.photograph[members]]
+            )
             error = np.sum((seen - ties.pixel[members]) ** 2, axis=1) / limit[members] ** 2
             rank = (int(np.sum(error < 1)), -float(np.sum(error[error < 1])))
             if rank[0] and (best[0] == 0 or rank > best):
@@ -232,7 +234,7 @@ def test_points_without_two_agreeing_rays_are_unknown(exact: SimulatedBlock) -> 
     base, ray = b.position_world_m - a.position_world_m, exact.tie_point_position_world_m[pair] - b.position_world_m
     off = np.cross(base, ray)
     aside = exact.tie_point_position_world_m[pair] + off / np.linalg.norm(off) * 30 * PLAN.gsd_m
-    pixel[first[pair] + 1] = project(camera, b, aside[None])[0]
+    pixel[first[pair] + 1] = project_points(camera, b, aside[None])[0]
     keep = np.ones(len(ties.point), bool)
     keep[first[one] + 1] = False
     moved = TiePoints(

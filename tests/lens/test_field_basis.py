@@ -8,7 +8,7 @@ from makers import WIDE
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, distort, image_plane, project, unproject
+from photogram.camera import Camera, Pose, distort, image_plane, project_points, unproject
 from photogram.lens.field_basis import FieldBasis, attitude_slopes, field_basis, interior_slopes
 from photogram.projection import READOUT
 
@@ -51,7 +51,7 @@ def test_attitude_slopes_are_those_of_turned_poses(camera: Camera) -> None:
     for axis in range(3):
         turns = (Rotation.from_rotvec(sign * 1e-4 * np.eye(3)[axis]).as_matrix() for sign in (1.0, -1.0))
         # the world turns against the camera
-        ahead, behind = (project(camera, Pose(turn.T, np.zeros(3)), points) for turn in turns)
+        ahead, behind = (project_points(camera, Pose(turn.T, np.zeros(3)), points) for turn in turns)
         np.testing.assert_allclose(slopes[:, :, axis], (ahead - behind) / 2e-4, rtol=1e-5, atol=1e-2)
 
 

@@ -18,7 +18,7 @@ from photogram.camera import (
     distort,
     field_at,
     oriented_by,
-    project,
+    project_points,
     undistort,
     unproject,
 )
@@ -66,8 +66,8 @@ def test_a_point_is_shown_where_the_measured_pixel_less_the_field_is_its_project
     bare, pixel = replace(camera, field=None), anywhere(camera)
     ray = unproject(camera, pixel)
     points = POSE_ABOVE.world_from_camera(50.0 * ray / ray[:, 2:])
-    np.testing.assert_allclose(project(camera, POSE_ABOVE, points), pixel, atol=2e-5)
-    np.testing.assert_allclose(project(bare, POSE_ABOVE, points), pixel - field_at(camera, pixel), atol=1e-8)
+    np.testing.assert_allclose(project_points(camera, POSE_ABOVE, points), pixel, atol=2e-5)
+    np.testing.assert_allclose(project_points(bare, POSE_ABOVE, points), pixel - field_at(camera, pixel), atol=1e-8)
     np.testing.assert_allclose(distort(camera, undistort(camera, pixel)), pixel, atol=2e-5)
     assert np.abs(field_at(camera, pixel)).max() > 0.3
 
@@ -90,7 +90,7 @@ def test_a_fixed_field_of_zero_changes_no_bit() -> None:
     pixel = anywhere(WIDE)
     ray = unproject(WIDE, pixel)
     points = POSE_ABOVE.world_from_camera(50.0 * ray)
-    np.testing.assert_array_equal(project(zero, POSE_ABOVE, points), project(WIDE, POSE_ABOVE, points))
+    np.testing.assert_array_equal(project_points(zero, POSE_ABOVE, points), project_points(WIDE, POSE_ABOVE, points))
     np.testing.assert_array_equal(undistort(zero, pixel), undistort(WIDE, pixel))
 
 

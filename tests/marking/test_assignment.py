@@ -9,7 +9,7 @@ import pytest
 from makers import simulated, without_marks
 
 from photogram.arrays import FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.errors import AdjustmentError
 from photogram.marking.assignment import SURE_PX, FoundTargets, Pair, assigned_targets, with_targets
 from photogram.marking.predictions import predicted_places
@@ -40,7 +40,7 @@ def true_places(made: SimulatedBlock) -> dict[Pair, FloatArray]:
     """Where the photographs show the points, by point and photograph."""
     places: dict[Pair, FloatArray] = {}
     for i, pose in enumerate(made.truth.poses):
-        pixel = project(made.truth.camera, pose, made.truth.control_position_world_m)
+        pixel = project_points(made.truth.camera, pose, made.truth.control_position_world_m)
         inside = made.truth.camera.contains(pixel)
         places |= {(g, i): pixel[g] for g in np.flatnonzero(inside).tolist()}
     return places

@@ -17,7 +17,7 @@ from makers import simulated, without_marks
 from PIL import Image
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.errors import AdjustmentError, ImageError, PhotogramError
 from photogram.files.marks.marks import Place, Proposal
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
@@ -84,7 +84,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
     paths = []
     for i, (pose, photograph) in enumerate(zip(truth.poses, made.block.photographs, strict=True)):
         grey = 110.0 + 25.0 * cv2.GaussianBlur(rng.normal(size=(PLAN.height_px, PLAN.width_px)), (0, 0), 3.0)
-        pixel = project(truth.camera, pose, truth.control_position_world_m)
+        pixel = project_points(truth.camera, pose, truth.control_position_world_m)
         well_inside = np.all((pixel > RADIUS_PX + 20) & (pixel < [PLAN.width_px - 31, PLAN.height_px - 31]), axis=1)
         own = {names[g]: pixel[g] for g in np.flatnonzero(well_inside).tolist()}
         for name, place in own.items():

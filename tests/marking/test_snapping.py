@@ -13,7 +13,7 @@ from makers import simulated
 from PIL import Image
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.errors import ImageError
 from photogram.marking.page import snapping
 from photogram.marking.page.patches import PatchReader
@@ -109,7 +109,7 @@ def centres(photographed: Photographed) -> dict[str, FloatArray]:
 
 def shown_at(photograph: int, place_m: tuple[float, float]) -> tuple[float, float]:
     """Where a photograph shows a place of the plane."""
-    u, v = project(CAMERA, POSES[photograph], np.array([[*place_m, 0.0]]))[0]
+    u, v = project_points(CAMERA, POSES[photograph], np.array([[*place_m, 0.0]]))[0]
     return float(u), float(v)
 
 

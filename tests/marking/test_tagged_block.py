@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from makers import simulated
 
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.marking.tagged_block import OPEN_M, tagged_block, with_all_points
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
@@ -61,9 +61,10 @@ def test_a_point_without_coordinates_lies_where_its_ray_meets_the_ground_and_is_
     pose = tagged_block(block).poses[i]
     assert pose is not None
     np.testing.assert_allclose(
-        project(block.cameras[0], pose, known.position_world_m[own][None])[0], block.control_points.mark_pixel[m],
+        project_points(block.cameras[0], pose, known.position_world_m[own][None])[0],
+        block.control_points.mark_pixel[m],
         atol=1e-6,
-    )  # fmt: skip
+    )
     assert known.sigma_m[own, 0] == OPEN_M > known.sigma_m[own, 2] > 1.0
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from photogram.errors import ProjectError
-from photogram.pipeline.input_validation import validate_project_file
+from photogram.pipeline.input_validation import check_project
 from photogram.project.findings import Finding, Findings
 
 Run = Callable[..., Any]
@@ -18,7 +18,7 @@ Run = Callable[..., Any]
 def test_the_function_finds_what_the_command_prints(survey: Path, photogram: Run) -> None:
     (survey / "photographs/sim_0001.JPG").write_bytes(b"no picture")
     project = survey / "project.yaml"
-    outcome, findings = photogram("check", project), validate_project_file(str(project))
+    outcome, findings = photogram("check", project), check_project(str(project))
     assert outcome.code == 1
     assert not findings.ready
     assert f"{len(findings.errors)} error" in outcome.out
@@ -32,14 +32,14 @@ def test_the_function_finds_what_the_command_prints(survey: Path, photogram: Run
 def test_a_file_with_errors_is_all_said_at_once(survey: Path, photogram: Run) -> None:
     project = survey / "project.yaml"
     project.write_text(project.read_text(encoding="utf-8").replace("photogram: 1", "photogram: 1\nfog: 2"), "utf-8")
-    findings = validate_project_file(project)
+    findings = check_project(project)
     assert [f.where for f in findings.errors] == ["project.yaml:2"]
     assert photogram("check", project).code == 1
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ProjectError, match="No such file"):
-        validate_project_file(tmp_path / "project.yaml")
+        check_project(tmp_path / "project.yaml")
 
 
 def test_findings_show_themselves() -> None:

@@ -12,7 +12,7 @@ import pytest
 from makers import read_json
 
 from photogram.errors import ImageError
-from photogram.files.photographs.images import read_patches, read_pixels
+from photogram.files.photographs.images import read_patches, read_photograph
 from photogram.files.tables.control_files import IMPORTED
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages import mark_pictures as module
@@ -54,7 +54,7 @@ def test_each_photograph_is_decoded_once_and_gives_what_is_around_its_marks(
     for point in points:
         for mark in point["marks"]:
             patch = taken[point["name"]][mark["photograph"]]
-            whole = read_pixels(finished_survey / "photographs" / mark["photograph"])
+            whole = read_photograph(finished_survey / "photographs" / mark["photograph"])
             left, upper = int(patch.left_px), int(patch.upper_px)
             rows, columns = patch.pixels.shape[:2]
             np.testing.assert_array_equal(patch.pixels, whole[upper : upper + rows, left : left + columns])

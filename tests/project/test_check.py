@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader, equal_files, read_headers
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
@@ -96,7 +96,7 @@ def a_survey() -> Survey:
 def ground_point(name: str, role: Any, position: np.ndarray[Any, np.dtype[np.float64]]) -> ProjectControlPoint:
     rotation = rotation_from_gimbal(YAW, -90.0, 0.0)
     world = FRAME.world_from_map(position[None])
-    pixels = [project(CAMERA, Pose(rotation, c), world)[0] for c in FRAME.world_from_map(camera_positions())]
+    pixels = [project_points(CAMERA, Pose(rotation, c), world)[0] for c in FRAME.world_from_map(camera_positions())]
     seen = [i for i, pixel in enumerate(pixels) if CAMERA.contains(pixel[None])[0]]
     return ProjectControlPoint(
         name,

@@ -20,7 +20,7 @@ from makers import SharedData
 from PIL import Image
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.photographs.images import Dewarp, PhotographTags, read_pixels, read_tags, write_photograph
+from photogram.files.photographs.images import Dewarp, PhotographTags, read_photograph, read_tags, write_photograph
 from photogram.frames import geodetic_from_map, map_from_geodetic
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project
@@ -249,7 +249,7 @@ def test_photographs_that_cannot_be_used_are_named_with_the_reason(folder: Path,
 
 def deep_copy(jpeg: Path, suffix: str = ".tif") -> Path:
     """Write the same photograph with 16 bits a channel beside it, with its tags."""
-    values = read_pixels(jpeg).astype(np.uint16) * 16 + np.arange(WIDTH, dtype=np.uint16)[:, None]
+    values = read_photograph(jpeg).astype(np.uint16) * 16 + np.arange(WIDTH, dtype=np.uint16)[:, None]
     return write_tiff(jpeg.with_suffix(suffix), values, tags_of_jpeg(jpeg))
 
 

@@ -13,7 +13,7 @@ from photogram.errors import ProjectError
 from photogram.exchange.solution_export import export_solution
 from photogram.exchange.solution_import import import_solution
 from photogram.files.photographs.masks import write_mask
-from photogram.pipeline.input_validation import validate_project, validate_project_file
+from photogram.pipeline.input_validation import check_project, validate_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project
 from photogram.project.masks import ProjectMasks
@@ -119,7 +119,7 @@ def test_check_names_every_mask_that_cannot_be_used(masked: Path) -> None:
     first, second = sorted((masked / "masks").iterdir())
     write_mask(first, np.ones((30, 40), dtype=bool))
     second.write_bytes(second.read_bytes()[:60])
-    errors = [str(f) for f in validate_project_file(masked / "project.yaml") if f.severity == "error"]
+    errors = [str(f) for f in check_project(masked / "project.yaml") if f.severity == "error"]
     assert len(errors) == 2
     assert any("40 × 30 px, its photograph has 400 × 300 px" in e for e in errors)
     assert any(second.name in e and "cannot be decoded" in e for e in errors)

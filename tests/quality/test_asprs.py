@@ -14,7 +14,7 @@ from makers import ground_point
 from photogram.errors import SettingError
 from photogram.quality.asprs import (
     ReportSettings,
-    accuracy,
+    asprs_accuracy,
     axis_targets_m,
     blunders,
     coarse_survey,
@@ -47,13 +47,13 @@ def alternating(rmse_m: tuple[float, float, float], count: int = 30) -> Array:
 )
 def test_worked_examples_of_the_standard_in_height(fit_cm: float, survey_cm: float, product_cm: float) -> None:
     sigma = np.full((30, 3), survey_cm / 100)
-    found = accuracy(alternating((0.01, 0.01, fit_cm / 100)), sigma)
+    found = asprs_accuracy(alternating((0.01, 0.01, fit_cm / 100)), sigma)
     assert found.rmse_v_m * 100 == pytest.approx(product_cm, abs=0.005)
 
 
 def test_survey_in_plan_counts_with_both_its_axes() -> None:
     """RMSE_H2 = √2 c: 1 cm of fit per axis and 2 cm of survey per axis make √(1.414² + 2.828²) cm in plan."""
-    found = accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
+    found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
     assert found.fit_h_m == pytest.approx(0.01 * math.sqrt(2))
     assert found.survey_h_m == pytest.approx(0.02 * math.sqrt(2))
     assert found.rmse_h_m == pytest.approx(0.031623, abs=1e-6)
@@ -64,7 +64,7 @@ def test_survey_in_plan_counts_with_both_its_axes() -> None:
 def test_rmse_mean_and_standard_deviation_belong_together(rows: list[tuple[float, float, float]]) -> None:
     """n RMSE² = n mean² + (n − 1) sd² on every axis, and space is plan and height together."""
     difference = np.array(rows)
-    found = accuracy(difference, np.full(difference.shape, 0.01))
+    found = asprs_accuracy(difference, np.full(difference.shape, 0.01))
     n = len(rows)
     for axis in found.axes:
         assert n * axis.rmse_m**2 == pytest.approx(n * axis.mean_m**2 + (n - 1) * axis.sd_m**2, abs=1e-9)
@@ -77,7 +77,7 @@ def test_point_that_checks_one_axis_counts_there_alone() -> None:
     difference[0, :2], difference[1, 2], difference[2, 0] = np.nan, np.nan, np.nan
     sigma = np.full((6, 3), 0.01)
     sigma[0], sigma[1] = 9.0, 9.0  # of what does not count, and of what does
-    found = accuracy(difference, sigma)
+    found = asprs_accuracy(difference, sigma)
     assert (found.n_h, found.n_v) == (4, 5)
     assert [axis.n for axis in found.axes] == [4, 4, 5]
     assert found.survey_h_m == pytest.approx(math.sqrt((2 * 81 + 3 * 2e-4) / 4))
@@ -85,7 +85,7 @@ def test_point_that_checks_one_axis_counts_there_alone() -> None:
 
 
 def test_statement_from_thirty_points_is_that_of_the_standard() -> None:
-    found = accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
+    found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
     assert statement_h(found, 0.05) == (
         "This data set was tested to meet ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, "
         "Version 2 (2024) for a 5.0 (cm) RMSE_H Horizontal Positional Accuracy Class. The tested horizontal positional "
@@ -99,7 +99,7 @@ def test_statement_from_thirty_points_is_that_of_the_standard() -> None:
 
 
 def test_statement_below_thirty_points_is_the_reduced_one() -> None:
-    found = accuracy(alternating((0.01, 0.01, 0.01), 29), np.full((29, 3), 0.02))
+    found = asprs_accuracy(alternating((0.01, 0.01, 0.01), 29), np.full((29, 3), 0.02))
     assert statement_h(found, 0.05) == (
         "This data set was tested as required by ASPRS Positional Accuracy Standards for Digital Geospatial Data, "
         "Edition 2, Version 2 (2024). Although the Standards call for a minimum of thirty (30) checkpoints, this test "
@@ -114,10 +114,10 @@ def test_statement_below_thirty_points_is_the_reduced_one() -> None:
 
 
 def test_nothing_is_stated_that_was_not_met_or_not_tested() -> None:
-    found = accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
+    found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
     assert statement_h(found, 0.0316) is None  # the fit alone, 1.4 cm, would have met it
     assert statement_v(found, 0.0223) is None
-    nothing = accuracy(np.zeros((0, 3)), np.zeros((0, 3)))
+    nothing = asprs_accuracy(np.zeros((0, 3)), np.zeros((0, 3)))
     assert statement_h(nothing, 1.0) is None
     assert statement_v(nothing, 1.0) is None
     assert math.isnan(nothing.rmse_3d_m)
@@ -132,15 +132,15 @@ def test_blunder_and_systematic_error_are_named_beyond_the_limits_of_the_standar
     (sentence,) = blunders(difference, names, settings)
     assert sentence.startswith("check point C3, northing: +0.060 m is beyond three times")
     biased = np.tile([0.0051, -0.0049, -0.0076], (8, 1))  # limits of 0.005, 0.005 and 0.0075 m
-    found = systematic(accuracy(biased, np.full((8, 3), 0.001)), settings)
+    found = systematic(asprs_accuracy(biased, np.full((8, 3), 0.001)), settings)
     assert [s.split(":")[0] for s in found] == ["easting", "height"]
     assert blunders(difference, names, ReportSettings()) == []
 
 
 def test_check_points_must_be_twice_as_good_as_the_target() -> None:
     settings = ReportSettings(target_rmse_v_m=0.03)
-    assert coarse_survey(accuracy(alternating((0.01,) * 3), np.full((30, 3), 0.0149)), settings) == []
-    (sentence,) = coarse_survey(accuracy(alternating((0.01,) * 3), np.full((30, 3), 0.0151)), settings)
+    assert coarse_survey(asprs_accuracy(alternating((0.01,) * 3), np.full((30, 3), 0.0149)), settings) == []
+    (sentence,) = coarse_survey(asprs_accuracy(alternating((0.01,) * 3), np.full((30, 3), 0.0151)), settings)
     assert "in height" in sentence
 
 

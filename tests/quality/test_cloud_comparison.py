@@ -20,7 +20,7 @@ from photogram.quality import cloud_comparison as comparison
 from photogram.quality.cloud_comparison import (
     cloud_to_cloud,
     cloud_to_surface,
-    compare,
+    compare_to_reference,
     sor_filter,
     statistics,
     triangulate,
@@ -159,14 +159,14 @@ def test_compare_finds_the_stated_offset_and_noise() -> None:
     heights = 70 + 0.25 * x - 0.5 * y + 0.2 + random.normal(0, 0.05, 4000)
     heights[:5] += 60
     cloud = PointCloud(SITE * [1, 1, 0] + np.column_stack([x, y, heights]))
-    comparison = compare(cloud, plane_raster())
+    comparison = compare_to_reference(cloud, plane_raster())
     surface = comparison.cloud_to_surface
     assert comparison.removed + len(comparison.position_map_m) == 4000
     assert surface.points == surface.compared == len(comparison.surface_difference_m)
     assert surface.mean_m == pytest.approx(0.2, abs=0.004)
     assert surface.nmad_m == pytest.approx(0.05, abs=0.003)
     assert surface.std_m == pytest.approx(0.05, abs=0.003)
-    unfiltered = compare(cloud, plane_raster(), sor=False)
+    unfiltered = compare_to_reference(cloud, plane_raster(), sor=False)
     assert unfiltered.removed == 0
     assert unfiltered.cloud_to_surface.std_m > 1
     assert comparison.cloud_to_cloud.rmse_m < unfiltered.cloud_to_cloud.rmse_m
@@ -179,16 +179,18 @@ def test_distance_to_a_raster_is_exact_whatever_the_margin(lift_m: float) -> Non
     x, y = np.meshgrid((np.arange(80) + 0.5) * 0.5, 25 - (np.arange(50) + 0.5) * 0.5)
     cells = SITE * [1, 1, 0] + np.column_stack([x.ravel(), y.ravel(), raster.values.ravel()])
     expected = np.linalg.norm(cloud.position_map_m[:, None] - cells[None], axis=2).min(axis=1)
-    np.testing.assert_allclose(compare(cloud, raster, sor=False).cloud_distance_m, expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        compare_to_reference(cloud, raster, sor=False).cloud_distance_m, expected, rtol=0, atol=1e-8
+    )
 
 
 def test_clouds_that_do_not_meet_are_refused() -> None:
     cloud = PointCloud(random_points(20) + np.array([5000, 0, 0]))
     for reference in (plane_raster(), PointCloud(random_points(50))):
         with pytest.raises(PhotogramError, match="same CRS"):
-            compare(cloud, reference)
+            compare_to_reference(cloud, reference)
     with pytest.raises(PhotogramError, match="no points"):
-        compare(PointCloud(np.zeros((0, 3))), plane_raster())
+        compare_to_reference(PointCloud(np.zeros((0, 3))), plane_raster())
 
 
 def test_a_real_reference_cloud_agrees_with_the_surface_made_from_it(shared_data: SharedData) -> None:
@@ -198,7 +200,7 @@ def test_a_real_reference_cloud_agrees_with_the_surface_made_from_it(shared_data
         raster = Raster(source.read(1), source.transform.c, source.transform.f, source.transform.a)
     points = np.loadtxt(shared_data("dtu_phantom4/points_agisoft.txt"), usecols=(0, 1, 2))
     inside = np.all(np.abs(points[:, :2] - [719_945, 6_191_975]) < 40, axis=1)
-    surface = compare(PointCloud(points[inside]), raster).cloud_to_surface
+    surface = compare_to_reference(PointCloud(points[inside]), raster).cloud_to_surface
     assert surface.compared > 5000
     assert abs(surface.median_m) < 0.02
     assert surface.nmad_m < 0.05
@@ -210,10 +212,10 @@ def test_a_reference_triangulated_once_serves_many_clouds_with_the_same_figures(
     reference = PointCloud(random_points(400, 1))
     surface = triangulate(reference)
     clouds = [PointCloud(random_points(200, seed)) for seed in (2, 3)]
-    each_alone = [compare(cloud, reference) for cloud in clouds]
+    each_alone = [compare_to_reference(cloud, reference) for cloud in clouds]
     monkeypatch.setattr(comparison, "Delaunay", None)  # nothing is triangulated again
     for cloud, alone in zip(clouds, each_alone, strict=True):
-        found = compare(cloud, surface)
+        found = compare_to_reference(cloud, surface)
         np.testing.assert_array_equal(found.surface_difference_m, alone.surface_difference_m)
         np.testing.assert_array_equal(found.cloud_distance_m, alone.cloud_distance_m)
 

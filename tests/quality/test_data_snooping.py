@@ -14,7 +14,7 @@ from photogram.arrays import FloatArray
 from photogram.quality.accuracy import CheckAccuracy
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import contradictions, search, unmeasured, without
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
 from photogram.report.record.ground import CheckPointsRecord
 from photogram.results import Adjustment
@@ -41,7 +41,7 @@ def adjusted(block: Block) -> Adjustment:
 
 
 def judged(block: Block) -> Verdict:
-    return adjust_and_judge(block, AdjustmentSettings())
+    return adjust_with_snooping(block, AdjustmentSettings())
 
 
 def surveyed(block: Block) -> FloatArray:

@@ -11,7 +11,7 @@ import pytest
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.quality.gross_errors import snooped_adjustment
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.results import FocalDecision
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
@@ -36,7 +36,7 @@ def block_of(plan: SurveyPlan, seed: int) -> Block:
 
 @cache
 def judged(plan: SurveyPlan = PLAN, seed: int = 2) -> Verdict:
-    return adjust_and_judge(block_of(plan, seed), SETTINGS)
+    return adjust_with_snooping(block_of(plan, seed), SETTINGS)
 
 
 def test_the_source_is_not_rejected_where_parts_of_the_pictures_disagree() -> None:
@@ -57,7 +57,7 @@ def test_a_settled_focal_length_that_cannot_be_adjusted_ends_no_survey(monkeypat
         return replace(block, photographs=nothing), judged().focal_lengths
 
     monkeypatch.setattr(snooped_adjustment, "settle_focal_lengths", undetermined)
-    verdict = adjust_and_judge(block_of(PLAN, 2), SETTINGS)
+    verdict = adjust_with_snooping(block_of(PLAN, 2), SETTINGS)
     assert verdict.result.converged
     assert verdict.focal_lengths == {}
     assert [b.kind for b in verdict.blunders] == ["focal length"]

@@ -14,7 +14,7 @@ from photogram.errors import AdjustmentError
 from photogram.lens.field_basis import field_basis
 from photogram.lens.fields import free_field, prior_sigmas
 from photogram.projection import CAMERA_PARAMETERS, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.lens_fields import FEWEST_PHOTOGRAPHS, cross_validated, with_lens_fields
 from photogram.quality.residual_patterns import residual_patterns
 from photogram.results import LensFieldDecision
@@ -49,7 +49,7 @@ def survey(expected_px: float, strips: int = 4) -> SimulatedBlock:
 
 
 def judge(block: Block, start: Sequence[FloatArray] = ()) -> Verdict:
-    return adjust_and_judge(block, SETTINGS, start)
+    return adjust_with_snooping(block, SETTINGS, start)
 
 
 @cache

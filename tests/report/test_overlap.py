@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.frames import LocalFrame
 from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap
 from photogram.results import Adjustment, Reliability, VarianceComponents
@@ -108,7 +108,7 @@ def test_any_camera_and_pose_as_the_projection_says() -> None:
     plan = centres_world_m(raster)[known]
     place = np.column_stack([plan, hills(plan)])
     expected = sum(
-        camera.contains(np.nan_to_num(project(camera, pose, place), nan=-99.0)).astype(int) for pose in poses
+        camera.contains(np.nan_to_num(project_points(camera, pose, place), nan=-99.0)).astype(int) for pose in poses
     )
     difference = np.abs(raster.values[known] - expected)
     assert np.mean(difference > 0) < 0.08
@@ -120,7 +120,7 @@ def test_any_camera_and_pose_as_the_projection_says() -> None:
     plan = centres_world_m(overlap.photographs)[np.isfinite(overlap.photographs.values)]
     place = np.column_stack([plan, np.zeros(len(plan))])
     expected = sum(
-        camera.contains(np.nan_to_num(project(camera, pose, place), nan=-99.0)).astype(int) for pose in poses
+        camera.contains(np.nan_to_num(project_points(camera, pose, place), nan=-99.0)).astype(int) for pose in poses
     )
     assert np.array_equal(overlap.counts, expected)
 

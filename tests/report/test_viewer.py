@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from photogram.camera import Pose, project
+from photogram.camera import Pose, project_points
 from photogram.errors import ProjectError, ReportError
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
@@ -153,7 +153,7 @@ def test_frusta_look_where_the_photographs_do(full_report: dict[str, Any]) -> No
         camera = reported_camera(recorded(full_report)["cameras"][given["camera"]])
         R = np.array(given["rotation_camera_from_map"])
         rays = np.array(shown["rays"]) @ R.T
-        pixel = project(camera, Pose(np.eye(3), np.zeros(3)), rays)
+        pixel = project_points(camera, Pose(np.eye(3), np.zeros(3)), rays)
         u, v = c["width_px"] - 0.5, c["height_px"] - 0.5
         np.testing.assert_allclose(pixel, [[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]], atol=1e-3)
         place = np.array(shown["centre_m"]) + scene["origin_map_m"]

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.sfm.tie_points.band_matching import found_in_band, gradients
 from photogram.sfm.tie_points.guided_matching import TransferSettings, cut_patches, transfer_to
 from photogram.survey import TiePoints
@@ -78,13 +78,13 @@ def test_edges_are_found_where_the_band_shows_them_although_its_relative_pose_is
     tie = tie_points()
     drawn = replace(BESIDE, rotation_world_from_camera=ABOVE.rotation_world_from_camera)  # off by 5 to 8 px
     found = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], [ABOVE, drawn], pictures, SETTINGS)
-    true = project(BAND, BESIDE, tie.position_world_m)
+    true = project_points(BAND, BESIDE, tie.position_world_m)
     off = found.pixel - true[found.point]
     assert len(found.point) > 0.6 * len(tie)
     assert np.all(np.diff(found.point) > 0)
     assert np.sqrt(np.mean(off**2)) < 0.3
     assert np.abs(off.mean(axis=0)).max() < 0.05
-    predicted = project(BAND, drawn, tie.position_world_m)
+    predicted = project_points(BAND, drawn, tie.position_world_m)
     assert np.linalg.norm(predicted - true, axis=1).min() > 4.0
 
 
@@ -96,7 +96,7 @@ def test_a_band_that_is_far_off_is_found_where_all_of_it_is_off_alike(pictures: 
     near = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS)
     assert len(near.point) < 0.05 * len(tie)
     far = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS, reach_px=35.0)
-    off = far.pixel - project(BAND, BESIDE, tie.position_world_m)[far.point]
+    off = far.pixel - project_points(BAND, BESIDE, tie.position_world_m)[far.point]
     assert len(far.point) > 0.4 * len(tie)
     assert np.median(np.abs(off)) < 0.15
     assert np.mean(np.linalg.norm(off, axis=1) > 2.0) < 0.02

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from makers import true_centres
 
-from photogram.camera import Camera, Pose, Similarity, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, Similarity, project_points, rotation_from_gimbal
 from photogram.sfm.incremental import grow, seed_pairs, shared_points
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import fit_similarity
@@ -250,7 +250,7 @@ def hovered(seed: int) -> tuple[Camera, list[Pose], TiePoints, np.ndarray]:
         for i in range(12)
     ]
     points = rng.uniform(-1, 1, (700, 3)) * [60.0, 25.0, 4.0] + [21.0, 0.0, 0.0]
-    pixel = np.array([project(camera, pose, points) for pose in poses])
+    pixel = np.array([project_points(camera, pose, points) for pose in poses])
     seen = camera.contains(pixel.reshape(-1, 2)).reshape(12, -1)
     number = np.cumsum(seen.sum(axis=0) >= 2) - 1
     kept = seen.sum(axis=0) >= 2

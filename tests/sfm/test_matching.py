@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.camera import Camera, Pose, distort, project, undistort
+from photogram.camera import Camera, Pose, distort, project_points, undistort
 from photogram.errors import SettingError
 from photogram.sfm.tie_points.matching import MatchingSettings, candidate_matches, match_pair, verified_matches
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -198,7 +198,7 @@ def test_what_a_fisheye_sees_sideways_is_no_match() -> None:
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-40, 40, (300, 2)), rng.uniform(-3, 3, 300)])
     down = np.diag([1.0, -1.0, -1.0])
-    pixel = [project(camera, Pose(down, np.array([x, 0.0, 25.0])), ground) for x in (-4.0, 4.0)]
+    pixel = [project_points(camera, Pose(down, np.array([x, 0.0, 25.0])), ground) for x in (-4.0, 4.0)]
     corners = np.array([[2.0, 3.0], [995.0, 4.0], [3.0, 990.0], [998.0, 997.0]])
     first, second = (features(np.zeros((304, 128)), np.vstack([p, corners])) for p in pixel)
     candidates = np.column_stack([np.arange(304)] * 2)

@@ -11,7 +11,7 @@ import pytest
 from makers import PHANTOM
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, image_plane, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, image_plane, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
 from photogram.sfm.orientation import Orientation, OrientationSettings, orient, resections_of
@@ -36,7 +36,7 @@ def ground(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     pixel = share * [CAMERA.width_px - 1, CAMERA.height_px - 1]
     ray = np.column_stack([image_plane(CAMERA, pixel), np.ones(count)]) * rng.uniform(50.0, 64.0, (count, 1))
     points = POSE.world_from_camera(ray)
-    return points, project(CAMERA, POSE, points)
+    return points, project_points(CAMERA, POSE, points)
 
 
 def marked(marks: list[int], *, gnss: bool, role: str = "control", camera: Camera = CAMERA) -> Block:
@@ -105,7 +105,7 @@ def test_contradicting_control_names_every_photograph_on_a_line() -> None:
 def test_control_in_one_line_resects_nothing() -> None:
     block = marked([5], gnss=False)
     line = block.control_points.position_world_m[0] + np.outer(np.arange(8.0), [3.0, 2.0, 0.0])
-    points = replace(block.control_points, position_world_m=line, mark_pixel=project(CAMERA, POSE, line[:5]))
+    points = replace(block.control_points, position_world_m=line, mark_pixel=project_points(CAMERA, POSE, line[:5]))
     assert resections_of(replace(block, control_points=points)) == ((None,), ())
 
 

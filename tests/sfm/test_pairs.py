@@ -13,7 +13,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.errors import ImageError, OrientationError, SettingError
 from photogram.sfm.tie_points.pairs import PairSettings, Reason, SelectedPairs, predicted_overlap, select_pairs
 from photogram.survey import Photograph
@@ -91,7 +91,9 @@ def true_overlap(photographs: list[Photograph]) -> np.ndarray:
         assert p.gnss_world_m is not None
         assert p.attitude_world_from_camera is not None
         with np.errstate(invalid="ignore"):
-            seen.append(CAMERA.contains(project(CAMERA, Pose(p.attitude_world_from_camera, p.gnss_world_m), ground)))
+            seen.append(
+                CAMERA.contains(project_points(CAMERA, Pose(p.attitude_world_from_camera, p.gnss_world_m), ground))
+            )
     mask = np.array(seen, dtype=float)
     return np.asarray(mask @ mask.T / np.sqrt(np.outer(mask.sum(axis=1), mask.sum(axis=1))))
 

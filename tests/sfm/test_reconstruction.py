@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Pose, image_plane, project, rotation_from_gimbal
+from photogram.camera import Pose, image_plane, project_points, rotation_from_gimbal
 from photogram.sfm.reconstruction import Structure, StructureSettings, resected
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 
@@ -312,6 +312,6 @@ def test_far_coordinates_do_not_blur_a_resected_pose() -> None:
     shift = np.array([600_000.0, 5_800_000.0, 300.0])
     pose = Pose(rotation_from_gimbal(38.0, -84.0, 3.0), np.array([13.0, -21.0, 80.0]))
     points = rng.uniform(-1, 1, (40, 3)) * [25.0, 25.0, 3.0] + [13.0, -15.0, 0.0]
-    found = resected(points + shift, image_plane(camera, project(camera, pose, points)), 4.0 / camera.focal_px)
+    found = resected(points + shift, image_plane(camera, project_points(camera, pose, points)), 4.0 / camera.focal_px)
     assert found is not None
     np.testing.assert_allclose(found.position_world_m - shift, pose.position_world_m, atol=1e-5)

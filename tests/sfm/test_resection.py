@@ -13,7 +13,7 @@ from makers import PHANTOM, SharedData
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from photogram.camera import Camera, Pose, image_plane, oriented_by, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, image_plane, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project
@@ -36,7 +36,7 @@ def ground(count: int, seed: int, camera: Camera = CAMERA) -> tuple[np.ndarray, 
     pixel = share * [camera.width_px - 1, camera.height_px - 1]
     ray = np.column_stack([image_plane(camera, pixel), np.ones(count)]) * rng.uniform(50.0, 64.0, (count, 1))
     points = POSE.world_from_camera(ray)
-    return points, project(camera, POSE, points)
+    return points, project_points(camera, POSE, points)
 
 
 def assert_same(pose: Pose, expected: Pose, position_m: float = 1e-6) -> None:
@@ -50,7 +50,7 @@ def test_three_points_allow_several_poses_and_all_of_them_see_the_marks() -> Non
     poses = p3p_poses(CAMERA, points, pixel)
     assert 2 <= len(poses) <= 4
     for pose in poses:
-        np.testing.assert_allclose(project(CAMERA, pose, points), pixel, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(project_points(CAMERA, pose, points), pixel, rtol=0, atol=1e-5)
         assert np.linalg.det(pose.rotation_world_from_camera) == pytest.approx(1.0)
     errors = sorted(float(np.linalg.norm(pose.position_world_m - POSE.position_world_m)) for pose in poses)
     assert errors[0] < 1e-6
@@ -192,7 +192,7 @@ def test_errors_of_the_resection_are_as_large_as_predicted() -> None:
         found = resect(CAMERA, points, pixel, sigma_px).refined
         turn = Rotation.from_matrix(R.T @ found.rotation_world_from_camera).as_rotvec()
         errors.append(np.concatenate([turn, R.T @ (found.position_world_m - POSE.position_world_m)]))
-        fits.append(np.sum(((project(CAMERA, found, points) - pixel) / sigma_px[:, None]) ** 2))
+        fits.append(np.sum(((project_points(CAMERA, found, points) - pixel) / sigma_px[:, None]) ** 2))
     error = np.array(errors)
     low, high = (chi2.ppf(q, 6 * 200) for q in (0.0005, 0.9995))
     assert low < np.einsum("ni,ij,nj->", error, information, error) < high
@@ -267,7 +267,7 @@ def test_too_few_or_useless_points_are_refused() -> None:
     )
     assert "3 control points allow up to four poses" in failing(points[:3], pixel[:3])
     line = points[0] + np.outer(np.arange(5.0), [4.0, 3.0, 0.1])
-    assert "are collinear" in failing(line, project(CAMERA, POSE, line), POSE.position_world_m)
+    assert "are collinear" in failing(line, project_points(CAMERA, POSE, line), POSE.position_world_m)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -288,7 +288,7 @@ def test_the_fourth_point_tells_how_far_it_is_off() -> None:
 def test_three_first_points_in_a_line_are_passed_over() -> None:
     points, _ = ground(4, 2)
     points[1] = 0.5 * (points[0] + points[2])
-    found = resect(CAMERA, points, project(CAMERA, POSE, points), np.ones(4))
+    found = resect(CAMERA, points, project_points(CAMERA, POSE, points), np.ones(4))
     assert_same(found.refined, POSE)
     assert found.points != (0, 1, 2)
 
@@ -304,7 +304,7 @@ def test_three_points_that_magnify_noise_do_not_contradict_a_fourth(seed: int) -
     """The first three are nearly in one line: what two pixels do to their pose is no contradiction."""
     points, _ = ground(4, seed)
     points[1] = 0.5 * (points[0] + points[2]) + 0.03 * (points[1] - points[0])
-    pixel = project(CAMERA, POSE, points)
+    pixel = project_points(CAMERA, POSE, points)
     for draw in range(10):
         noisy = pixel + 2.0 * np.random.default_rng([seed, draw]).standard_normal((4, 2))
         found = resect(CAMERA, points, noisy, np.ones(4))
@@ -317,7 +317,7 @@ def test_points_and_centre_near_one_cylinder_are_refined_all_the_same() -> None:
     camera = Camera("s", 1200, 900, 1800.0, np.array([602.5, 447.5]), np.array([-0.08, 0.06, -0.01, 0.0]))
     pose = Pose(rotation_from_gimbal(180.0, -90.0, 0.0), np.array([-19.14, 17.38, 80.12]))
     points = np.array([[1.7, 24.8, 2.1], [-45.9, 14.2, 2.3], [-20.7, 11.2, 2.2], [-16.7, 29.3, 2.8]])
-    exact = project(camera, pose, points)
+    exact = project_points(camera, pose, points)
     for seed in range(20):
         pixel = exact + 0.5 * np.random.default_rng(seed).standard_normal((4, 2))
         found = resect(camera, points, pixel, np.ones(4))

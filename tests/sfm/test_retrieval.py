@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from makers import SharedData
 
-from photogram.files.photographs.images import read_pixels
+from photogram.files.photographs.images import read_photograph
 from photogram.sfm.tie_points import retrieval
 from photogram.sfm.tie_points.features import FeatureSettings, find_features
 from photogram.sfm.tie_points.retrieval import most_similar
@@ -201,7 +201,7 @@ def test_neighbours_of_a_real_survey_are_found(shared_data: SharedData) -> None:
     paths = sorted(shared_data("brighton_beach/images").glob("*.JPG"))[3:9]
     photographs = []
     for path in paths:
-        small = cv2.resize(read_pixels(path), (800, 450), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(read_photograph(path), (800, 450), interpolation=cv2.INTER_AREA)
         photographs.append(find_features(path.name, np.asarray(small, dtype=np.uint8), FeatureSettings(maximum=4000)))
     found = most_similar(lambda i: photographs[i], 6, 2)
     # The end of a strip and the start of the next; 21 to 23 and 24 to 26 overlap their next by two thirds.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, Similarity, project
+from photogram.camera import Camera, Pose, Similarity, project_points
 from photogram.errors import OrientationError
 from photogram.sfm.similarity import (
     fit_similarity,
@@ -62,7 +62,7 @@ def test_projections_do_not_change_under_a_similarity(seed: int) -> None:
     points = pose.world_from_camera(np.column_stack([rng.uniform(-1, 1, (10, 2)), rng.uniform(3, 9, 10)]))
     moved = random_similarity(seed)
     np.testing.assert_allclose(
-        project(camera, moved.pose(pose), moved.points(points)), project(camera, pose, points), atol=1e-5
+        project_points(camera, moved.pose(pose), moved.points(points)), project_points(camera, pose, points), atol=1e-5
     )
 
 

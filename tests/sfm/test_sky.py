@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.sfm.sky import find_sky, shows_above_horizon
 
 CAMERA = Camera("c", 800, 600, 600.0, np.array([399.5, 299.5]))
@@ -100,7 +100,7 @@ def test_no_tie_point_is_ever_masked(seed: int) -> None:
     local = pose.rotation_world_from_camera
     ray = np.column_stack([(matched - CAMERA.principal_point_px) / 600.0, np.ones(60)]) @ local.T
     lower = ray - 0.3 * np.linalg.norm(ray, axis=1, keepdims=True) * UP  # straight below, whatever the roll
-    pixel = project(CAMERA, pose, pose.position_world_m + lower)
+    pixel = project_points(CAMERA, pose, pose.position_world_m + lower)
     inside = np.isfinite(pixel).all(axis=1) & CAMERA.contains(pixel) & ((lower @ local)[:, 2] > 0)
     column, row = np.rint(pixel[inside]).astype(int).T
     assert inside.any()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photogram.camera import gimbal_from_rotation, project
+from photogram.camera import gimbal_from_rotation, project_points
 from photogram.simulation.facade import turned_survey, upright_rotation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate
 
@@ -21,8 +21,8 @@ def test_a_turned_survey_has_the_same_pixels(small_plan: SurveyPlan) -> None:
     moved = turned.truth.control_position_world_m
     assert np.linalg.norm(moved[0] - moved[1]) == pytest.approx(scale * np.linalg.norm(points[0] - points[1]))
     for before, after in zip(survey.truth.poses, turned.truth.poses, strict=True):
-        seen = project(survey.truth.camera, before, points)
-        assert np.allclose(project(turned.truth.camera, after, moved), seen, atol=1e-8, equal_nan=True)
+        seen = project_points(survey.truth.camera, before, points)
+        assert np.allclose(project_points(turned.truth.camera, after, moved), seen, atol=1e-8, equal_nan=True)
     for photograph, pose in zip(turned.photographs, turned.truth.poses, strict=True):
         assert photograph.gnss_world_m is not None
         assert photograph.gnss_sigma_m is not None

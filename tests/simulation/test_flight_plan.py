@@ -26,7 +26,7 @@ from photogram.simulation.planning.flight_plan import (
     courses,
     survey_of,
 )
-from photogram.simulation.planning.prediction import alternatives, changes, predict
+from photogram.simulation.planning.prediction import alternatives, changes, predict_accuracy
 
 SMALL = FlightPlan(
     width_m=60, length_m=80, relief_m=8, width_px=1500, height_px=1125, focal_px=1200, flying_height_m=60,
@@ -47,7 +47,7 @@ SEEDS = 20
 def test_predictions_are_the_errors_of_simulated_surveys(plan: FlightPlan) -> None:
     """The same plan flown over other terrains, measured with all its errors and adjusted: RMS errors of check points
     over the site agree with what was predicted within 20 %, in plan and in height."""
-    found = predict(plan)
+    found = predict_accuracy(plan)
     seen = found.rays >= 2
     errors = []
     for seed in range(100, 100 + SEEDS):
@@ -63,7 +63,7 @@ def test_predictions_are_the_errors_of_simulated_surveys(plan: FlightPlan) -> No
 def test_a_prediction_is_that_of_the_adjustment_without_errors() -> None:
     """Covariances at the truth, against the adjusted survey's own for the same terrain and the same places."""
     plan = replace(SMALL, control_points=4)
-    found = predict(plan)
+    found = predict_accuracy(plan)
     survey = survey_of(plan, 1, errors=False, extra=found.place_m)
     result = adjust(survey.block, AdjustmentSettings(robust_loss="none"))
     sigma = np.sqrt(np.einsum("gii->gi", result.ground_covariance_m2[plan.control :]))
@@ -74,7 +74,7 @@ def test_a_prediction_is_that_of_the_adjustment_without_errors() -> None:
 
 def test_what_helps() -> None:
     plan = replace(SMALL, width_m=120, length_m=160, gnss="consumer", control_points=4, relief_m=2)
-    found, tried = predict(plan), alternatives(plan)
+    found, tried = predict_accuracy(plan), alternatives(plan)
     assert {a.what for a in tried} == set(changes(plan))
     best = {a.what: a.prediction.typical_m(a.prediction.sigma_m[:, 2])[0] for a in tried}
     now = found.typical_m(found.sigma_m[:, 2])[0]
@@ -89,11 +89,11 @@ def test_what_helps() -> None:
 
 
 def test_blunders_of_control_points_that_would_show() -> None:
-    found = predict(replace(SMALL, control_points=5))
+    found = predict_accuracy(replace(SMALL, control_points=5))
     assert found.control_mdb_m.shape == (5, 3)
     assert np.all(found.control_mdb_m > 4.132 * np.array(found.plan.control_sigma_m) * (1 - 1e-9))
     assert np.all(found.control_mdb_m < 1.0)
-    alone = predict(replace(SMALL, control_points=3, gnss="none"))
+    alone = predict_accuracy(replace(SMALL, control_points=3, gnss="none"))
     assert np.all(alone.control_mdb_m[:, 2] > found.control_mdb_m[:3, 2])
 
 
@@ -166,7 +166,7 @@ def test_plans_that_cannot_be(wrong: PlanSettings, said: str) -> None:
 
 def test_a_flight_without_overlap_is_no_survey() -> None:
     with pytest.raises(AdjustmentError, match="overlap"):
-        predict(replace(SMALL, forward_overlap=0.0, side_overlap=0.0, gnss="none"))
+        predict_accuracy(replace(SMALL, forward_overlap=0.0, side_overlap=0.0, gnss="none"))
 
 
 def test_the_file_says_the_plan(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, distort, image_plane, project
+from photogram.camera import Camera, Pose, distort, image_plane, project_points
 from photogram.errors import ImageError
 from photogram.simulation.cover.leaves import REST, Cover, CoverPlan, Grower, Leaves, Plants
 from photogram.simulation.covered_site import make_covered_scene
@@ -75,7 +75,7 @@ def test_project_undoes_intersect_and_the_hit_is_on_the_surface(scene: Scene, ti
     pixel = np.random.default_rng(1).uniform([0, 0], [479, 319], (3000, 2))
     hit = intersect(scene, camera(), where, pixel)
     assert np.isfinite(hit).all()
-    np.testing.assert_allclose(project(camera(), where, hit), pixel, atol=1e-8)
+    np.testing.assert_allclose(project_points(camera(), where, hit), pixel, atol=1e-8)
     np.testing.assert_allclose(scene.height(hit[:, :2]), hit[:, 2], atol=1e-9)
     assert visible(scene, where, hit).all()
 
@@ -114,7 +114,7 @@ def test_wall_hides_what_lies_behind_it() -> None:
 def test_target_is_where_the_projection_says(scene: Scene) -> None:
     where = pose((3.0, -2.0, 25.0), (0.5, -0.5, 40.0))
     picture = render(scene, camera(), where, seed=3, noise_dn=0.0).astype(float).mean(axis=2)
-    centre = project(camera(), where, scene.targets_world_m)
+    centre = project_points(camera(), where, scene.targets_world_m)
     inside = np.all((centre > 15) & (centre < [464, 304]), axis=1) & visible(scene, where, scene.targets_world_m)
     assert inside.sum() >= 4
     v, u = np.mgrid[0:320, 0:480]
@@ -176,7 +176,7 @@ def test_photographs_match_where_the_truth_says(scene: Scene, heading: float) ->
     good = [p for p, q in pairs if p.distance < 0.75 * q.distance]
     a = np.array([found[0][0][m.queryIdx].pt for m in good])
     b = np.array([found[1][0][m.trainIdx].pt for m in good])
-    error = project(c, second, intersect(scene, c, first, a)) - b
+    error = project_points(c, second, intersect(scene, c, first, a)) - b
     distance = np.linalg.norm(error, axis=1)
     assert len(good) > 300
     assert np.mean(distance < 2.0) > 0.9
@@ -233,8 +233,8 @@ def test_a_leaf_is_where_the_projection_says_in_both_photographs(exposure: int) 
         weight = np.clip(picture.astype(float).mean(axis=2) - 200.0, 0.0, None)
         v, u = np.mgrid[0:320, 0:480]
         centres.append(np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum())
-        np.testing.assert_allclose(centres[-1], project(camera(), where, place)[0], atol=0.15)
-        hit = intersect(scene, camera(), where, project(camera(), where, place), exposure=exposure)
+        np.testing.assert_allclose(centres[-1], project_points(camera(), where, place)[0], atol=0.15)
+        hit = intersect(scene, camera(), where, project_points(camera(), where, place), exposure=exposure)
         np.testing.assert_allclose(hit, place, atol=1e-9)
         assert visible(scene, where, cover.leaves.centre_m).all()
         foot = where.position_world_m + (cover.leaves.centre_m - where.position_world_m) * (
@@ -307,7 +307,7 @@ def test_with_cover_the_hit_is_seen_and_on_the_surface(covered: Scene) -> None:
     where = pose((10.0, 5.0, 20.0), (0.0, 0.0, 45.0))
     pixel = np.random.default_rng(1).uniform([0, 0], [479, 319], (4000, 2))
     hit = intersect(covered, camera(focal=400.0), where, pixel)
-    np.testing.assert_allclose(project(camera(focal=400.0), where, hit), pixel, atol=1e-7)
+    np.testing.assert_allclose(project_points(camera(focal=400.0), where, hit), pixel, atol=1e-7)
     assert visible(covered, where, hit).all()
     above = hit[:, 2] - covered.height(hit[:, :2])
     assert above.min() > -1e-9

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from photogram.arrays import FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.simulation.rendering import visible
 from photogram.simulation.simulated_survey import (
     SimulatedBlock,
@@ -102,7 +102,7 @@ def test_marks_are_whole_pixels_at_the_projection_of_visible_points(survey: Simu
         mine = marks.mark_photograph == number
         points = truth.control_position_world_m[marks.mark_point[mine]]
         assert visible(survey.scene, pose, points).all()
-        assert np.abs(project(truth.camera, pose, points) - marks.mark_pixel[mine]).max() <= 0.5
+        assert np.abs(project_points(truth.camera, pose, points) - marks.mark_pixel[mine]).max() <= 0.5
         assert truth.camera.contains(marks.mark_pixel[mine]).all()
 
 
@@ -110,7 +110,7 @@ def test_hidden_points_have_no_mark() -> None:
     survey = simulate(replace(SMALL, buildings=25, trees=150, oblique_strip=True, oblique_angle_deg=35.0), 1)
     marks, truth, hidden = survey.control_points, survey.truth, 0
     for number, pose in enumerate(truth.poses):
-        pixel = project(truth.camera, pose, truth.control_position_world_m)
+        pixel = project_points(truth.camera, pose, truth.control_position_world_m)
         inside = np.all((pixel > 20) & (pixel < [380, 280]), axis=1)
         seen = visible(survey.scene, pose, truth.control_position_world_m)
         marked = np.isin(np.arange(len(marks)), marks.mark_point[marks.mark_photograph == number])
@@ -186,7 +186,7 @@ def test_measurements_have_the_noise_stated(block: SimulatedBlock) -> None:
     control = data.control_points
     assert consistent((control.position_world_m - truth.control_position_world_m) / control.sigma_m)
     pixel = np.array([
-        project(truth.camera, truth.poses[i], truth.control_position_world_m[[p]])[0]
+        project_points(truth.camera, truth.poses[i], truth.control_position_world_m[[p]])[0]
         for i, p in zip(control.mark_photograph, control.mark_point, strict=True)
     ])  # fmt: skip
     assert consistent((control.mark_pixel - pixel) / control.mark_sigma_px[:, None])
@@ -213,7 +213,7 @@ def test_tie_points_are_sorted_complete_and_noisy_as_stated(block: SimulatedBloc
     residual = np.empty_like(ties.pixel)
     for number, pose in enumerate(truth.poses):
         mine = ties.photograph == number
-        seen = project(truth.camera, pose, block.tie_point_position_world_m)
+        seen = project_points(truth.camera, pose, block.tie_point_position_world_m)
         residual[mine] = ties.pixel[mine] - seen[ties.point[mine]]
         beneath = np.linalg.norm(block.tie_point_position_world_m[:, :2] - pose.position_world_m[:2], axis=1) < 40.0
         inside = beneath & np.all((seen > 4) & (seen < [395, 295]), axis=1)

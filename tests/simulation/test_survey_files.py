@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from photogram.files.npz_json import fingerprint
-from photogram.files.photographs.images import read_pixels, read_tags
+from photogram.files.photographs.images import read_photograph, read_tags
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.frames import map_from_geodetic
 from photogram.simulation.simulated_survey import (
@@ -22,7 +22,7 @@ from photogram.simulation.simulated_survey import (
     truth_surface,
     whole_survey_plan,
 )
-from photogram.simulation.survey_files import shuffled_names, write_survey_folder
+from photogram.simulation.survey_files import shuffled_names, write_survey
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M
 
 PLAN = SurveyPlan(
@@ -35,7 +35,7 @@ OTHER = np.full((120, 160, 3), 200, np.uint8)
 
 def written(folder: Path, survey: SimulatedSurvey, **options: object) -> Path:
     pictures = [(p.name, PICTURE) for p in survey.photographs]
-    write_survey_folder(folder, survey, pictures, **options)  # type: ignore[arg-type]
+    write_survey(folder, survey, pictures, **options)  # type: ignore[arg-type]
     return folder
 
 
@@ -112,8 +112,8 @@ def test_lists_and_tables_hold_the_same_points(tmp_path: Path) -> None:
 def test_foreign_photographs_keep_their_tags_and_lose_their_marks(tmp_path: Path) -> None:
     survey = simulate(PLAN, 1)
     written(tmp_path, survey, foreign={"sim_0002.JPG": OTHER})
-    assert read_pixels(tmp_path / "photographs/sim_0001.JPG").mean() == pytest.approx(100, abs=1)
-    assert read_pixels(tmp_path / "photographs/sim_0002.JPG").mean() == pytest.approx(200, abs=1)
+    assert read_photograph(tmp_path / "photographs/sim_0001.JPG").mean() == pytest.approx(100, abs=1)
+    assert read_photograph(tmp_path / "photographs/sim_0002.JPG").mean() == pytest.approx(200, abs=1)
     assert read_tags(tmp_path / "photographs/sim_0002.JPG").longitude_deg is not None
     assert "sim_0001.JPG" in (tmp_path / "marks.csv").read_text()
     for name in ("marks.csv", "control.txt", "check.txt"):
@@ -127,9 +127,9 @@ def test_a_survey_with_canopy_is_written_as_any_other_and_moves(tmp_path: Path) 
     )  # fmt: skip
     survey = simulate(plan, 1)
     pictures = dict(render_photographs(survey))
-    write_survey_folder(tmp_path, survey, pictures.items())
+    write_survey(tmp_path, survey, pictures.items())
     for name, picture in pictures.items():
-        stored = read_pixels(tmp_path / "photographs" / name)
+        stored = read_photograph(tmp_path / "photographs" / name)
         assert stored.shape == (150, 200, 3)
         assert np.abs(stored.astype(float) - picture).mean() < 6.0
     plain = simulate(replace(whole_survey_plan(200), strips=1, photographs_per_strip=2, control_points=2), 1)

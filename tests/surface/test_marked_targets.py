@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.camera import Camera, Pose, project, unproject
+from photogram.camera import Camera, Pose, project_points, unproject
 from photogram.frames import LocalFrame
 from photogram.surface.ortho.marked_targets import (
     FoundTarget,
@@ -89,7 +89,9 @@ def neighbourhoods(texture: Texture, off_px: tuple[float, float] = (0.0, 0.0)) -
     """What surrounds the marks, the first of which is off by so many pixels."""
     found = []
     for n, pose in enumerate(poses()):
-        pixel = project(CAMERA, pose, FRAME.world_from_map(TARGET[None]))[0] + (np.array(off_px) if n == 0 else 0.0)
+        pixel = project_points(CAMERA, pose, FRAME.world_from_map(TARGET[None]))[0] + (
+            np.array(off_px) if n == 0 else 0.0
+        )
         template = mark_neighbourhood(
             Mark(photograph(texture, pose, n), CAMERA, pose, pixel), centre_cell(), CELL_M, FRAME
         )

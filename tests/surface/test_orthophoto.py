@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, ByteArray
-from photogram.camera import Camera, Pose, oriented_by, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
@@ -314,7 +314,7 @@ def test_ground_behind_a_wall_never_shows_the_roof(walled: Walled, photographs: 
     assert np.all(rgba[ground, 1] > 195)
     assert np.all(rgba[roof, 0] > 195)
     place = np.column_stack([x.ravel(), y.ravel(), np.where(out.ravel() < 0, 6.0, 0.0)])
-    pixels = [project(camera(), pose, place) for pose in poses]
+    pixels = [project_points(camera(), pose, place) for pose in poses]
     seen = np.any(
         [visible(walled.scene, p, place) & camera().contains(q) for p, q in zip(poses, pixels, strict=True)], 0
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.frames import LocalFrame
 from photogram.simulation.close_range import simulate_close_range
 from photogram.simulation.facade import upright_rotation
@@ -84,7 +84,7 @@ def test_the_frame_is_as_the_photographs_see_it() -> None:
     _, plane = fitted(wall(np.random.default_rng(2)) @ R.T, poses)
     assert np.allclose(plane.rotation_world_from_plane, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-3)
     corner = plane.world_from_plane(np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]))
-    left, right, below = project(CAMERA, poses[0], corner)
+    left, right, below = project_points(CAMERA, poses[0], corner)
     assert left[0] < right[0]
     assert right[1] < below[1]
 
@@ -169,8 +169,8 @@ def test_a_block_on_its_plane_has_the_same_pixels() -> None:
     for before, after in zip(made.block.poses, block.poses, strict=True):
         assert before is not None
         assert after is not None
-        seen = project(made.block.cameras[0], before, made.block.tie_points.position_world_m)
-        assert np.allclose(project(block.cameras[0], after, block.tie_points.position_world_m), seen, atol=1e-8)
+        seen = project_points(made.block.cameras[0], before, made.block.tie_points.position_world_m)
+        assert np.allclose(project_points(block.cameras[0], after, block.tie_points.position_world_m), seen, atol=1e-8)
     assert block.poses[0] is not None
     assert (
         block_on_plane(made.block.__class__(**{**vars(made.block), "poses": (None,) * 8}), plane).poses == (None,) * 8

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from photogram.camera import Camera, Pose, oriented_by, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.simulation.rendering import visible
@@ -51,7 +51,7 @@ def truth(
     east, north = grid.centres_map_m(grid.whole)
     place = np.stack([*np.meshgrid(east, north), heights], axis=-1).reshape(-1, 3)
     world = FRAME.world_from_map(place)
-    shown = CAMERA.contains(project(CAMERA, pose, world))
+    shown = CAMERA.contains(project_points(CAMERA, pose, world))
     hidden = shown & ~visible(scene, pose, world, tolerance_m=0.1)
     return shown.reshape(heights.shape), hidden.reshape(heights.shape)
 
@@ -88,7 +88,7 @@ def test_the_box_holds_all_that_a_photograph_shows(scene: Scene) -> None:
     east, north = grid.centres_map_m(grid.whole)
     place = FRAME.world_from_map(np.stack([*np.meshgrid(east, north), surface.values], axis=-1).reshape(-1, 3))
     for pose, box in zip(POSES, terrain.shown, strict=True):
-        shown = CAMERA.contains(project(CAMERA, pose, place)).reshape(surface.values.shape)
+        shown = CAMERA.contains(project_points(CAMERA, pose, place)).reshape(surface.values.shape)
         assert box is not None
         inside = np.zeros_like(shown)
         inside[box.slices] = True

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photogram.arrays import BoolArray
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
+from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.surface.water import (
@@ -201,7 +201,7 @@ def test_key_points_lie_on_the_ground_that_their_photograph_shows() -> None:
     pose = Pose(rotation_from_gimbal(30.0, -60.0, 4.0), np.array([5.0, -20.0, 60.0]))
     row, column = (a.ravel() for a in np.mgrid[30:75, 20:80])
     place = np.column_stack([grid.west_map_m + column + 0.5, grid.north_map_m - row - 0.5, height[row, column]])
-    pixel = project(camera, pose, frame.world_from_map(place))
+    pixel = project_points(camera, pose, frame.world_from_map(place))
     inside = camera.contains(pixel)
     assert inside.sum() > 500
     matched = np.arange(0, inside.sum(), 3)

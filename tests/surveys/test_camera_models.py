@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.self_calibration import with_priors
-from photogram.camera import Camera, Pose, oriented_by, project
+from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.kernels import CALIBRATION, linearise_point, point_cost
 from photogram.factors.elimination.reprojection import linearise
@@ -238,7 +238,9 @@ def two_flights(longer_px: float) -> tuple[SimulatedBlock, Block]:
             (marks, control.mark_photograph, truth.control_position_world_m[control.mark_point]),
         ):
             own = photograph == i
-            pixels[own] += project(other, truth.poses[i], X[own]) - project(truth.camera, truth.poses[i], X[own])
+            pixels[own] += project_points(other, truth.poses[i], X[own]) - project_points(
+                truth.camera, truth.poses[i], X[own]
+            )
     camera = block.cameras[0]
     return made, replace(
         block,

@@ -20,11 +20,11 @@ from photogram.errors import ImageError
 from photogram.exchange.solution_export import export_solution
 from photogram.files.npz_json import read_json
 from photogram.files.photographs.depth import Stretch
-from photogram.files.photographs.images import read_pixels
+from photogram.files.photographs.images import read_photograph
 from photogram.files.photographs.stretches import find_stretch
 from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.patches import PatchReader, Window
-from photogram.pipeline.input_validation import validate_project_file
+from photogram.pipeline.input_validation import check_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
 from photogram.pipeline.view import read_pictures, read_results
@@ -37,7 +37,7 @@ LOW, HIGH = 4000, 9000
 def deepened(folder: Path) -> Path:
     """Put 16-bit TIFF with values from LOW to HIGH, and their tags, in place of the photographs of a survey."""
     for path in sorted((folder / "photographs").glob("*.JPG")):
-        values = np.rint(LOW + read_pixels(path) * ((HIGH - LOW) / 255.0)).astype(np.uint16)
+        values = np.rint(LOW + read_photograph(path) * ((HIGH - LOW) / 255.0)).astype(np.uint16)
         write_tiff(path.with_suffix(".tif"), values, tags_of_jpeg(path))
         path.unlink()
     project = folder / "project.yaml"
@@ -89,9 +89,9 @@ def test_the_stretch_is_that_of_the_photographs(finished: tuple[Path, Report]) -
     assert LOW <= stretch.low < LOW + 500
     assert HIGH - 600 < stretch.high <= HIGH
     with open_run(load_project(folder / "project.yaml")) as run:
-        np.testing.assert_array_equal(run.pixels(1), read_pixels(paths[1], stretch=stretch))
+        np.testing.assert_array_equal(run.pixels(1), read_photograph(paths[1], stretch=stretch))
         np.testing.assert_array_equal(
-            run.grey(2), np.asarray(Image.fromarray(read_pixels(paths[2], stretch=stretch)).convert("L"))
+            run.grey(2), np.asarray(Image.fromarray(read_photograph(paths[2], stretch=stretch)).convert("L"))
         )
     page = (folder / "results" / "report.html").read_text(encoding="utf-8")
     assert f"from {stretch.low} to {stretch.high} are stretched linearly to 0 to 255" in page
@@ -136,8 +136,8 @@ def test_the_view_has_stretched_pictures(finished: tuple[Path, Report], tmp_path
 
 def test_undistorted_photographs_are_stretched(finished: tuple[Path, Report], tmp_path: Path) -> None:
     export_solution(finished[0] / "project.yaml", "undistorted", tmp_path / "out")
-    pixels = read_pixels(tmp_path / "out" / "images" / "sim_0002.jpg").astype(np.float64)
-    original = read_pixels(finished[0] / "photographs" / "sim_0002.tif", stretch=stretch_of(finished[1]))
+    pixels = read_photograph(tmp_path / "out" / "images" / "sim_0002.jpg").astype(np.float64)
+    original = read_photograph(finished[0] / "photographs" / "sim_0002.tif", stretch=stretch_of(finished[1]))
     assert abs(np.median(pixels) - np.median(original)) < 3.0
 
 
@@ -148,22 +148,22 @@ def test_marking_shows_the_same_8_bits_before_and_after(finished: tuple[Path, Re
     reader = PatchReader(paths, [(400, 300)] * 4, stretches=before.stretches)
     part = reader.pixels(3, Window(40, 60, 80, 50))
     reader.close()
-    np.testing.assert_array_equal(part, read_pixels(paths[3], stretch=before.stretches[3])[60:110, 40:120])
+    np.testing.assert_array_equal(part, read_photograph(paths[3], stretch=before.stretches[3])[60:110, 40:120])
 
 
 def test_init_and_check_take_them_as_any_photograph(deep: Path, photogram: Run) -> None:
     found = init(deep / "photographs", focal_px=600.0, crs="EPSG:25832", project=deep / "new.yaml")
     assert [p.name for p in found.draft.photographs] == [f"sim_{i:04d}.tif" for i in range(1, 5)]
-    assert not [f for f in validate_project_file(deep / "new.yaml") if f.severity == "error"]
+    assert not [f for f in check_project(deep / "new.yaml") if f.severity == "error"]
     outcome = photogram("check", deep / "project.yaml")
     assert outcome.code == 0, outcome.out
 
 
 def test_one_photograph_of_8_bits_is_named_by_check_and_run(deep: Path) -> None:
     path = deep / "photographs" / "sim_0003.tif"
-    Image.fromarray(read_pixels(path, stretch=Stretch(LOW, HIGH))).save(path, "TIFF")
+    Image.fromarray(read_photograph(path, stretch=Stretch(LOW, HIGH))).save(path, "TIFF")
     said = r"1 photograph of 4 \(sim_0003\.tif\) has 8 bits a channel, the others 16"
-    errors = [f for f in validate_project_file(deep / "project.yaml") if f.severity == "error"]
+    errors = [f for f in check_project(deep / "project.yaml") if f.severity == "error"]
     assert len(errors) == 1
     assert re.search(said, errors[0].text)
     with pytest.raises(ImageError, match=rf"^camera \S+: {said}: export all .* alike[^\n]*\Z"):

@@ -16,7 +16,7 @@ import rasterio
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.frames import LocalFrame
 from photogram.pipeline.input_validation import validate_project
 from photogram.pipeline.new_project import init
@@ -24,7 +24,7 @@ from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.similarity import fit_similarity
 from photogram.simulation.facade import turned_survey, upright_rotation
 from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, render_photographs, simulate
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -65,7 +65,7 @@ def facade(
 ) -> Path:
     """The survey in the map: RTK, control and check points, `photogram init`, and surface and orthophoto on a plane."""
     folder = tmp_path_factory.mktemp("facade")
-    write_survey_folder(folder, turned_survey(site, ROTATION, SCALE, SHIFT_M), pictures.items())
+    write_survey(folder, turned_survey(site, ROTATION, SCALE, SHIFT_M), pictures.items())
     drafted = init(
         folder / "photographs",
         project=folder / "project.yaml",
@@ -200,7 +200,7 @@ def test_the_orthophoto_shows_the_wall_as_the_photographs_do(
     wall = np.abs(height - np.median(height)) < 0.5
     level[:, 2] = height
     photograph = site.photographs[1]
-    pixel = project(site.truth.camera, site.truth.poses[1], level)
+    pixel = project_points(site.truth.camera, site.truth.poses[1], level)
     shown = pictures[photograph.name].mean(axis=2)
     inside = wall & (np.abs(pixel - np.array(shown.shape)[::-1] / 2) < np.array(shown.shape)[::-1] / 2 - 5).all(axis=1)
     assert inside.sum() > 5000

@@ -20,11 +20,11 @@ import pytest
 import yaml
 from PIL import Image
 
-from photogram.camera import Camera, Pose, project, rotation_from_gimbal
-from photogram.files.photographs.images import read_pixels, read_tags, write_photograph
+from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
+from photogram.files.photographs.images import read_photograph, read_tags, write_photograph
 from photogram.files.photographs.tags import PhotographTags
 from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
-from photogram.pipeline.input_validation import validate_project_file
+from photogram.pipeline.input_validation import check_project
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.project.findings import Finding
 from photogram.terminal.console import console
@@ -54,7 +54,7 @@ def marks_of(points: np.ndarray[Any, Any], camera: Camera = CAMERA) -> list[dict
     world, centres = FRAME.world_from_map(points), FRAME.world_from_map(CENTRES)
     marks: list[dict[str, list[float]]] = [{} for _ in points]
     for i, centre in enumerate(centres):
-        pixels = project(camera, Pose(rotation, centre), world)
+        pixels = project_points(camera, Pose(rotation, centre), world)
         for p, pixel in enumerate(pixels):
             if camera.contains(pixel[None])[0]:
                 marks[p][f"{i:02d}.JPG"] = [float(x) for x in pixel.round(3)]
@@ -141,7 +141,7 @@ class Tiny:
 
     def findings(self) -> list[Finding]:
         """Return what is wrong with the survey, without notes."""
-        return [f for f in validate_project_file(self.write()) if f.severity != "note"]
+        return [f for f in check_project(self.write()) if f.severity != "note"]
 
 
 @pytest.fixture
@@ -238,14 +238,14 @@ def test_photographs_that_a_viewer_has_turned(tiny: Tiny, turned: int) -> None:
 def test_an_orientation_tag_changes_nothing(tiny: Tiny) -> None:
     tiny.write()
     path = tiny.folder / "photographs" / "03.JPG"
-    plain = read_pixels(path)
+    plain = read_photograph(path)
     with Image.open(path) as picture:
         exif, xmp = picture.getexif(), picture.info["xmp"]
         exif[0x0112] = 3
         picture.save(path, exif=exif, xmp=xmp, quality=100, subsampling=0)
     tiny.extra["03.JPG"] = path.read_bytes()
     assert tiny.findings() == []
-    assert np.abs(read_pixels(path).astype(int) - plain).mean() < 3.0
+    assert np.abs(read_photograph(path).astype(int) - plain).mean() < 3.0
 
 
 # ---- coordinates ---------------------------------------------------------------------------------------------------
@@ -508,7 +508,7 @@ def test_a_frozen_receiver_leaves_the_block_to_control(survey: Path, edit: Run, 
     first = read_tags(survey / "photographs/sim_0001.JPG")
     for path in sorted((survey / "photographs").iterdir()):
         place = {name: getattr(first, name) for name in ("longitude_deg", "latitude_deg", "height_m")}
-        write_photograph(path, read_pixels(path), replace(read_tags(path), **place))
+        write_photograph(path, read_photograph(path), replace(read_tags(path), **place))
     edit(survey / "project.yaml", sparse)
     outcome = photogram("adjust", survey / "project.yaml")
     assert outcome.code == 0, outcome.err

@@ -15,7 +15,7 @@ import pytest
 
 from photogram.files.marks.mark_table import read_marks
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
-from photogram.simulation.survey_files import write_survey_folder
+from photogram.simulation.survey_files import write_survey
 
 pytest.importorskip("selenium", reason="selenium is not installed")
 
@@ -42,7 +42,7 @@ def test_a_new_user_marks_in_the_browser_and_gets_a_report(
     open_browser: Callable[..., AbstractContextManager[Any]],
 ) -> None:  # fmt: skip
     survey = simulate(replace(small_plan, calibration_source="exif"), 3)
-    write_survey_folder(tmp_path, survey, render_photographs(survey))
+    write_survey(tmp_path, survey, render_photographs(survey))
     truth = {name: places for name, places in true_marks(tmp_path / "marks.csv").items() if len(places) > 1}
     crs = survey.frame.crs
     for made in ("marks.csv", "control.txt", "check.txt"):

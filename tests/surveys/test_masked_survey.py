@@ -16,7 +16,7 @@ from makers import undrawing
 
 from photogram.errors import ImageError
 from photogram.files.npz_json import read_json
-from photogram.files.photographs.images import read_pixels, read_tags, write_photograph
+from photogram.files.photographs.images import read_photograph, read_tags, write_photograph
 from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
 from photogram.report.record.report import Report
@@ -33,7 +33,7 @@ def paint(folder: Path) -> None:
     texture = np.kron(rng.integers(60, 256, (25, 35)), np.ones((4, 4)))
     patch = np.stack([texture, 0.0 * texture, texture], axis=-1).astype(np.uint8)
     for path in sorted((folder / "photographs").iterdir()):
-        pixels, tags = read_pixels(path).copy(), read_tags(path)
+        pixels, tags = read_photograph(path).copy(), read_tags(path)
         pixels[GEAR] = patch
         write_photograph(path, pixels, tags)
 

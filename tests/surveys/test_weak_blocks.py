@@ -16,7 +16,7 @@ from photogram.adjustment.oriented_subset import with_all_marks, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.adjustment.solvability import WEAK_CAMERA, UnheldError, check_in_front, control_marks
 from photogram.arrays import IntArray
-from photogram.camera import Pose, project
+from photogram.camera import Pose, project_points
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -218,7 +218,7 @@ def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() ->
         # each looks away from the other: their rays part
         pose = simulated(0).truth.poses[photograph]
         target = pose.position_world_m + np.array([0.0, 0.0, -50.0]) + away * 15.0 * base / np.linalg.norm(base)
-        pixel[mark] = project(camera, pose, target[None])[0]
+        pixel[mark] = project_points(camera, pose, target[None])[0]
     wrong = without_marks(replace(block, control_points=replace(points, mark_pixel=pixel)), keep)
     result = adjust(wrong, SETTINGS)
     assert np.isnan(result.ground_world_m[g]).all()

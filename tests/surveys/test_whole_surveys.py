@@ -30,7 +30,7 @@ from photogram.simulation.simulated_survey import (
     simulate_block,
     whole_survey_plan,
 )
-from photogram.simulation.survey_files import shuffled_names, write_survey_folder
+from photogram.simulation.survey_files import shuffled_names, write_survey
 
 Run = Callable[..., Any]
 Pictures = dict[str, np.ndarray]
@@ -119,7 +119,7 @@ def test_the_photographs_are_those_of_an_ordinary_survey(survey: SimulatedSurvey
 def test_consumer_positions_and_six_control_points(
     survey: SimulatedSurvey, pictures: Pictures, tmp_path: Path, photogram: Run
 ) -> None:
-    write_survey_folder(tmp_path, survey, pictures.items())
+    write_survey(tmp_path, survey, pictures.items())
     tables = ("--control", str(tmp_path / "points.csv"), "--marks", str(tmp_path / "marks.csv"))
     report = adjusted(settle(tmp_path, photogram, *tables))
     assert not unregistered(report)
@@ -134,7 +134,7 @@ def test_block_without_control_keeps_its_shape(
     survey: SimulatedSurvey, pictures: Pictures, tmp_path: Path, photogram: Run
 ) -> None:
     """All points are check points; place, turn and scale are those of GNSS, the rest is the block's own."""
-    write_survey_folder(tmp_path, survey, pictures.items())
+    write_survey(tmp_path, survey, pictures.items())
     everything = tmp_path / "every_point.txt"
     control, check = ((tmp_path / n).read_text(encoding="utf-8").splitlines() for n in ("control.txt", "check.txt"))
     everything.write_text("\n".join([*control, *check[1:]]) + "\n", encoding="utf-8")
@@ -159,7 +159,7 @@ def test_no_positions_and_shuffled_names(pictures: Pictures, tmp_path: Path, pho
     bare = simulate(replace(PLAN, gnss_tags=False), SEED)
     names = shuffled_names(bare)
     assert sorted(names.values()) != list(names.values())
-    write_survey_folder(tmp_path, bare, pictures.items(), names=names)
+    write_survey(tmp_path, bare, pictures.items(), names=names)
     control, check = tmp_path / "control.txt", tmp_path / "check.txt"
     report = adjusted(settle(tmp_path, photogram, "--control", str(control), "--check", str(check)))
     assert not unregistered(report)
@@ -183,7 +183,7 @@ def test_photographs_of_another_site_are_left_out(
         photographs=tuple(elsewhere.photographs[i] for i in chosen),
         truth=replace(elsewhere.truth, poses=tuple(elsewhere.truth.poses[i] for i in chosen)),
     )
-    write_survey_folder(tmp_path, survey, pictures.items(), foreign=dict(render_photographs(seen)))
+    write_survey(tmp_path, survey, pictures.items(), foreign=dict(render_photographs(seen)))
     control, check = tmp_path / "control.txt", tmp_path / "check.txt"
     report = adjusted(settle(tmp_path, photogram, "--control", str(control), "--check", str(check)))
     assert unregistered(report) == set(FOREIGN)

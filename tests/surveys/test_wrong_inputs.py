@@ -19,7 +19,7 @@ from photogram.errors import AdjustmentError
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
 from photogram.quality.gross_errors.robust_start import grossly_off
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.sfm.mark_scale import picture_factor
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
@@ -42,7 +42,7 @@ def survey(plan: SurveyPlan = RTK, seed: int = 5) -> Block:
 
 @cache
 def clean(plan: SurveyPlan = RTK) -> Verdict:
-    return adjust_and_judge(survey(plan), SETTINGS)
+    return adjust_with_snooping(survey(plan), SETTINGS)
 
 
 def with_photograph(block: Block, i: int, **changed: Any) -> Block:
@@ -86,7 +86,7 @@ def test_a_clean_survey_is_accused_of_nothing() -> None:
     "off_m", [(0.4, -0.2, 0.1), (1.2, 0.9, 0.0), (-4.0, 3.0, 0.0), (12.0, 0.0, 2.0), (60.0, 80.0, 0.0)]
 )
 def test_a_wrong_gnss_position_is_named_and_no_control_point(off_m: Sequence[float]) -> None:
-    verdict = adjust_and_judge(moved(survey(), 7, off_m), SETTINGS)
+    verdict = adjust_with_snooping(moved(survey(), 7, off_m), SETTINGS)
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.photograph) == ("GNSS position", survey().photographs[7].name)
     predicted_m = float(blunder.sentence.split("predict it ")[1].split()[0])
@@ -100,7 +100,7 @@ def test_a_turned_attitude_is_named() -> None:
     assert attitude is not None
     for angle in (8.0, 40.0, 170.0):
         turned = attitude @ Rotation.from_rotvec(np.radians(angle) * np.array([0.6, 0.0, 0.8])).as_matrix()
-        verdict = adjust_and_judge(with_photograph(survey(), 4, attitude_world_from_camera=turned), SETTINGS)
+        verdict = adjust_with_snooping(with_photograph(survey(), 4, attitude_world_from_camera=turned), SETTINGS)
         (blunder,) = verdict.blunders
         assert (blunder.kind, blunder.photograph) == ("attitude", survey().photographs[4].name)
         assert float(blunder.sentence.split(" by ")[1].split("°")[0]) == pytest.approx(angle, abs=4.0)
@@ -109,7 +109,7 @@ def test_a_turned_attitude_is_named() -> None:
 
 @pytest.mark.parametrize("factor", [0.8, 0.88, 1.15])
 def test_a_wrong_focal_length_is_named_and_no_control_point(factor: float) -> None:
-    verdict = adjust_and_judge(with_focal(survey(), factor), SETTINGS)
+    verdict = adjust_with_snooping(with_focal(survey(), factor), SETTINGS)
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.camera) == ("focal length", "simulated")
     camera = verdict.result.block.cameras[0]
@@ -125,7 +125,7 @@ def test_two_wrong_inputs_at_once_do_not_hide_each_other() -> None:
     pixel, m = points.mark_pixel.copy(), int(np.flatnonzero(points.mark_point == 2)[0])
     pixel[m] = pixel[m][::-1] * 0.4 + 30.0
     both = with_focal(moved(with_pixels(survey(), pixel), 9, (5.0, 5.0, 0.0)), 1.15)
-    verdict = adjust_and_judge(both, SETTINGS)
+    verdict = adjust_with_snooping(both, SETTINGS)
     assert {b.kind for b in verdict.blunders} <= {"mark", "wrong target", "GNSS position", "focal length"}
     assert {a.what for a in verdict.rejected} == {
         ("mark", points.name[2], survey().photographs[points.mark_photograph[m]].name),
@@ -142,7 +142,7 @@ def test_a_mistyped_point_is_named_whatever_its_size(plan: SurveyPlan, off_m: fl
     position = points.position_world_m.copy()
     position[3, 1] += off_m
     spoilt = replace(survey(plan), control_points=replace(points, position_world_m=position))
-    verdict = adjust_and_judge(spoilt, SETTINGS)
+    verdict = adjust_with_snooping(spoilt, SETTINGS)
     assert {a.what for a in verdict.rejected} == {("control point", points.name[3], None)}
     assert_as_good_as_clean(verdict, plan)
 
@@ -151,7 +151,7 @@ def test_gnss_off_control_as_a_whole_is_one_offset_and_no_point_is_accused() -> 
     block = survey()
     for i in range(len(block.photographs)):
         block = moved(block, i, (0.3, -0.2, 0.5))
-    verdict = adjust_and_judge(block, SETTINGS)
+    verdict = adjust_with_snooping(block, SETTINGS)
     (blunder,) = verdict.blunders
     assert blunder.kind == "GNSS offset"
     result = verdict.result
@@ -167,7 +167,7 @@ def test_a_mark_of_a_check_point_far_from_the_others_is_named() -> None:
     assert len(own) >= 4
     pixel = points.mark_pixel.copy()
     pixel[own[1]] += (250.0, -180.0)
-    verdict = adjust_and_judge(with_pixels(survey(), pixel), SETTINGS)
+    verdict = adjust_with_snooping(with_pixels(survey(), pixel), SETTINGS)
     assert {a.what for a in verdict.rejected} == {
         ("mark", points.name[g], survey().photographs[points.mark_photograph[own[1]]].name)
     }
@@ -180,7 +180,7 @@ def test_sigmas_that_are_too_small_for_all_accuse_nobody() -> None:
     for i, photograph in enumerate(block.photographs):
         assert photograph.gnss_sigma_m is not None
         block = with_photograph(block, i, gnss_sigma_m=0.25 * photograph.gnss_sigma_m)
-    verdict = adjust_and_judge(block, SETTINGS)
+    verdict = adjust_with_snooping(block, SETTINGS)
     assert not [a for a in verdict.rejected if a.kind == "GNSS position"]
     assert scatter(verdict.result)["GNSS position"] > 1.2
 
@@ -192,7 +192,7 @@ def test_marks_of_pictures_of_another_size_are_named_as_that(factor: float) -> N
     block = with_pixels(oriented, (points.mark_pixel + 0.5) * factor - 0.5)
     found = picture_factor(block)
     assert found == pytest.approx(1.0 / factor, rel=0.01)
-    verdict = adjust_and_judge(block, SETTINGS)
+    verdict = adjust_with_snooping(block, SETTINGS)
     (blunder,) = verdict.blunders
     assert blunder.kind == "picture size"
     assert f"multiplied by {found:.3g}" in blunder.sentence
@@ -251,7 +251,7 @@ def test_where_too_little_is_left_every_culprit_is_named() -> None:
     pixel = points.mark_pixel.copy()
     pixel[wrong] = rng.uniform([0.0, 0.0], [plan.width_px - 1.0, plan.height_px - 1.0], (int(wrong.sum()), 2))
     with pytest.raises(AdjustmentError) as fault:
-        adjust_and_judge(with_pixels(survey(plan), pixel), SETTINGS)
+        adjust_with_snooping(with_pixels(survey(plan), pixel), SETTINGS)
     assert "too few are left without it" in str(fault.value)
     for name in points.name[:2]:
         assert f"mark of {name} in sim_" in str(fault.value)

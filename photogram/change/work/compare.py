@@ -22,7 +22,7 @@ from photogram.files.clouds.points import read_cloud
 from photogram.files.npz_json import write_json
 from photogram.pipeline.stages.comparison import read_reference
 from photogram.quality.cloud_comparison import Comparison, triangulate
-from photogram.quality.cloud_comparison import compare as compare_cloud
+from photogram.quality.cloud_comparison import compare_to_reference as compare_cloud
 from photogram.report.figures.style import comparison_picture
 from photogram.survey import PointCloud
 from photogram.terminal.console import console, steps

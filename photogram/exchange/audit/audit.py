@@ -23,7 +23,7 @@ from photogram.exchange.audit.fits import Fit, fit_of_adjustment, fit_of_solutio
 from photogram.exchange.audit.foreign_block import ForeignBlock, with_their_model
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.quality.deformation import DOME, height_modes
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
@@ -103,7 +103,7 @@ def audited(
     same, same_fit = _with_their_weights(solution, start, progress)
     progress(0, 0, "blunders and sigmas")
     block, mark_factor = _with_scatter_of_marks(start, progress)
-    ours = adjust_and_judge(block, AdjustmentSettings(), start.parameters, progress)
+    ours = adjust_with_snooping(block, AdjustmentSettings(), start.parameters, progress)
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     bent = block_deformation(ours.result, AdjustmentSettings(), known_before)

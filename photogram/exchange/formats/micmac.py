@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import camera_of, check_names, no_tie_points, pose_of
 from photogram.files.solutions.parsing import bytes_of, file_of, number_of, numbers_of
@@ -238,7 +238,7 @@ def _rays(calibration: _Calibration) -> FloatArray:
 
 
 def _pixels(camera: Camera, ideal: FloatArray) -> FloatArray:
-    return project(camera, Pose(np.eye(3), np.zeros(3)), np.column_stack([ideal, np.ones(len(ideal))]))
+    return project_points(camera, Pose(np.eye(3), np.zeros(3)), np.column_stack([ideal, np.ones(len(ideal))]))
 
 
 def _fitted(start: Camera, ideal: FloatArray, true: FloatArray) -> Camera:

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera, Pose, image_plane_or_nan, project
+from photogram.camera import Camera, Pose, image_plane_or_nan, project_points
 from photogram.errors import ExchangeError
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.projection import CAMERA_PARAMETERS, CENTRE, PARAMETER_NAMES, Model
@@ -85,7 +85,7 @@ def _rays(camera: Camera) -> tuple[FloatArray, FloatArray]:
 
 def _pixels(camera: Camera, ray: FloatArray) -> FloatArray:
     here = Pose(np.eye(3), np.zeros(3))
-    return np.nan_to_num(project(camera, here, ray), nan=1e6)
+    return np.nan_to_num(project_points(camera, here, ray), nan=1e6)
 
 
 def without_fields(solution: ForeignSolution) -> tuple[ForeignSolution, tuple[str, ...]]:

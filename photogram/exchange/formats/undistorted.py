@@ -23,7 +23,7 @@ from photogram.exchange.formats.colmap.sparse_models import write_colmap
 from photogram.exchange.formats.writing import check_writable, unoriented_photographs
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.photographs.depth import Stretch
-from photogram.files.photographs.images import read_pixels
+from photogram.files.photographs.images import read_photograph
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.wording import some, things
 
@@ -114,7 +114,7 @@ def write_undistorted(
         photograph = solution.photographs[i]
         camera = solution.cameras[photograph.camera]
         size_px = camera.width_px, camera.height_px
-        pixels = read_pixels(pictures / photograph.name, size_px, stretch=stretches.get(camera.name))
+        pixels = read_photograph(pictures / photograph.name, size_px, stretch=stretches.get(camera.name))
         picture = Image.fromarray(np.concatenate(list(_strips(camera, pixels))))
         with replacing(folder / targets[i].name) as partial:
             picture.save(partial, "JPEG", quality=_QUALITY, subsampling="4:4:4")

@@ -28,7 +28,7 @@ from photogram.files.reading import ordinary_size
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 
-__all__ = ["NODATA", "RasterFile", "open_raster", "picture_on_grid", "read_codes", "read_raster", "write_geotiff"]
+__all__ = ["NODATA", "RasterFile", "open_raster", "picture_on_grid", "read_codes", "read_raster", "write_raster"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
@@ -40,7 +40,7 @@ DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupE
 """What rasterio raises where a file is damaged."""
 
 
-def write_geotiff(
+def write_raster(
     path: Path | str, raster: Raster, crs: str, overviews: bool = True, description: str = "", note: str = ""
 ) -> None:
     """Write ``raster`` in ``crs`` as a Cloud Optimized GeoTIFF, NaN as NODATA; all or nothing: ``cogs.write_cog`` of a

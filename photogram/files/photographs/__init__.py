@@ -1,5 +1,5 @@
 """Photographs on disk: pixels, headers, EXIF and XMP tags, copies of the same photograph, previews.
 
 Opens an explicit list of formats; interprets no tag further than its unit.
-`images.read_pixels`, `images.read_tags`.
+`images.read_photograph`, `images.read_tags`.
 """

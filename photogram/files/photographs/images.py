@@ -43,7 +43,7 @@ __all__ = [
     "read_grey",
     "read_leading_tags",
     "read_patches",
-    "read_pixels",
+    "read_photograph",
     "read_small",
     "read_tags",
     "read_window",
@@ -123,7 +123,7 @@ def _decode(path: Path, picture: Image.Image) -> None:
         raise damaged(path, fault) from fault
 
 
-def read_pixels(
+def read_photograph(
     path: Path | str,
     size_px: tuple[int, int] | None = None,
     sha256: str | None = None,
@@ -153,7 +153,7 @@ def read_grey(
 ) -> ByteArray:
     """Return the photograph's luminance (height, width); a JPEG's own, without the detour over colour.
 
-    Raises ImageError as read_pixels does.
+    Raises ImageError as read_photograph does.
     """
     file = usable(path, read_content(path), size_px, sha256)
     pixels = _decoded_jpeg(file, cv2.IMREAD_GRAYSCALE)
@@ -169,8 +169,8 @@ def check_photograph(path: Path, size_px: tuple[int, int] | None = None, sha256:
     """Decode the whole photograph, JPEG at an eighth of its size, and return its width and height.
 
     At an eighth every coefficient is still read, so the same damage is found in half the time or less. What libjpeg
-    passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_pixels does;
-    more than 8 bits need no stretch here.
+    passes over in silence inside a picture that has its end marker is not found. Raises ImageError as read_photograph
+    does; more than 8 bits need no stretch here.
     """
     file = usable(path, read_content(path), size_px, sha256)
     picture, size = file.picture, file.picture.size
@@ -224,7 +224,7 @@ def sample_values(path: Path) -> Values:
 def thumbnail(path: Path, stretch: Stretch | None = None) -> FloatArray:
     """Return the photograph's luminance (48, 64) as grey values from 0 to 255, JPEG decoded at an eighth of its size.
 
-    Enough to tell one photograph from the next one of a flight. Raises ImageError as read_pixels does.
+    Enough to tell one photograph from the next one of a flight. Raises ImageError as read_photograph does.
     """
     picture = _open(path, None, None, stretch)
     picture.draft("L", (64, 48))
@@ -236,7 +236,7 @@ def read_small(path: Path, longest_px: int, stretch: Stretch | None = None) -> B
     """Return the photograph as red, green, blue (height, width, 3), reduced to ``longest_px`` along its longer side
     unless it is smaller; JPEG is decoded at an eighth of its size or more.
 
-    Raises ImageError as read_pixels does.
+    Raises ImageError as read_photograph does.
     """
     picture = _open(path, None, None, stretch)
     scale = min(longest_px / max(picture.size), 1.0)
@@ -257,7 +257,7 @@ def read_window(
     a reduced one is the mean of a square of so many, as far as the photograph reaches.
 
     ``box`` is left, upper, right, lower in reduced pixels, within ceil(width / reduction) and ceil(height / reduction).
-    JPEG is decoded at the reduced size, and no farther down than the box. Raises ImageError as read_pixels does.
+    JPEG is decoded at the reduced size, and no farther down than the box. Raises ImageError as read_photograph does.
     """
     file = usable(path, read_content(path), size_px)
     picture = _opened(path, file, stretch)
@@ -285,7 +285,7 @@ def read_patches(
     stretch: Stretch | None = None,
 ) -> list[ByteArray]:
     """Return parts of the photograph as red, green, blue (height, width, 3) from decoding it once; a ``box`` is left,
-    upper, right, lower in its pixels, within it. Raises ImageError as read_pixels does."""
+    upper, right, lower in its pixels, within it. Raises ImageError as read_photograph does."""
     picture = _open(path, size_px, sha256, stretch)
     _decode(path, picture)
     return [np.array(picture.crop(box).convert("RGB")) for box in boxes]

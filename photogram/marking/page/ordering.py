@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.wording import things
 
 ENOUGH_MARKS = 4
@@ -80,7 +80,7 @@ def share_gained(
     """
     step = _STEP * float(np.linalg.norm(pose.position_world_m - point_world_m))
     moved = np.vstack([point_world_m + step * np.eye(3), point_world_m - step * np.eye(3)])
-    pixel = project(camera, pose, moved)
+    pixel = project_points(camera, pose, moved)
     J = (pixel[:3] - pixel[3:]).T / (2.0 * step)
     of_point = J @ covariance_m2 @ J.T
     whole = place_covariance_px2 + mark_sigma_px**2 * np.eye(2)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.marking.page.patches import PatchReader, Window
 from photogram.marking.targets.kinds import MeasuredCentre
 from photogram.marking.targets.matching import HALF_PX, Template, match_centre
@@ -190,6 +190,6 @@ def ground_scale(camera: Camera, pose: Pose | None, position_world_m: FloatArray
         return None
     step = _STEP * float(np.linalg.norm(pose.position_world_m - position_world_m))
     along = step * np.eye(3)[:2]
-    pixel = project(camera, pose, np.vstack([position_world_m + along, position_world_m - along]))
+    pixel = project_points(camera, pose, np.vstack([position_world_m + along, position_world_m - along]))
     J = (pixel[:2] - pixel[2:]).T / (2.0 * step)
     return J if np.isfinite(J).all() and abs(float(np.linalg.det(J))) > 0.0 else None

@@ -21,7 +21,7 @@ from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import resection_to, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_and_judge
+from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
@@ -64,7 +64,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     readings_px = run.project.focal_readings_px
 
     def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_and_judge(block, settings, start, progress, readings_px)
+        return adjust_with_snooping(block, settings, start, progress, readings_px)
 
     block, verdict = with_lens_fields(block, judged(block, start), settings, judged, progress)
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]

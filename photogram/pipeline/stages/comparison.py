@@ -16,7 +16,7 @@ from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import write_comparison
 from photogram.project.project import Project
-from photogram.quality.cloud_comparison import compare, triangulate
+from photogram.quality.cloud_comparison import compare_to_reference, triangulate
 from photogram.survey import PointCloud, Raster
 from photogram.wording import Progress
 
@@ -52,7 +52,7 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
         for name in ("linear_2view", "linear_3view", "adjusted"):
             cloud = run.cloud(name)
             if len(cloud) >= 3:
-                comparison = compare(cloud, reference)
+                comparison = compare_to_reference(cloud, reference)
                 statistics[name] = write_comparison(folder / f"{name}.npz", comparison)
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)

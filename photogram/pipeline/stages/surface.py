@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from photogram.crs import plan_of
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
-from photogram.files.maps.rasters import write_geotiff
+from photogram.files.maps.rasters import write_raster
 from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
@@ -384,12 +384,12 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
         settings = replace(settings, spike_minimum_m=SPIKE_GSD * float(np.nanmedian(gsd_m)))
     surface = surface_with_sigma(site.cloud(), site.precision(), settings, site.shape())
     raster, note = surface.heights, site.note
-    write_geotiff(folder / "dsm.tif", raster, site.crs, description=HEIGHT, note=note)
-    write_geotiff(folder / "dsm_sigma.tif", surface.sigma, site.plan, description=SIGMA, note=note)
-    write_geotiff(folder / OWN_SIGMA_FILE, surface.own, site.plan, description=OWN_SIGMA, note=note)
+    write_raster(folder / "dsm.tif", raster, site.crs, description=HEIGHT, note=note)
+    write_raster(folder / "dsm_sigma.tif", surface.sigma, site.plan, description=SIGMA, note=note)
+    write_raster(folder / OWN_SIGMA_FILE, surface.own, site.plan, description=OWN_SIGMA, note=note)
     if surface.relative is not None:
         path = folder / RELATIVE_SIGMA_FILE
-        write_geotiff(path, surface.relative, site.plan, description=RELATIVE_SIGMA, note=note)
+        write_raster(path, surface.relative, site.plan, description=RELATIVE_SIGMA, note=note)
     site.write(folder, MapGrid.of(raster))
     write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape

@@ -20,7 +20,7 @@ from photogram.crs import NO_CRS
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
 from photogram.files.photographs.depth import Stretch
-from photogram.files.photographs.images import read_grey, read_pixels
+from photogram.files.photographs.images import read_grey, read_photograph
 from photogram.files.photographs.masks import read_mask, read_masks
 from photogram.files.solutions.stored_solutions import read_stored
 from photogram.height_systems import HeightSystem
@@ -164,10 +164,10 @@ class Run:
         return self.stretches.get(self.project.cameras[self.project.photographs[index].camera].name)
 
     def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-        """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_pixels``, and where
-        it is not what it was when the run began."""
+        """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_photograph``, and
+        where it is not what it was when the run began."""
         path, sha256 = self.project.photographs[index].path, self.photograph_fingerprints[index]
-        return read_pixels(path, size_px, sha256, self.stretch(index))
+        return read_photograph(path, size_px, sha256, self.stretch(index))
 
     def grey(self, index: int) -> NDArray[np.uint8]:
         """Return a photograph's luminance (height, width). Raises ImageError as ``pixels``."""

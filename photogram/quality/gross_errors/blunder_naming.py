@@ -14,7 +14,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.camera import project
+from photogram.camera import project_points
 from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations
 from photogram.constraints.rigs import relative_poses
 from photogram.factors.common_errors import common_shifts
@@ -158,7 +158,7 @@ def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunde
     u, v = hypothesis.off
     if pose is not None:
         place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
-        predicted = project(camera, pose, place) - points.mark_pixel[m]
+        predicted = project_points(camera, pose, place) - points.mark_pixel[m]
         u, v = predicted[g].tolist()
         distance = np.where(np.isfinite(predicted).all(axis=1), np.linalg.norm(predicted, axis=1), np.inf)
         distance[g] = np.inf

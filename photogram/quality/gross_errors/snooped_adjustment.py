@@ -266,7 +266,7 @@ def _with_settled(settled: Block, found: Search, decisions: Mapping[str, FocalDe
     return search(settled, adjuster(without(settled, others)), adjuster, others)
 
 
-def adjust_and_judge(
+def adjust_with_snooping(
     block: Block,
     settings: AdjustmentSettings,
     start: Sequence[FloatArray] = (),

@@ -16,7 +16,7 @@ from photogram.quality.asprs import (
     Accuracy,
     AxisAccuracy,
     ReportSettings,
-    accuracy,
+    asprs_accuracy,
     blunders,
     coarse_survey,
     stated_h,
@@ -100,7 +100,7 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
     difference_m = np.array([p["residual_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
     difference_m = np.where(checked, difference_m, np.nan)
     sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
-    found, names = accuracy(difference_m, sigma_m), [p["name"] for p in rows]
+    found, names = asprs_accuracy(difference_m, sigma_m), [p["name"] for p in rows]
     statements, not_stated = _stated(found, settings)
     return {
         "standard": STANDARD,

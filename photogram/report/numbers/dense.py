@@ -10,7 +10,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.grid import bands
-from photogram.quality.asprs import MINIMUM_POINTS, accuracy
+from photogram.quality.asprs import MINIMUM_POINTS, asprs_accuracy
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import (
@@ -196,7 +196,7 @@ def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> S
             "rms_z": None,
         }
     plan = np.full((n, 2), np.nan)
-    found = accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
+    found = asprs_accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
     height, tested = found.axes[2], z[np.isfinite(z)]
     return {
         "n": n,
@@ -290,7 +290,7 @@ def orthophoto_check_numbers(
     if n >= FEWEST_CHECKS:
         difference_m, sigma_m = (np.array([r[key] for r in rows]) for key in ("difference_m", "survey_sigma_m"))
         nothing = np.full((n, 1), np.nan)
-        tested = accuracy(np.hstack([difference_m, nothing]), np.hstack([sigma_m, nothing]))
+        tested = asprs_accuracy(np.hstack([difference_m, nothing]), np.hstack([sigma_m, nothing]))
         record["mean_m"] = [tested.axes[0].mean_m, tested.axes[1].mean_m]
         record["rmse_m"] = [tested.axes[0].rmse_m, tested.axes[1].rmse_m]
         record["fit_rmse_h_m"], record["survey_rmse_h_m"] = tested.fit_h_m, tested.survey_h_m

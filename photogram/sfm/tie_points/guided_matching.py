@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.compilation import njit
 from photogram.errors import check_range
 from photogram.sfm.tie_points.masked import are_clear, clear_px
@@ -183,12 +183,12 @@ def search_patches(
 def ground_jacobians(camera: Camera, pose: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return pixels (K, 2) of points, and their derivatives (K, 2, 2) by steps east and north on level ground."""
     step = 1e-3 * np.linalg.norm(points - pose.position_world_m, axis=1)
-    pixel = project(camera, pose, points)
+    pixel = project_points(camera, pose, points)
     columns = []
     for axis in (0, 1):
         moved = points.copy()
         moved[:, axis] += step
-        columns.append((project(camera, pose, moved) - pixel) / step[:, None])
+        columns.append((project_points(camera, pose, moved) - pixel) / step[:, None])
     return pixel, np.stack(columns, axis=2)
 
 
@@ -254,7 +254,7 @@ def _candidates(tie: TiePoints, seen: IntArray, camera: Camera, pose: Pose) -> I
     near, local = near[front], local[front]
     radius = np.linalg.norm(local[:, :2], axis=1) / local[:, 2]
     near = near[radius < min(camera.largest_radius, 10.0)]
-    pixel = project(camera, pose, tie.position_world_m[near])
+    pixel = project_points(camera, pose, tie.position_world_m[near])
     return np.asarray(near[np.isfinite(pixel).all(axis=1) & camera.contains(pixel)])
 
 

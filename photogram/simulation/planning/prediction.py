@@ -139,7 +139,7 @@ def _control_mdb_m(problem: Problem, found: Covariances) -> FloatArray:
     return minimal_detectable_blunder(sigma, redundancy)
 
 
-def predict(plan: FlightPlan) -> Prediction:
+def predict_accuracy(plan: FlightPlan) -> Prediction:
     """Predict what a plan will achieve.
 
     Raises AdjustmentError when its measurements would not determine the survey.
@@ -240,6 +240,6 @@ def alternatives(plan: FlightPlan, progress: Progress = silent) -> list[Alternat
     found, wanted = list[Alternative](), changes(plan)
     for what, changed in wanted.items():
         progress(len(found), len(wanted), what)
-        found.append(Alternative(what, predict(changed)))
+        found.append(Alternative(what, predict_accuracy(changed)))
     progress(len(found), len(wanted), "")
     return sorted(found, key=lambda a: a.prediction.typical_m(a.prediction.sigma_m[:, 2]))

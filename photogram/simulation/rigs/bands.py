@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, Pose, image_plane, project
+from photogram.camera import Camera, Pose, image_plane, project_points
 from photogram.constraints.rigs import Companion, RelativePose
 from photogram.results import Adjustment
 from photogram.simulation.flight import Flight, fly, observe
@@ -65,7 +65,7 @@ def on_terrain(
     """Return where (P, 2) the image that a true camera has of places (P, 3) is put at their heights by the adjusted
     one, NaN outside of the photograph."""
     (camera, pose), (known, found) = true, adjusted
-    pixel, plan = project(camera, pose, place_world_m), np.full((len(place_world_m), 2), np.nan)
+    pixel, plan = project_points(camera, pose, place_world_m), np.full((len(place_world_m), 2), np.nan)
     size = np.array([camera.width_px, camera.height_px]) - 1.0
     inside = np.isfinite(pixel).all(axis=1) & (pixel >= 0.0).all(axis=1) & (pixel <= size).all(axis=1)
     if found is None or not inside.any():

@@ -17,7 +17,7 @@ from photogram.simulation.planning.figures import prediction_picture
 from photogram.simulation.planning.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
 from photogram.simulation.planning.flight_plan import RANGES, FlightPlan, Gnss, Layout
 from photogram.simulation.planning.numbers import prediction_numbers
-from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict
+from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict_accuracy
 from photogram.terminal.console import console, errors, steps
 
 
@@ -160,7 +160,7 @@ def run(file: Path | None, options: PlanOptions, *, changes: bool, picture: Path
     settled = _settings(file, settings_of({n: v for n, v in vars(options).items() if v is not None}))
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")
-        found = predict(settled)
+        found = predict_accuracy(settled)
         tried = alternatives(settled, progress) if changes else []
     if picture is not None:
         prediction_picture(picture, found, tried)

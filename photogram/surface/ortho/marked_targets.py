@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.camera import Camera, Pose, project
+from photogram.camera import Camera, Pose, project_points
 from photogram.frames import LocalFrame
 
 GreyImage = NDArray[np.float32]
@@ -92,7 +92,7 @@ def mark_neighbourhood(mark: Mark, centre_map_m: FloatArray, cell_m: float, fram
     step = cell_m * np.arange(-TEMPLATE_CELLS, TEMPLATE_CELLS + 1)
     east, north = np.meshgrid(step, -step)
     place = centre_map_m + np.stack([east, north, np.zeros_like(east)], axis=-1).reshape(-1, 3)
-    pixel = project(mark.camera, mark.pose, frame.world_from_map(place))
+    pixel = project_points(mark.camera, mark.pose, frame.world_from_map(place))
     pixel += mark.pixel - pixel[len(pixel) // 2]
     if not np.isfinite(pixel).all():
         return None

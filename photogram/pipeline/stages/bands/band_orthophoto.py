@@ -28,7 +28,8 @@ from photogram.surface.ortho.registration import Registration, shifts_in
 from photogram.surface.ortho.visibility import Surface
 from photogram.surface.views import Views
 
-BANDS_FILE, REGISTRATION_FILE = "orthophoto_bands.tif", "bands.json"
+BANDS_FILE = "orthophoto_bands.tif"
+REGISTRATION_FILE = "bands.json"
 
 Pixels = Callable[[int], ByteArray]
 

@@ -1,0 +1,143 @@
+"""The public names, and the module that defines each: for type checkers and editors, and for the package itself."""
+
+from .adjustment.adjustment import adjust
+from .adjustment.problem import AdjustmentSettings
+from .camera import Camera, Pose, project_points, unproject
+from .change.cloud_change import CloudRequest, compare_clouds
+from .change.m3c2 import M3C2Settings
+from .change.surface_change import SurfaceRequest, compare_surfaces
+from .change.surfaces import StatedSigma
+from .errors import (
+    AdjustmentError,
+    ControlPointError,
+    DamagedStageError,
+    ExchangeError,
+    FrameError,
+    ImageError,
+    OrientationError,
+    PhotogramError,
+    ProjectError,
+    ReportError,
+    SettingError,
+    WorkspaceError,
+)
+from .exchange.solution_export import export_solution
+from .exchange.solution_import import ImportedProject, import_solution
+from .files.clouds.points import read_cloud
+from .files.maps.rasters import read_raster, write_raster
+from .files.photographs.depth import Stretch
+from .files.photographs.images import read_photograph
+from .files.photographs.masks import read_mask, write_mask
+from .files.photographs.stretches import find_stretch
+from .frames import LocalFrame
+from .local_grids.site_calibration import calibrate_site
+from .marking.mark_export import export_marks
+from .pipeline.input_validation import check_project
+from .pipeline.new_project import NewProject, init
+from .pipeline.opened_survey import OpenedSurvey, open_survey
+from .pipeline.view import write_view
+from .project.findings import Findings
+from .quality.accuracy import check_accuracy
+from .quality.asprs import asprs_accuracy
+from .quality.cloud_comparison import compare_to_reference
+from .quality.diagnosis import diagnose
+from .quality.gross_errors.snooped_adjustment import adjust_with_snooping
+from .results import Adjustment
+from .sfm.orientation import OrientationSettings, orient
+from .sfm.resection import resect
+from .sfm.sky import find_sky
+from .sfm.tie_points.features import FeatureSettings, find_features
+from .sfm.tie_points.matching import MatchingSettings, match_pair
+from .sfm.tie_points.tracks import join_matches
+from .simulation.planning.flight_plan import FlightPlan
+from .simulation.planning.prediction import predict_accuracy
+from .simulation.simulated_survey import render_photographs, simulate
+from .simulation.survey_files import write_survey
+from .simulation.survey_plan import SurveyPlan
+from .surface.contours import ContourSettings, contour_lines
+from .surface.tin_dsm import SurfaceSettings, surface_from_points
+from .survey import Block, ControlPoints, Photograph, PointCloud, Raster, TiePoints
+from .triangulation import intersect
+
+__version__: str
+
+__all__ = [
+    "Adjustment",
+    "AdjustmentError",
+    "AdjustmentSettings",
+    "Block",
+    "Camera",
+    "CloudRequest",
+    "ContourSettings",
+    "ControlPointError",
+    "ControlPoints",
+    "DamagedStageError",
+    "ExchangeError",
+    "FeatureSettings",
+    "Findings",
+    "FlightPlan",
+    "FrameError",
+    "ImageError",
+    "ImportedProject",
+    "LocalFrame",
+    "M3C2Settings",
+    "MatchingSettings",
+    "NewProject",
+    "OpenedSurvey",
+    "OrientationError",
+    "OrientationSettings",
+    "PhotogramError",
+    "Photograph",
+    "PointCloud",
+    "Pose",
+    "ProjectError",
+    "Raster",
+    "ReportError",
+    "SettingError",
+    "StatedSigma",
+    "Stretch",
+    "SurfaceRequest",
+    "SurfaceSettings",
+    "SurveyPlan",
+    "TiePoints",
+    "WorkspaceError",
+    "__version__",
+    "adjust",
+    "adjust_with_snooping",
+    "asprs_accuracy",
+    "calibrate_site",
+    "check_accuracy",
+    "check_project",
+    "compare_clouds",
+    "compare_surfaces",
+    "compare_to_reference",
+    "contour_lines",
+    "diagnose",
+    "export_marks",
+    "export_solution",
+    "find_features",
+    "find_sky",
+    "find_stretch",
+    "import_solution",
+    "init",
+    "intersect",
+    "join_matches",
+    "match_pair",
+    "open_survey",
+    "orient",
+    "predict_accuracy",
+    "project_points",
+    "read_cloud",
+    "read_mask",
+    "read_photograph",
+    "read_raster",
+    "render_photographs",
+    "resect",
+    "simulate",
+    "surface_from_points",
+    "unproject",
+    "write_mask",
+    "write_raster",
+    "write_survey",
+    "write_view",
+]
