@@ -119,7 +119,7 @@ def residuals(solution: ForeignSolution) -> FloatArray:
 
 
 def rms_px(solution: ForeignSolution) -> float:
-    """Return the root mean square of the lengths of all residuals of tie points, by photogram.camera.project_points alone."""
+    """Return the root mean square length of tie points' residuals, by photogram.camera.project_points alone."""
     return float(np.sqrt((residuals(solution) ** 2).sum(axis=1).mean()))
 
 
