@@ -147,7 +147,7 @@ def test_every_library_is_in_the_table_or_common() -> None:
     """A library of the package that no row names is one that many rooms use."""
     common = {
         *("cv2", "markupsafe", "numpy", "photogram", "PIL", "pydantic", "pydantic_core", "scipy", "shapely"),
-        *("threadpoolctl", "typing_extensions"),
+        *("lazy_loader", "threadpoolctl", "typing_extensions"),
     }
     imported = {library for text in sources().values() for library in libraries_of(text)}
     assert imported - set(sys.stdlib_module_names) - common == set(LIBRARIES)
