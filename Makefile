@@ -10,6 +10,7 @@ SEED ?= 1
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
+	@echo "make test CHANGED=main   the same, with those tests alone that changes since main can reach"
 	@echo "make lint   ruff, mypy and import-linter alone"
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
@@ -40,10 +41,8 @@ lint: $(VENV)/installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# two workers keep two cores busy, and threads of BLAS only wait for each other: with one of them an adjustment takes
-# 0.6 of the processor time; the order of the files is that of tests/conftest.py
-test: lint
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 30
+test: $(VENV)/installed-test
+	$(BIN)/python tests/suite.py $(if $(CHANGED),--changed $(CHANGED))
 
 # all rooms and the modules of the ground floor, but not the command line
 API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
