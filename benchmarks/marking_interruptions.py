@@ -34,7 +34,7 @@ from lib.marking_command import MarkCommand, Page, photogram, running
 
 from photogram.errors import PhotogramError
 from photogram.files.marks.mark_table import read_marks
-from photogram.files.marks.marks import Mark, Place
+from photogram.files.tables.surveyed_points import Mark, Place
 from photogram.marking.files.actions import Action, PlaceMarks, RemoveMarks, state_of
 from photogram.marking.files.journal import read_journal
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate

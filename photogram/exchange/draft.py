@@ -13,9 +13,8 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.crs import NO_CRS, is_geographic, short_name
 from photogram.errors import ProjectError
-from photogram.files.marks.marks import Mark
 from photogram.files.solutions.solution import ForeignSolution, with_checks
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.gnss import Sigma3
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, flights_of, named
 from photogram.project.draft.positions import AUTONOMOUS_M, Gnss, gnss_of, offset_prior
@@ -71,7 +70,7 @@ class ImportedDraft:
     """Prior sigmas of the offset of positions."""
     offset_reason: str
     """Why these."""
-    points: tuple[FilePoint, ...]
+    points: tuple[SurveyedPoint, ...]
     """Ground points."""
     marks: tuple[Mark, ...]
     """Their marks."""
@@ -244,7 +243,7 @@ def freed(camera: Camera) -> Camera:
 
 def _ground(
     solution: ForeignSolution, names: Mapping[str, str]
-) -> tuple[tuple[FilePoint, ...], tuple[Mark, ...], list[str]]:
+) -> tuple[tuple[SurveyedPoint, ...], tuple[Mark, ...], list[str]]:
     """Return surveyed points, their marks, and sentences on what is left out; ``names`` are those of photographs in the
     project by those in the solution."""
     ground = solution.ground_points
@@ -274,9 +273,9 @@ def _ground(
     return points, tuple(marks), notes
 
 
-def _point(ground: ControlPoints, g: int) -> FilePoint:
+def _point(ground: ControlPoints, g: int) -> SurveyedPoint:
     x, y, z = ground.position_world_m[g].tolist()
     east, north, up = (s if np.isfinite(s) else None for s in ground.sigma_m[g].tolist())
     plan: Role = "control" if ground.controlled[g, :2].any() else "check"
     height: Role = "control" if ground.controlled[g, 2] else "check"
-    return FilePoint(ground.name[g], (x, y, z), (east, north, up), (plan, height), 0)
+    return SurveyedPoint(ground.name[g], (x, y, z), (east, north, up), (plan, height))

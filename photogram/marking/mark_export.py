@@ -4,7 +4,7 @@ where nothing was marked."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +13,16 @@ from photogram.crs import crs_in_words, plan_of, product_crs, written_crs
 from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.formats import MapCrs, MarkFormat, format_of, write_points_and_marks, written_files
 from photogram.files.marks.mark_table import MARKS, text_of_marks
-from photogram.files.marks.marks import Mark, NewPoint, Place, PointRole
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, Place, PointRole, SurveyedPoint
 from photogram.frames import map_from_crs, unit_from_map
 from photogram.height_systems import first_wkt
 from photogram.marking.files.actions import MarkState, state_of, touched_places
 from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL
 from photogram.pipeline.pipeline import load_project
+from photogram.project.control_points import ProjectControlPoint
 from photogram.project.mark_entries import mark_entries
-from photogram.project.project import Project, ProjectControlPoint
+from photogram.project.project import Project
 from photogram.survey import Role, Roles
 from photogram.wording import some, things
 
@@ -47,7 +47,7 @@ class ExportedMarks:
 class _Known:
     """Points with coordinates and roles, all marks, and what is known of how they came together."""
 
-    points: tuple[FilePoint, ...]
+    points: tuple[SurveyedPoint, ...]
     without_position: frozenset[str]
     marks: tuple[Mark, ...]
     notes: list[str] = field(default_factory=list)
@@ -155,7 +155,7 @@ def _of_survey(survey: Project, marks: Iterable[Mark], names: set[str], notes: l
     return tuple(sorted(kept, key=lambda mark: mark.place))
 
 
-def _points(survey: Project, state: MarkState) -> tuple[tuple[FilePoint, ...], set[str]]:
+def _points(survey: Project, state: MarkState) -> tuple[tuple[SurveyedPoint, ...], set[str]]:
     """Return the points with coordinates that are control or check points, and the names of all others."""
     found = {point.name: _given_point(survey, point) for point in survey.control_points}
     for name, new in state.points.items():
@@ -166,15 +166,15 @@ def _points(survey: Project, state: MarkState) -> tuple[tuple[FilePoint, ...], s
     return known, {name for name, point in points.items() if point is None}
 
 
-def _given_point(survey: Project, point: ProjectControlPoint) -> FilePoint | None:
+def _given_point(survey: Project, point: ProjectControlPoint) -> SurveyedPoint | None:
     if not np.isfinite(point.position_map_m).all():
         return None
     x, y, z = unit_from_map(survey.product_crs, point.position_map_m)[0].tolist()
     east, north, up = point.sigma_m.tolist()
-    return FilePoint(point.name, (x, y, z), (east, north, up), point.roles, 0)
+    return SurveyedPoint(point.name, (x, y, z), (east, north, up), point.roles)
 
 
-def _new_point(new: NewPoint, survey: Project, roles: Roles | None) -> FilePoint | None:
+def _new_point(new: SurveyedPoint, survey: Project, roles: Roles | None) -> SurveyedPoint | None:
     """Return a point that was added or changed while marking, in the units of the map."""
     if new.position is None:
         return None
@@ -183,15 +183,15 @@ def _new_point(new: NewPoint, survey: Project, roles: Roles | None) -> FilePoint
         moved = map_from_crs(new.crs, plan_of(survey.crs), position, survey.datum.grid)
         position = unit_from_map(survey.product_crs, moved)
     x, y, z = position[0].tolist()
-    return FilePoint(new.name, (x, y, z), new.sigma_m or (None, None, None), roles or ("control", "control"), 0)
+    return SurveyedPoint(new.name, (x, y, z), new.sigma_m, roles or ("control", "control"))
 
 
-def _with_role(point: FilePoint | None, role: PointRole | None) -> FilePoint | None:
+def _with_role(point: SurveyedPoint | None, role: PointRole | None) -> SurveyedPoint | None:
     """Return a point with the role that it was given while marking, None where it is a tie point then."""
     if point is None or role == "tie":
         return None
     given: Role | None = role
-    return point if given is None else FilePoint(point.name, point.position, point.sigma_m, (given, given), point.line)
+    return point if given is None else replace(point, role=(given, given))
 
 
 # ---- what a file can hold ------------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def _without_doubtful(known: _Known) -> tuple[Mark, ...]:
     return tuple(mark for mark in known.marks if not mark.is_doubtful)
 
 
-def _of_gcp_list(known: _Known, marks: Sequence[Mark]) -> tuple[tuple[FilePoint, ...], tuple[Mark, ...]]:
+def _of_gcp_list(known: _Known, marks: Sequence[Mark]) -> tuple[tuple[SurveyedPoint, ...], tuple[Mark, ...]]:
     """Return what a gcp_list.txt can hold: marks of points with coordinates, and points with marks."""
     marked = {mark.point for mark in marks}
     bare = sorted(marked & known.without_position)

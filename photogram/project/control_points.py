@@ -7,7 +7,7 @@ Faults are noted in the document under the entry that names the file, and carry 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
@@ -15,18 +15,19 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray, check_shape
 from photogram.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
-from photogram.files.tables.control_files import FileMark, FilePoint, PointFile
+from photogram.files.tables.control_files import PointFile
+from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.frames import map_from_crs, map_from_unit
 from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
-from photogram.survey import Roles
+from photogram.survey import Role, Roles
 from photogram.wording import shortened, some, things
 
 ReadT = TypeVar("ReadT")
@@ -39,27 +40,54 @@ _SMALLEST_ENLARGEMENT, _LARGEST_ENLARGEMENT = 1.2, 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class GroundPoint:
-    """A complete point of a file, with its marks (M) in photogram's pixels."""
+class ProjectControlPoint:
+    """One surveyed point and its marks (M)."""
 
     name: str
     """Name."""
-    role: Roles
+    roles: Roles
     """Role in plan and in height."""
     position_map_m: FloatArray
-    """Position (3,)."""
+    """Surveyed position (3,), NaN for a point that is marked and not surveyed."""
     sigma_m: FloatArray
     """Standard deviations (3,)."""
-    mark_photograph: tuple[str, ...]
-    """Names of the photographs (M,)."""
+    mark_photograph: NDArray[np.int64]
+    """Indices (M,) among the project's photographs."""
     mark_pixel: FloatArray
-    """Image coordinates (M, 2)."""
+    """Image coordinates (M, 2) in photogram's pixel frame."""
     mark_sigma_px: FloatArray
     """Standard deviations (M,)."""
-    mark_kind: tuple[str, ...]
-    """How they were measured (M,)."""
-    heights: HeightSystem | None
+    heights: HeightSystem | None = None
     """Height system it was given in, None if not declared."""
+    mark_kind: tuple[str, ...] = ()
+    """How they were measured (M,); IMPORTED, all of them, if not given."""
+
+    def __post_init__(self) -> None:
+        marks = len(self.mark_photograph)
+        check_shape("position_map_m", self.position_map_m, (3,))
+        check_shape("sigma_m", self.sigma_m, (3,))
+        check_shape("mark_pixel", self.mark_pixel, (marks, 2))
+        check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+        if marks and not self.mark_kind:
+            object.__setattr__(self, "mark_kind", (IMPORTED,) * marks)
+        if len(self.mark_kind) != marks:
+            raise ValueError("every mark needs a kind")
+
+    @property
+    def role(self) -> Role:
+        """Return ``control`` if any of its coordinates is, else ``check``."""
+        return "control" if "control" in self.roles else "check"
+
+    @property
+    def controlled(self) -> NDArray[np.bool_]:
+        """Return which of easting, northing and height (3,) are control."""
+        plan, height = (role == "control" for role in self.roles)
+        return np.array([plan, plan, height], dtype=bool)
+
+    @property
+    def control_map_m(self) -> FloatArray:
+        """Return the position (3,), NaN where a coordinate is a check: those must not touch what is adjusted."""
+        return np.where(self.controlled, self.position_map_m, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +98,7 @@ class _Source:
     key: Key
     entry: ControlFileEntry
     points: PointFile
-    marks: tuple[FileMark, ...]
+    marks: tuple[Mark, ...]
     position_map_m: FloatArray | None
     turned_map_m: FloatArray | None
     heights: HeightSystem | None
@@ -88,7 +116,7 @@ def read_point_files(
     base: Path,
     heights: DeclaredHeights,
     datum: DeclaredDatum,
-) -> tuple[tuple[GroundPoint, ...], list[list[Located]]]:
+) -> tuple[tuple[ProjectControlPoint, ...], list[list[Located]]]:
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
     Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
@@ -103,16 +131,20 @@ def read_point_files(
     # Points of a file that cannot be read are not known; that file's fault is enough.
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
-    points: list[GroundPoint] = []
+    points: list[ProjectControlPoint] = []
     marks = [_own_marks(document, source, sources, whole) for source in sources]
     if photographs is not None:
         listed = any(point.marks for point in file.control_points.list)
         marks = _marks_in_photographs(document, sources, marks, photographs, listed)
+    index = {photograph.name: i for i, photograph in enumerate(photographs or ())}
     for source, own in zip(sources, marks, strict=True):
-        sigma_m, sigma_px = _sigmas_m(document, file, source), _mark_sigmas_px(document, file, source)
+        sigma_m, have_sigmas = _sigmas_m(document, file, source), _check_mark_sigmas(document, file, source)
         pixel = None if photographs is None else _pixels(document, file, source, own, photographs)
-        if source.position_map_m is not None and sigma_m is not None and sigma_px is not None and pixel is not None:
-            points += _complete(source, source.position_map_m, sigma_m, own, pixel, sigma_px)
+        if source.position_map_m is not None and sigma_m is not None and have_sigmas and pixel is not None:
+            marked = np.array([index[mark.photograph] for mark in own], dtype=np.int64)
+            stated_px = _stated_mark_sigma_px(file, source) or np.nan
+            sigma_px = np.array([mark.rms_sigma_px or stated_px for mark in own], dtype=np.float64)
+            points += _complete(source, source.position_map_m, sigma_m, own, marked, pixel, sigma_px)
     return tuple(points), [_located(source) for source in sources]
 
 
@@ -143,7 +175,7 @@ def _source(
     points = _read(document, key, str(entry.path), base, read_points)
     if points is None:
         return None
-    marks: tuple[FileMark, ...] | None = points.marks
+    marks: tuple[Mark, ...] | None = points.marks
     if entry.marks is not None:
         marks = _read(document, key, entry.marks, base, read_marks)
         if points.holds_marks:
@@ -269,22 +301,24 @@ def _sigmas_m(document: Document, file: ProjectFile, source: _Source) -> FloatAr
     return None
 
 
-def _mark_sigmas_px(document: Document, file: ProjectFile, source: _Source) -> dict[int, float] | None:
-    """Return the sigma of each mark by its line: of the file's column, else of its entry, else of all points."""
-    default = source.entry.mark_sigma_px or file.control_points.mark_sigma_px
-    sigmas = {mark.line: mark.sigma_px or default for mark in source.marks}
-    known = {line: sigma for line, sigma in sigmas.items() if sigma is not None}
-    if len(known) == len(sigmas):
-        return known
+def _stated_mark_sigma_px(file: ProjectFile, source: _Source) -> float | None:
+    """Return the sigma of marks whose file gives none: of its entry, else of all points."""
+    return source.entry.mark_sigma_px or file.control_points.mark_sigma_px
+
+
+def _check_mark_sigmas(document: Document, file: ProjectFile, source: _Source) -> bool:
+    """Return whether every mark of a source has a sigma; note those that have none."""
+    bare = sum(mark.sigma_px is None for mark in source.marks)
+    if not bare or _stated_mark_sigma_px(file, source) is not None:
+        return True
     if not any(document.at((*key, "mark_sigma_px")) is not None for key in (source.key, ("control_points",))):
         column = "" if source.points.holds_marks else ", or a column sigma_px in the file"
-        bare = len(sigmas) - len(known)
         text = f"marks without a standard deviation ({bare}): give mark_sigma_px here or for all points"
         document.fault(source.key, text + column)
-    return None
+    return False
 
 
-def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], whole: bool) -> list[FileMark]:
+def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], whole: bool) -> list[Mark]:
     """Return the marks of the source's own points; those of other files' points are left to entries that share them.
 
     Marks of no point are noted where the points are known as a ``whole``.
@@ -298,7 +332,7 @@ def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], 
     }
     strange = [mark for mark in source.marks if whole and mark.point not in names | shared]
     for name in list(dict.fromkeys(mark.point for mark in strange))[:_MOST_NAMES]:
-        line = next(mark.line for mark in strange if mark.point == name)
+        line = next(mark.source.line for mark in strange if mark.point == name)
         text = f"no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
         _note(document, source.key, source.marks_path, line, text)
     return [mark for mark in source.marks if mark.point in names]
@@ -311,14 +345,14 @@ def _pixels(
     document: Document,
     file: ProjectFile,
     source: _Source,
-    marks: Sequence[FileMark],
+    marks: Sequence[Mark],
     photographs: Sequence[PhotographEntry],
 ) -> FloatArray | None:
     """Return the pixels (M, 2) of marks in photogram's frame and the photographs' own size, None where one is wrong."""
     before = document.faults
     by_name = {p.name: p for p in photographs if p.name is not None}
     pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
-    of_photogram = np.array([mark.is_of_photogram for mark in marks], dtype=bool)
+    of_photogram = np.array([mark.source.is_of_photogram for mark in marks], dtype=bool)
     pixel[~of_photogram] -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
     size_px = np.full(pixel.shape, np.nan)
     cameras = [camera_of(file, by_name[mark.photograph]) for mark in marks]
@@ -344,10 +378,10 @@ def _pixels(
 def _marks_in_photographs(
     document: Document,
     sources: Sequence[_Source],
-    marks: Sequence[list[FileMark]],
+    marks: Sequence[list[Mark]],
     photographs: Sequence[PhotographEntry],
     marks_listed: bool,
-) -> list[list[FileMark]]:
+) -> list[list[Mark]]:
     """Return the marks of each source in photographs that take part in the project.
 
     The others are noted as a warning, with the photographs' names; as a fault where no mark of any source is left and
@@ -368,7 +402,7 @@ def _marks_in_photographs(
         near = suggestion(missing[0].photograph, names)
         hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
         text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
-        where = f"{source.marks_path}:{missing[0].line}: "
+        where = f"{source.marks_path}:{missing[0].source.line}: "
         if nothing_left:
             document.fault(source.key, f"{where}{text}: {listed}{more}: {hint}")
         else:
@@ -376,7 +410,7 @@ def _marks_in_photographs(
     return kept
 
 
-def _with_whole_names(marks: Sequence[FileMark], names: Sequence[str]) -> list[FileMark]:
+def _with_whole_names(marks: Sequence[Mark], names: Sequence[str]) -> list[Mark]:
     """Return marks with the photographs' names of the project where another program names them otherwise: the longest
     name that ends the path it gives, else the one whose file has its name when case and suffix are set aside."""
     known = {name.lower(): name for name in names}
@@ -391,7 +425,7 @@ def _with_whole_names(marks: Sequence[FileMark], names: Sequence[str]) -> list[F
         alike = stems.get(path.stem.lower()) or stems.get(path.name.lower(), [])
         return ending or (alike[0] if len(alike) == 1 else given)
 
-    found = {mark.photograph: whole(mark.photograph) for mark in marks if mark.may_lack_suffix}
+    found = {mark.photograph: whole(mark.photograph) for mark in marks if mark.source.may_lack_suffix}
     # two photographs of the file never become one of the project
     count = Counter(found.values())
     found = {given: name for given, name in found.items() if count[name] == 1 or given == name}
@@ -416,7 +450,7 @@ def _scale(
 def _refuse(
     document: Document,
     source: _Source,
-    marks: Sequence[FileMark],
+    marks: Sequence[Mark],
     outside: NDArray[np.bool_],
     pixel: FloatArray,
     size_px: FloatArray,
@@ -437,7 +471,7 @@ def _refuse(
             document,
             source.key,
             source.marks_path,
-            marks[wrong[0]].line,
+            marks[wrong[0]].source.line,
             f"{len(wrong)} of {len(marks)} marks are outside their photographs, which are {width} × {height} px: "
             f"they would fit pictures of {w} × {h} px: give picture_size_px: [{w}, {h}]",
         )
@@ -450,33 +484,35 @@ def _refuse(
         text = f"the mark of {mark.point} in {mark.photograph} at pixel ({u:.10g}, {v:.10g}) is outside {of}"
         if number == _MOST_NAMES and len(wrong) > _MOST_NAMES + 1:
             text = f"{len(wrong) - number} more marks from here on are outside"
-        _note(document, source.key, source.marks_path, mark.line, f"{text}: check the order (u right, v down)")
+        _note(document, source.key, source.marks_path, mark.source.line, f"{text}: check the order (u right, v down)")
 
 
 def _complete(
     source: _Source,
     position_map_m: FloatArray,
     sigma_m: FloatArray,
-    marks: Sequence[FileMark],
+    marks: Sequence[Mark],
+    marked: IntArray,
     pixel: FloatArray,
-    sigma_px: Mapping[int, float],
-) -> list[GroundPoint]:
+    sigma_px: FloatArray,
+) -> list[ProjectControlPoint]:
+    """Return the points of a source with their marks, which lie in the photographs of the indices ``marked`` (M,)."""
     indices: dict[str, list[int]] = {}
     for i, mark in enumerate(marks):
         indices.setdefault(mark.point, []).append(i)
 
-    def point(number: int, row: FilePoint) -> GroundPoint:
+    def point(number: int, row: SurveyedPoint) -> ProjectControlPoint:
         own = indices.get(row.name, [])
-        return GroundPoint(
+        return ProjectControlPoint(
             row.name,
             row.role or source.entry.role,
             position_map_m[number],
             sigma_m[number],
-            tuple(marks[i].photograph for i in own),
+            marked[own],
             pixel[own],
-            np.array([sigma_px[marks[i].line] for i in own], dtype=np.float64),
-            tuple(marks[i].kind for i in own),
+            sigma_px[own],
             source.heights,
+            tuple(marks[i].kind for i in own),
         )
 
     return [point(number, row) for number, row in enumerate(source.points.points)]

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
@@ -23,11 +22,10 @@ from photogram.constraints.between_points import Constraint
 from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.files.maps.seam_files import read_seams
-from photogram.files.tables.control_files import IMPORTED
 from photogram.frames import LocalFrame, WorldKind
 from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.constraints import constraints_of, controlling_points
-from photogram.project.control_points import GroundPoint, read_point_files
+from photogram.project.control_points import ProjectControlPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
 from photogram.project.document import Document, Key, read_entry, read_settings
 from photogram.project.findings import Finding
@@ -116,57 +114,6 @@ class ProjectPhotograph:
             check_shape("gnss_map_m", self.gnss_map_m, (3,))
         if self.gnss_sigma_m is not None:
             check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
-
-
-@dataclass(frozen=True, eq=False)
-class ProjectControlPoint:
-    """One surveyed point and its marks (M)."""
-
-    name: str
-    """Name."""
-    roles: Roles
-    """Role in plan and in height."""
-    position_map_m: FloatArray
-    """Surveyed position (3,), NaN for a point that is marked and not surveyed."""
-    sigma_m: FloatArray
-    """Standard deviations (3,)."""
-    mark_photograph: NDArray[np.int64]
-    """Indices (M,) among the project's photographs."""
-    mark_pixel: FloatArray
-    """Image coordinates (M, 2) in photogram's pixel frame."""
-    mark_sigma_px: FloatArray
-    """Standard deviations (M,)."""
-    heights: HeightSystem | None = None
-    """Height system it was given in, None if not declared."""
-    mark_kind: tuple[str, ...] = ()
-    """How they were measured (M,); IMPORTED, all of them, if not given."""
-
-    def __post_init__(self) -> None:
-        marks = len(self.mark_photograph)
-        check_shape("position_map_m", self.position_map_m, (3,))
-        check_shape("sigma_m", self.sigma_m, (3,))
-        check_shape("mark_pixel", self.mark_pixel, (marks, 2))
-        check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
-        if marks and not self.mark_kind:
-            object.__setattr__(self, "mark_kind", (IMPORTED,) * marks)
-        if len(self.mark_kind) != marks:
-            raise ValueError("every mark needs a kind")
-
-    @property
-    def role(self) -> Role:
-        """Return ``control`` if any of its coordinates is, else ``check``."""
-        return "control" if "control" in self.roles else "check"
-
-    @property
-    def controlled(self) -> NDArray[np.bool_]:
-        """Return which of easting, northing and height (3,) are control."""
-        plan, height = (role == "control" for role in self.roles)
-        return np.array([plan, plan, height], dtype=bool)
-
-    @property
-    def control_map_m(self) -> FloatArray:
-        """Return the position (3,), NaN where a coordinate is a check: those must not touch what is adjusted."""
-        return np.where(self.controlled, self.position_map_m, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +296,7 @@ def read_project(
     file = with_listed_in_metres(document, file, heights)
     surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
     positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
-    checks = [point.name for point in surveyed if "control" not in point.role]
+    checks = [point.name for point in surveyed if point.role == "check"]
     check_entries(document, file, photographs, folder, base, places, located, checks)
     check_folders(document, path, file, photographs, folder, base)
     check_camera_masks(document, file, base)
@@ -572,7 +519,7 @@ def _control_points(
     file: ProjectFile,
     listed_map_m: FloatArray,
     heights: HeightSystem | None,
-    surveyed: Sequence[GroundPoint],
+    surveyed: Sequence[ProjectControlPoint],
     photographs: list[str],
 ) -> tuple[ProjectControlPoint, ...]:
     block = file.control_points
@@ -594,19 +541,4 @@ def _control_points(
                 heights,
             )
         )
-    for point in surveyed:
-        marked = np.array([index[name] for name in point.mark_photograph], dtype=np.int64)
-        points.append(
-            ProjectControlPoint(
-                point.name,
-                point.role,
-                point.position_map_m,
-                point.sigma_m,
-                marked,
-                point.mark_pixel,
-                point.mark_sigma_px,
-                point.heights,
-                point.mark_kind,
-            )
-        )
-    return tuple(points)
+    return (*points, *surveyed)

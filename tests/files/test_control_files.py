@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.errors import ControlPointError
-from photogram.files.tables.control_files import IMPORTED, PointFile, read_marks, read_points
+from photogram.files.tables.control_files import PointFile, read_marks, read_points
+from photogram.files.tables.surveyed_points import IMPORTED
 
 
 def points(tmp_path: Path, text: str, name: str = "points.txt") -> PointFile:
@@ -37,12 +38,12 @@ def test_sheffield_as_known(shared_data: SharedData) -> None:
     read = read_points(shared_data("sheffield_cross/gcp_file.txt"))
     assert read.crs == "+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
     assert [p.name for p in read.points] == ["p1", "p2", "p3", "p4", "p5"]
-    assert {p.position[2] for p in read.points} == {3.0}
+    assert {p.position[2] for p in read.points if p.position is not None} == {3.0}
     assert (len(read.marks), read.holds_marks) == (25, True)
     assert {m.photograph for m in read.marks} == {f"DJI_00{n}.JPG" for n in (65, 66, 67, 68, 81)}
     assert np.bincount([int(m.point[1:]) for m in read.marks]).tolist() == [0, 5, 5, 5, 5, 5]
     assert read.points[3].position == (333208.38, 3102906.46, 3.0)
-    assert (read.marks[-1].point, read.marks[-1].pixel, read.marks[-1].line) == ("p5", (3458.46, 817.40), 26)
+    assert (read.marks[-1].point, read.marks[-1].pixel, read.marks[-1].source.line) == ("p5", (3458.46, 817.40), 26)
 
 
 @pytest.mark.parametrize(
@@ -175,7 +176,7 @@ def test_round_trip_of_a_gcp_list(
     assert read.crs == crs
     assert {p.name: p.position for p in read.points} == places
     assert [(m.point, m.photograph, m.pixel) for m in read.marks] == marks
-    assert [m.line for m in read.marks] == list(range(2, len(marks) + 2))
+    assert [m.source.line for m in read.marks] == list(range(2, len(marks) + 2))
 
 
 @given(text=st.text(st.sampled_from("EPSG:25832 \t\n\r#1234567890.,;-+e\"'ax\0é"), max_size=200), table=st.booleans())
@@ -268,7 +269,8 @@ def test_roles_in_plan_and_in_height(tmp_path: Path) -> None:
 def test_table_of_marks(tmp_path: Path) -> None:
     (tmp_path / "marks.csv").write_text("image,point,px,py,sigma_px\na.jpg,A,1.5,2,0.5\nb.jpg,A,3,-4e1,\n")
     first, second = read_marks(tmp_path / "marks.csv")
-    assert (first.point, first.photograph, first.pixel, first.sigma_px, first.line) == ("A", "a.jpg", (1.5, 2), 0.5, 2)
+    assert (first.place, first.pixel, first.sigma_px) == (("A", "a.jpg"), (1.5, 2.0), (0.5, 0.5))
+    assert (first.source.line, first.rms_sigma_px) == (2, 0.5)
     assert (second.photograph, second.pixel, second.sigma_px) == ("b.jpg", (3.0, -40.0), None)
 
 

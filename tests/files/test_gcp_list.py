@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from photogram.errors import ControlPointError
 from photogram.files.marks.formats import read_points
 from photogram.files.marks.gcp_list import write_gcp_list
-from photogram.files.marks.marks import Mark
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 
 words = st.text(st.characters(categories=("L", "N", "P"), exclude_characters="#"), min_size=1, max_size=8).filter(
     str.isprintable
@@ -21,8 +20,8 @@ phrases = st.lists(words, min_size=1, max_size=3).map(" ".join)
 finite = st.floats(-1e7, 1e7)
 
 
-def point(name: str, position: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> FilePoint:
-    return FilePoint(name, position, (None, None, None), None, 0)
+def point(name: str, position: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> SurveyedPoint:
+    return SurveyedPoint(name, position)
 
 
 @settings(deadline=None)

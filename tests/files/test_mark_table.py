@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.mark_table import read_marks, read_proposals, write_marks, write_proposals
-from photogram.files.marks.marks import Mark, Proposal
 from photogram.files.tables import control_files
+from photogram.files.tables.surveyed_points import Mark, Proposal
 
 names = st.text(st.characters(categories=("L", "N", "P", "S"), include_characters=" "), min_size=1, max_size=8).filter(
     lambda text: text == text.strip() and text.isprintable()
@@ -49,10 +49,10 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, marks: list[Mark],
     assert (folder / "again.csv").read_bytes() == (folder / "marks.csv").read_bytes()
     if marks:
         found = control_files.read_marks(folder / "marks.csv")
-        assert [(m.point, m.photograph, m.pixel) for m in found] == [
-            (m.point, m.photograph, m.pixel) for m in read_marks(folder / "marks.csv")
+        assert [(m.place, m.pixel, m.sigma_px, m.rho) for m in found] == [
+            (m.place, m.pixel, m.sigma_px, m.rho) for m in read_marks(folder / "marks.csv")
         ]
-        assert all(m.is_of_photogram for m in found)
+        assert all(m.source.is_of_photogram for m in found)
 
 
 @settings(deadline=None)
@@ -90,7 +90,7 @@ def test_what_a_table_looks_like(tmp_path: Path) -> None:
         '"B, north",1.jpg,10.25,20.5,,,,raw,,,,\n'
     )
     first, second = control_files.read_marks(tmp_path / "marks.csv")
-    assert first.sigma_px == pytest.approx((0.0025 / 2.0) ** 0.5, rel=1e-15)  # the same trace
+    assert first.rms_sigma_px == pytest.approx((0.0025 / 2.0) ** 0.5, rel=1e-15)  # the same trace
     assert (second.point, second.sigma_px) == ("B, north", None)
 
 
@@ -148,5 +148,5 @@ def test_faults_of_sigmas_for_a_project(tmp_path: Path, text: str, expected: str
 
 def test_sigmas_of_u_and_v_come_before_that_of_both(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("name,photo,u,v,sigma_px,sigma_u,sigma_v\nA,1,1,2,9,0.3,0.3\nA,2,1,2,9,,\n")
-    assert [m.sigma_px for m in control_files.read_marks(tmp_path / "m.csv")] == [pytest.approx(0.3), 9.0]
-    assert not any(m.is_of_photogram for m in control_files.read_marks(tmp_path / "m.csv"))
+    assert [m.sigma_px for m in control_files.read_marks(tmp_path / "m.csv")] == [(0.3, 0.3), (9.0, 9.0)]
+    assert not any(m.source.is_of_photogram for m in control_files.read_marks(tmp_path / "m.csv"))

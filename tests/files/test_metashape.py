@@ -12,10 +12,9 @@ from makers import SharedData
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.formats import read_marks, read_points
-from photogram.files.marks.marks import Mark
 from photogram.files.marks.metashape import read_markers, write_markers
 from photogram.files.tables import control_files
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 
 WKT = 'PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],\n  AUTHORITY["EPSG","32632"]]'
 EXPORT = f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -72,11 +71,11 @@ def test_an_export(tmp_path: Path) -> None:
         ("A", (500000.25, 6100000.5, 12.125), (0.01, 0.02, 0.03), None, 12),
         ("B & C", (500010.0, 6100000.0, 13.0), (None, None, None), ("check", "check"), 15),
     ]
-    assert [(m.point, m.photograph, m.pixel, m.line) for m in points.marks] == [
+    assert [(m.point, m.photograph, m.pixel, m.source.line) for m in points.marks] == [
         ("A", "DJI_0001", (0.0, 99.75), 26),
         ("bare", "DJI_0002.JPG", (9.6, 19.5), 30),
     ]
-    assert all(m.is_of_photogram and m.sigma_px is None for m in points.marks)
+    assert all(m.source.is_of_photogram and m.sigma_px is None for m in points.marks)
     assert [(m.point, m.photograph, m.pixel) for m in read.proposals] == [("A", "DJI_0002.JPG", (6.5, 7.5))]
     assert read.without_position == ("bare",)
 
@@ -140,7 +139,7 @@ def test_round_trip(
     role: tuple[str, str] | None,
 ) -> None:
     path = tmp_path_factory.mktemp("round") / "markers.xml"
-    points = [FilePoint(name, place, (sigma, sigma, sigma), role, 0) for name, place in places.items()]  # type: ignore[arg-type]
+    points = [SurveyedPoint(name, place, (sigma, sigma, sigma), role) for name, place in places.items()]  # type: ignore[arg-type]
     every = sorted({*places, *others})
     marks = [Mark(name, photographs[0], pixel) for name in every]
     proposals = [Mark(name, photographs[-1], pixel) for name in every] if len(photographs) > 1 else []
@@ -156,7 +155,7 @@ def test_round_trip(
 
 
 def test_one_role_for_plan_and_height(tmp_path: Path) -> None:
-    point = FilePoint("A", (1.0, 2.0, 3.0), (None, None, None), ("control", "check"), 0)
+    point = SurveyedPoint("A", (1.0, 2.0, 3.0), (None, None, None), ("control", "check"))
     with pytest.raises(ControlPointError, match="Metashape has one role for plan and height of A"):
         write_markers(tmp_path / "markers.xml", [point], [])
 

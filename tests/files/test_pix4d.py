@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.formats import read_marks, read_points
-from photogram.files.marks.marks import Mark
 from photogram.files.marks.pix4d import read_pix4d_marks, write_pix4d_marks
+from photogram.files.tables.surveyed_points import Mark
 
 letters = st.text(st.characters(categories=("L", "N"), include_characters="-_. "), min_size=1, max_size=8).filter(
     lambda text: text == text.strip() and text.isprintable()
@@ -63,7 +63,7 @@ def test_either_order_and_any_separator(tmp_path: Path, text: str) -> None:
     first, second = read_marks(tmp_path / "marks.txt")
     assert (first.point, first.photograph, first.pixel) == ("GCP1", "DJI_1.JPG", (3829.81, 122.613))
     assert (second.pixel, second.sigma_px) == ((10.0, 0.0), None)  # the centre of the first pixel of column 10
-    assert second.is_of_photogram
+    assert second.source.is_of_photogram
 
 
 def test_folders_are_kept(tmp_path: Path) -> None:

@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 
 from photogram.errors import WorkspaceError
-from photogram.files.tables.control_files import FilePoint, read_points
+from photogram.files.tables.control_files import read_points
 from photogram.files.tables.point_tables import write_point_table
+from photogram.files.tables.surveyed_points import SurveyedPoint
 
 POINTS = (
-    FilePoint("G 01", (602314.4768000001, 5794093.914699999, -118.7493), (0.01, 0.02, 0.1 + 0.2), None, 2),
-    FilePoint('pole "north", 2', (1 / 3, 2e6 / 3, 1e-7), (None, None, None), ("control", "check"), 3),
-    FilePoint("#7", (1.0, 2.0, 3.0), (0.5, None, 0.5), ("check", "check"), 4),
+    SurveyedPoint("G 01", (602314.4768000001, 5794093.914699999, -118.7493), (0.01, 0.02, 0.1 + 0.2), line=2),
+    SurveyedPoint('pole "north", 2', (1 / 3, 2e6 / 3, 1e-7), (None, None, None), ("control", "check"), line=3),
+    SurveyedPoint("#7", (1.0, 2.0, 3.0), (0.5, None, 0.5), ("check", "check"), line=4),
 )
 
 
@@ -27,7 +28,7 @@ def test_points_are_read_back_with_every_digit(tmp_path: Path) -> None:
 
 
 def test_degrees_are_read_back_as_such(tmp_path: Path) -> None:
-    point = FilePoint("A", (8.123456789012345, 50.1, 118.75), (0.01, 0.01, 0.02), ("control", "check"), 2)
+    point = SurveyedPoint("A", (8.123456789012345, 50.1, 118.75), (0.01, 0.01, 0.02), ("control", "check"), line=2)
     write_point_table(tmp_path / "points.csv", [point], geographic=True)
     found = read_points(tmp_path / "points.csv")
     assert found.points == (point,)

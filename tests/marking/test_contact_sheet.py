@@ -10,7 +10,7 @@ from PIL import Image
 
 from photogram.arrays import BoolArray, ByteArray
 from photogram.errors import ImageError, WorkspaceError
-from photogram.files.marks.marks import Mark, Proposal
+from photogram.files.tables.surveyed_points import Mark, Proposal
 from photogram.marking.page.contact_sheet import HALF_PX, write_contact_sheets
 from photogram.marking.page.patches import PatchReader
 from photogram.report.figures.mark_patches import SIDE_IN

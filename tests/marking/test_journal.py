@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError, WorkspaceError
-from photogram.files.marks.marks import Mark, NewPoint, Proposal
+from photogram.files.tables.surveyed_points import UNSTATED, Mark, Proposal, SurveyedPoint
 from photogram.marking.files import journal as module
 from photogram.marking.files.actions import (
     Action,
@@ -57,7 +57,9 @@ marks = st.builds(
     st.booleans(),
 )
 three = st.tuples(*[st.floats(-1e7, 1e7)] * 3)
-new_points = st.builds(NewPoint, names, st.none() | three, st.none() | st.tuples(*[sigmas] * 3), st.none() | names)
+new_points = st.builds(
+    SurveyedPoint, names, st.none() | three, st.just(UNSTATED) | st.tuples(*[sigmas] * 3), crs=st.none() | names
+)
 deeds: st.SearchStrategy[Action] = st.one_of(
     st.builds(PlaceMarks, st.lists(marks, max_size=3).map(tuple)),
     st.builds(RemoveMarks, st.lists(st.tuples(few, pictures), max_size=2).map(tuple)),
@@ -88,7 +90,7 @@ def written(path: Path, done: list[Action]) -> bytes:
 
 SOME: list[Action] = [
     place("A"),
-    AddPoint(NewPoint("Ø 1", (1.0, 2.0, 3.0), (0.01, 0.01, 0.02), "EPSG:25832")),
+    AddPoint(SurveyedPoint("Ø 1", (1.0, 2.0, 3.0), (0.01, 0.01, 0.02), crs="EPSG:25832")),
     SetRole("A", "check"),
     ConfirmProposals((Proposal(Mark("A", "2.jpg", (3.0, 4.0), (0.2, 0.3), 0.5, "matched"), 0.875),)),
     Undo(),
@@ -110,7 +112,7 @@ def test_what_each_action_does() -> None:
     seen = state_of([SetNotVisible("A", "1.jpg"), PlaceMarks((mark,))])
     assert (len(seen.marks), seen.not_visible) == (1, frozenset())
     assert dict(state_of([SetRole("A", "check"), SetRole("A", "tie")]).roles) == {"A": "tie"}
-    assert state_of([AddPoint(NewPoint("N"))]).points["N"].position is None
+    assert state_of([AddPoint(SurveyedPoint("N"))]).points["N"].position is None
     confirmed = state_of([ConfirmProposals((Proposal(mark, 0.5),))])
     assert (confirmed.marks[mark.place], dict(confirmed.confirmed)) == (mark, {mark.place: 0.5})
     assert not state_of([ConfirmProposals((Proposal(mark, 0.5),)), PlaceMarks((other,))]).confirmed
@@ -154,7 +156,7 @@ def test_what_is_done_after_an_undo_leaves_nothing_to_redo() -> None:
         (lambda: Mark("A", "1", (0.0, 0.0), kind="By Hand"), "kind must be a word in lower case, found 'By Hand'"),
         (lambda: Mark("A", "1", (0.0, 0.0), time="1 May"), "time must be UTC as 2026-05-01T10:20:30Z, found '1 May'"),
         (lambda: SetRole("A", "chek"), "role must be control, check or tie, found 'chek'"),  # type: ignore[arg-type]
-        (lambda: NewPoint("A", (0.0, 0.0, float("nan"))), "position of A must be from"),
+        (lambda: AddPoint(SurveyedPoint("A", (0.0, 0.0, float("nan")))), "position of A must be from"),
         (lambda: Proposal(Mark("A", "1", (0.0, 0.0)), float("nan")), "proposal of A in 1: score must be from"),
     ],
 )
@@ -418,7 +420,7 @@ def test_a_full_disk_leaves_no_part_of_an_action(tmp_path: Path) -> None:
 _WRITER = """
 import sys
 from pathlib import Path
-from photogram.files.marks.marks import Mark
+from photogram.files.tables.surveyed_points import Mark
 from photogram.marking.files.actions import PlaceMarks
 from photogram.marking.files.journal import Journal
 from photogram.files.marks.mark_table import write_marks

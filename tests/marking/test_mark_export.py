@@ -15,8 +15,7 @@ from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.formats import MARK_FORMATS, MarkFormat, format_of, read_marks, read_points, written_files
 from photogram.files.marks.mark_table import read_marks as read_mark_table
 from photogram.files.marks.mark_table import write_marks
-from photogram.files.marks.marks import Mark, NewPoint, Proposal
-from photogram.files.tables.control_files import IMPORTED, FileMark, FilePoint
+from photogram.files.tables.surveyed_points import IMPORTED, Mark, Proposal, SurveyedPoint
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -53,12 +52,12 @@ def given(project: Project) -> tuple[dict[str, tuple[float, ...]], Pixels]:
 
 def read_back(
     path: Path, form: MarkFormat
-) -> tuple[dict[str, tuple[float, ...]], Pixels, tuple[FilePoint, ...], tuple[FileMark, ...]]:
+) -> tuple[dict[str, tuple[float, ...]], Pixels, tuple[SurveyedPoint, ...], tuple[Mark, ...]]:
     files = written_files(path, form)
     points = read_points(files[-1])
     marks = read_marks(path) if form in ("pix4d", "csv") else points.marks
     pixels = {(m.point, m.photograph): m.pixel for m in marks}
-    return {p.name: p.position for p in points.points}, pixels, points.points, tuple(marks)
+    return {p.name: p.position for p in points.points if p.position is not None}, pixels, points.points, tuple(marks)
 
 
 def journal(survey: Path, *actions: Action) -> None:
@@ -159,10 +158,10 @@ def test_points_and_roles_of_marking_are_exported(survey: Path) -> None:
     project = load_project(survey / "project.yaml")
     first, second, third = (p.name for p in project.control_points[:3])
     easting, northing, height = project.control_points[0].position_map_m.tolist()
-    new = NewPoint("N1", (easting + 1.5, northing, height), (0.01, 0.01, 0.02))
-    moved = NewPoint(third, (easting, northing + 2.0, height), (0.03, 0.03, 0.03))
+    new = SurveyedPoint("N1", (easting + 1.5, northing, height), (0.01, 0.01, 0.02))
+    moved = SurveyedPoint(third, (easting, northing + 2.0, height), (0.03, 0.03, 0.03))
     journal(
-        survey, AddPoint(new), AddPoint(NewPoint("T1")), AddPoint(moved), SetRole(first, "check"),
+        survey, AddPoint(new), AddPoint(SurveyedPoint("T1")), AddPoint(moved), SetRole(first, "check"),
         SetRole(second, "tie"), PlaceMarks((mark("N1", "sim_0001.JPG"), mark("T1", "sim_0001.JPG"))),
     )  # fmt: skip
     written = exported(survey)
@@ -188,7 +187,7 @@ def test_coordinates_of_another_crs_come_to_the_map(survey: Path) -> None:
 
     known = project.control_points[0].position_map_m
     longitude, latitude, height = geodetic_from_map(project.crs, known[None])[0].tolist()
-    new = NewPoint("N1", (longitude, latitude, height), (0.01, 0.01, 0.02), "EPSG:4258")
+    new = SurveyedPoint("N1", (longitude, latitude, height), (0.01, 0.01, 0.02), crs="EPSG:4258")
     journal(survey, AddPoint(new), PlaceMarks((mark("N1", "sim_0001.JPG"),)))
     exported(survey)
     positions, *_ = read_back(survey / "marked.csv", "csv")

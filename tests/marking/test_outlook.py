@@ -10,7 +10,7 @@ import pytest
 from makers import in_best_photograph, marks_of, without_marks
 
 from photogram.errors import AdjustmentError
-from photogram.files.marks.marks import Mark, NewPoint, Place, PointRole, Proposal
+from photogram.files.tables.surveyed_points import Mark, Place, PointRole, Proposal, SurveyedPoint
 from photogram.marking.files.actions import MarkState
 from photogram.marking.page.outlook import (
     RAW_SIGMA_PX,
@@ -56,7 +56,7 @@ def marks_of_points(block: Block, points: Iterable[int]) -> dict[Place, Mark]:
     return {(point, name): Mark(point, name, pixel, (sigma, sigma), kind="circle") for point, name, pixel in every}
 
 
-def state_of(marks: dict[Place, Mark], *added: NewPoint) -> MarkState:
+def state_of(marks: dict[Place, Mark], *added: SurveyedPoint) -> MarkState:
     return MarkState(marks, frozenset(), {}, {point.name: point for point in added}, {})
 
 
@@ -99,9 +99,9 @@ def test_a_point_that_was_added_lies_where_the_map_says(whole: Block, numbers: d
     sigma = (0.01, 0.02, 0.03)
     state = state_of(
         {},
-        NewPoint("new", (east, north, height + 4.0), sigma),
-        NewPoint("roof"),
-        NewPoint(name, PLAN.origin_map_m, sigma),
+        SurveyedPoint("new", (east, north, height + 4.0), sigma),
+        SurveyedPoint("roof"),
+        SurveyedPoint(name, PLAN.origin_map_m, sigma),
     )
     made = marked_block(whole, state, {"new": "control", "roof": "tie", name: "control"}, numbers).control_points
     np.testing.assert_allclose(made.position_world_m[[0, 2]], [[0.0, 0.0, 4.0], [0.0, 0.0, 0.0]], atol=1e-6)
@@ -142,7 +142,7 @@ def test_without_marks_the_tags_say_where_points_are(whole: Block, numbers: dict
 
 
 def test_marks_of_some_points_shrink_all_ellipses(made: SimulatedBlock, whole: Block, numbers: dict[str, int]) -> None:
-    state = state_of(marks_of_points(whole, range(6)), NewPoint("roof"), NewPoint("cellar"))
+    state = state_of(marks_of_points(whole, range(6)), SurveyedPoint("roof"), SurveyedPoint("cellar"))
     name, photograph, pixel = "roof", *marks_of(whole, 8)[0][1:]
     second = marks_of(whole, 8)[1]
     roof = {

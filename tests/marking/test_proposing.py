@@ -19,7 +19,7 @@ from PIL import Image
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import project_points
 from photogram.errors import AdjustmentError, ImageError, PhotogramError
-from photogram.files.marks.marks import Place, Proposal
+from photogram.files.tables.surveyed_points import Place, Proposal
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
 from photogram.marking.page.proposing import AROUND_PX, Box, SearchState, TargetSearch, merged, proposed_marks
 from photogram.marking.page.snapping import LENS_PX

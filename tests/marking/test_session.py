@@ -17,10 +17,10 @@ from makers import in_best_photograph, marks_of, reckoned, without_marks
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.mark_table import read_marks
-from photogram.files.marks.marks import NewPoint
+from photogram.files.tables.surveyed_points import IMPORTED, SurveyedPoint
 from photogram.marking.files.journal import read_journal
 from photogram.marking.page.outlook import marked_block
-from photogram.marking.page.session import IMPORTED, MarkingSession
+from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Click, Snapped
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
@@ -117,10 +117,10 @@ def test_what_cannot_be_is_refused_and_not_kept(session: MarkingSession, tmp_pat
     with pytest.raises(ControlPointError, match="mark it first"):
         session.set_doubtful(name, photograph, True)
     with pytest.raises(ControlPointError, match="already"):
-        session.add_point(NewPoint(name))
+        session.add_point(SurveyedPoint(name))
     with pytest.raises(ControlPointError, match="standard deviations"):
-        session.add_point(NewPoint("n", (1.0, 2.0, 3.0)))
-    session.add_point(NewPoint("tie"))
+        session.add_point(SurveyedPoint("n", (1.0, 2.0, 3.0)))
+    session.add_point(SurveyedPoint("tie"))
     with pytest.raises(ControlPointError, match="coordinates"):
         session.set_role("tie", "check")
     assert len(read_journal(tmp_path / "journal.sqlite")) == 1
@@ -129,8 +129,8 @@ def test_what_cannot_be_is_refused_and_not_kept(session: MarkingSession, tmp_pat
 def test_points_that_were_added_and_roles_are_in_the_block(session: MarkingSession) -> None:
     frame, own = session.block.frame, session.block.control_points
     place = frame.map_from_world(np.array([[1.0, 2.0, 3.0]]))[0]
-    session.add_point(NewPoint("new", (float(place[0]), float(place[1]), float(place[2])), (0.01, 0.01, 0.02)))
-    session.add_point(NewPoint("manual"))
+    session.add_point(SurveyedPoint("new", (float(place[0]), float(place[1]), float(place[2])), (0.01, 0.01, 0.02)))
+    session.add_point(SurveyedPoint("manual"))
     session.set_role(own.name[0], "check")
     session.mark("manual", session.block.photographs[1].name, (5.0, 6.0))
     moment = session.moment()

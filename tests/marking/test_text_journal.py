@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from photogram.errors import WorkspaceError
-from photogram.files.marks.marks import Mark, NewPoint, Proposal
+from photogram.files.tables.surveyed_points import Mark, Proposal, SurveyedPoint
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -29,7 +29,7 @@ WRITTEN = Path(__file__).parents[1] / "data/text_journal.jsonl"
 """Written when journals were text."""
 ACTIONS: tuple[Action, ...] = (
     PlaceMarks((Mark("A", "1.jpg", (1.5, 2.25)),)),
-    AddPoint(NewPoint("Ø 1", (1.0, 2.0, 3.0), (0.01, 0.01, 0.02), "EPSG:25832")),
+    AddPoint(SurveyedPoint("Ø 1", (1.0, 2.0, 3.0), (0.01, 0.01, 0.02), crs="EPSG:25832")),
     SetRole("A", "check"),
     ConfirmProposals((Proposal(Mark("A", "2.jpg", (3.0, 4.0), (0.2, 0.3), 0.5, "matched"), 0.875),)),
     Undo(),
@@ -37,7 +37,7 @@ ACTIONS: tuple[Action, ...] = (
     RemoveMarks((("A", "1.jpg"),)),
     PlaceMarks((Mark("B", "1.jpg", (0.25, -1.0), None, 0.5, "circle", "2026-05-01T10:20:30Z", (7.0, 8.0), True),)),
     SetNotVisible("A", "2.jpg", True),
-    AddPoint(NewPoint("N")),
+    AddPoint(SurveyedPoint("N")),
     Redo(),
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from makers import in_best_photograph, marks_of, reckoned, without_marks
 
-from photogram.files.marks.marks import Mark, NewPoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapped
@@ -62,7 +62,7 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
     whole = tagged_block(simulate_block(PLAN, 2).block)
     session = MarkingSession(without_marks(whole), tmp_path / "j", tmp_path / "marks.csv")
     views = Views(session)
-    session.add_point(NewPoint("roof"))
+    session.add_point(SurveyedPoint("roof"))
     assert views.state()["points"][-1] | {"words": ""} == {
         "name": "roof", "role": "tie", "surveyed": False, "marks": 0, "proposals": 0, "wrong": False, "doubtful": 0,
         "enough": False, "words": "",

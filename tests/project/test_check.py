@@ -22,8 +22,9 @@ from photogram.files.photographs.headers import PhotographHeader, equal_files, r
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
 from photogram.frames import LocalFrame, geodetic_from_map
 from photogram.height_systems import DeclaredHeights
+from photogram.project.control_points import ProjectControlPoint
 from photogram.project.findings import Finding
-from photogram.project.project import Project, ProjectControlPoint, ProjectPhotograph
+from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.check import check_survey, header_findings, project_faults, survey_findings
 from photogram.project.validation.resources import machine_needs
 from photogram.sfm.orientation import OrientationSettings

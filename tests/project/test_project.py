@@ -385,7 +385,7 @@ def test_tables_of_the_documentation(tmp_path: Path) -> None:
         (tmp_path / name).write_text(part)
     assert [p.name for p in read_points(tmp_path / "gcp_list.txt").points] == ["67-1"]
     assert [p.role for p in read_points(tmp_path / "points.csv").points] == [("check", "check"), None]
-    assert [m.sigma_px for m in read_marks(tmp_path / "marks.csv")] == [0.5, None]
+    assert [m.sigma_px for m in read_marks(tmp_path / "marks.csv")] == [(0.5, 0.5), None]
 
 
 # -- faults: each with its exact line ---------------------------------------------------------------------------------

@@ -94,11 +94,11 @@ def test_lists_and_tables_hold_the_same_points(tmp_path: Path) -> None:
     lists = [read_points(tmp_path / name) for name in ("control.txt", "check.txt")]
     assert [p.name for p in table.points] == list(points.name)
     assert [p.role for p in table.points] == [(role, role) for role in points.role]
-    np.testing.assert_allclose([p.position for p in table.points], place, atol=6e-5)
+    np.testing.assert_allclose(np.array([p.position for p in table.points], dtype=float), place, atol=6e-5)
     np.testing.assert_allclose(np.array([p.sigma_m for p in table.points], dtype=float), points.sigma_m)
     assert [len(f.points) for f in lists] == [4, 2]
     listed = {p.name: p.position for f in lists for p in f.points}
-    np.testing.assert_allclose([listed[name] for name in points.name], place, atol=6e-5)
+    np.testing.assert_allclose(np.array([listed[name] for name in points.name], dtype=float), place, atol=6e-5)
     ours = {
         (points.name[p], survey.photographs[i].name): tuple(pixel)
         for p, i, pixel in zip(points.mark_point, points.mark_photograph, points.mark_pixel, strict=True)

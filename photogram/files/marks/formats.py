@@ -13,12 +13,12 @@ from typing import Literal, get_args
 from photogram.errors import ControlPointError
 from photogram.files.marks.gcp_list import write_gcp_list
 from photogram.files.marks.mark_table import write_marks
-from photogram.files.marks.marks import Mark
 from photogram.files.marks.metashape import holds_metashape_markers, read_markers, write_markers
 from photogram.files.marks.pix4d import holds_pix4d_marks, read_pix4d_marks, write_pix4d_marks
 from photogram.files.tables import control_files
-from photogram.files.tables.control_files import FileMark, FilePoint, PointFile
+from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.point_tables import write_point_table
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.files.text_lines import lines_of, text_of
 
 MarkFormat = Literal["gcp_list", "metashape", "pix4d", "csv"]
@@ -55,7 +55,7 @@ def read_points(path: Path) -> PointFile:
     return control_files.read_points(path)
 
 
-def read_marks(path: Path) -> tuple[FileMark, ...]:
+def read_marks(path: Path) -> tuple[Mark, ...]:
     """Return the marks of a table, of PIX4D's marks, or the pinned ones of Metashape's markers.
 
     Raises ControlPointError with a line for each fault.
@@ -100,7 +100,7 @@ def written_files(path: Path, form: MarkFormat) -> tuple[Path, ...]:
 
 
 def write_points_and_marks(
-    path: Path, form: MarkFormat, points: Sequence[FilePoint], marks: Iterable[Mark], crs: MapCrs
+    path: Path, form: MarkFormat, points: Sequence[SurveyedPoint], marks: Iterable[Mark], crs: MapCrs
 ) -> tuple[Path, ...]:
     """Write points and marks in a format, and return the files that hold them, ``written_files`` but for a table of no
     points. Marks may be of points that are not in ``points``, but not in a gcp_list.txt.

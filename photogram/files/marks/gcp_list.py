@@ -12,8 +12,7 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.marks import Mark
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.wording import some
 
 _HEADER = re.compile(r"EPSG:\d+|\+proj=[^\r\n]+|WGS84 UTM \d{1,2}[NS]")
@@ -25,7 +24,7 @@ def _fits(name: str, inner_blanks: bool) -> bool:
     return " ".join(words) == name and "#" not in words and (inner_blanks or len(words) == 1)
 
 
-def write_gcp_list(path: Path, crs: str, points: Sequence[FilePoint], marks: Iterable[Mark]) -> None:
+def write_gcp_list(path: Path, crs: str, points: Sequence[SurveyedPoint], marks: Iterable[Mark]) -> None:
     """Write points with their marks, sorted by point and photograph; points without marks have no line.
 
     ``crs`` is that of the points, EPSG:32617, a PROJ string or WGS84 UTM 17N. Standard deviations, roles and kinds of
@@ -36,7 +35,7 @@ def write_gcp_list(path: Path, crs: str, points: Sequence[FilePoint], marks: Ite
         raise ControlPointError(
             f"{path}: a gcp_list.txt cannot name the CRS {crs!r}: give an EPSG code or a PROJ string"
         )
-    position = {point.name: point.position for point in points}
+    position = {point.name: point.position for point in points if point.position is not None}
     ordered = sorted(marks, key=lambda mark: mark.place)
     bare = sorted({mark.point for mark in ordered} - set(position))
     if bare:

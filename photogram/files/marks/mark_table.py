@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.marks.marks import Mark, Proposal
 from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
 from photogram.files.tables.control_files import Row as _Row
+from photogram.files.tables.surveyed_points import Mark, MarkSource, Proposal
 from photogram.files.text_lines import Faults, lines_of, quoted
 
 MARKS, PROPOSALS = "marks.csv", "proposals.csv"
@@ -102,24 +103,24 @@ def _mark(row: _Row, line: int, faults: Faults) -> Mark | None:
         return None
     kind, time = row.get("kind") or "raw", row.get("time", "")
     try:
-        return Mark(row["name"], row["photograph"], pixel, sigma_px, rho, kind, time, raw_pixel, doubtful)
+        place, source = (row["name"], row["photograph"]), MarkSource(line, is_of_photogram=True)
+        return Mark(*place, pixel, sigma_px, rho, kind, time, raw_pixel, doubtful, source)
     except ControlPointError as fault:
         faults.note(line, str(fault))
         return None
 
 
-def _read(path: Path, proposed: bool) -> list[tuple[Mark, _Row, int]]:
+def _read(path: Path, proposed: bool) -> list[tuple[Mark, _Row]]:
     lines = lines_of(path, ControlPointError, "marks", "#")
-    known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[6:], "score")}}
+    known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[7:], "score")}}
     needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))
     _, rows, faults = rows_of(path, lines, known, needed, proposed=proposed, may_be_empty=True)
-    marks, placed = [], []
+    marks = []
     for line, row in rows:
         mark = _mark(row, line, faults)
         if mark is not None:
-            marks.append((mark, row, line))
-            placed.append((mark.point, mark.photograph, line))
-    check_marks(placed, faults)
+            marks.append((mark, row))
+    check_marks([mark for mark, _ in marks], faults)
     faults.raise_all()
     return marks
 
@@ -130,17 +131,18 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
     People may edit it: an empty kind is raw, and what else is empty is not known. Raises ControlPointError with a line
     for each fault.
     """
-    return tuple(mark for mark, _, _ in _read(path, proposed=False))
+    return tuple(mark for mark, _ in _read(path, proposed=False))
 
 
 def read_proposals(path: Path) -> tuple[Proposal, ...]:
     """Return the proposals of a table in its order. Raises ControlPointError with a line for each fault."""
     faults = Faults(path, ControlPointError)
     proposals: list[Proposal] = []
-    for mark, row, line in _read(path, proposed=True):
+    for mark, row in _read(path, proposed=True):
+        line = mark.source.line
         score = faults.number(row["score"], "score", line)
         try:
-            proposals += [] if score is None else [Proposal(mark, score)]
+            proposals += [] if score is None else [Proposal(replace(mark, source=MarkSource(0)), score)]
         except ControlPointError as fault:
             faults.note(line, str(fault))
     faults.raise_all()

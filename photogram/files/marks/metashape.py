@@ -16,10 +16,11 @@ from photogram.crs import crs_of_wkt
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
-from photogram.files.marks.marks import Mark
-from photogram.files.tables.control_files import FileMark, FilePoint, PointFile, Sigma3, check_marks
+from photogram.files.tables.control_files import PointFile, check_marks, mark_of
+from photogram.files.tables.surveyed_points import Mark, MarkSource, Sigma3, SurveyedPoint
 from photogram.files.text_lines import SIGMA_M, Faults, text_of
 from photogram.files.xml_elements import Element, elements_of
+from photogram.survey import Roles
 from photogram.wording import shortened, some
 
 _REMEDY = "export the markers from Metashape again"
@@ -82,7 +83,7 @@ def _named(elements: Iterable[Element], what: str, faults: Faults) -> dict[str, 
     return named
 
 
-def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[FilePoint]:
+def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[SurveyedPoint]:
     points = []
     for label, element in markers.values():
         for reference in element.all("reference"):
@@ -95,9 +96,8 @@ def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[
             x, y, z = position
             if x is not None and y is not None and z is not None:
                 is_check = reference.attributes.get("enabled", "true").lower() in ("false", "0")
-                points.append(
-                    FilePoint(label, (x, y, z), sigma_m, ("check", "check") if is_check else None, reference.line)
-                )
+                role: Roles | None = ("check", "check") if is_check else None
+                points.append(SurveyedPoint(label, (x, y, z), sigma_m, role, line=reference.line))
     return points
 
 
@@ -128,7 +128,7 @@ class MarkerFile:
     """Markers with coordinates; the pinned projections of all markers are its ``marks``."""
     without_position: tuple[str, ...]
     """Names of markers that have projections and no coordinates."""
-    proposals: tuple[FileMark, ...]
+    proposals: tuple[Mark, ...]
     """Projections that are not pinned."""
 
 
@@ -144,8 +144,8 @@ def read_markers(path: Path) -> MarkerFile:
     faults = Faults(path, ControlPointError)
     markers = _named(chunk.all("markers", "marker"), "marker", faults)
     points, photographs = _points(markers, faults), _photographs(chunk, frame, faults)
-    pinned: list[FileMark] = []
-    others: list[FileMark] = []
+    pinned: list[Mark] = []
+    others: list[Mark] = []
     for held in frame.all("markers", "marker") if frame else ():
         number = held.attributes.get("marker_id", "")
         if number not in markers:
@@ -157,10 +157,10 @@ def read_markers(path: Path) -> MarkerFile:
             mark = _mark(location, markers[number][0], photographs, faults)
             if mark is not None:
                 (pinned if location.attributes.get("pinned", "").lower() in ("true", "1") else others).append(mark)
-    check_marks([(mark.point, mark.photograph, mark.line) for mark in (*pinned, *others)], faults)
+    check_marks((*pinned, *others), faults)
     if others and not pinned:
         text = f"none of the {len(others)} projections is pinned, so none is a mark: place the markers in Metashape"
-        faults.note(others[0].line, f"{text}, which turns their flags green")
+        faults.note(others[0].source.line, f"{text}, which turns their flags green")
     faults.raise_all()
     placed = {point.name for point in points}
     bare = dict.fromkeys(mark.point for mark in pinned if mark.point not in placed)
@@ -177,7 +177,7 @@ def read_markers(path: Path) -> MarkerFile:
     return MarkerFile(file, tuple(bare), tuple(others))
 
 
-def _mark(location: Element, point: str, photographs: Mapping[str, str], faults: Faults) -> FileMark | None:
+def _mark(location: Element, point: str, photographs: Mapping[str, str], faults: Faults) -> Mark | None:
     camera = location.attributes.get("camera_id", "")
     if camera not in photographs:
         text = f"camera_id {shortened(camera)!r} of marker {point} is no camera of the chunk"
@@ -187,8 +187,8 @@ def _mark(location: Element, point: str, photographs: Mapping[str, str], faults:
     if None in [faults.number(t, f"{axis} of {point}", location.line) for t, axis in zip(texts, "xy", strict=True)]:
         return None
     pixel = (from_corner(texts[0]), from_corner(texts[1]))
-    name = photographs[camera]
-    return FileMark(point, name, pixel, None, location.line, is_of_photogram=True, may_lack_suffix=True)
+    source = MarkSource(location.line, is_of_photogram=True, may_lack_suffix=True)
+    return mark_of((point, photographs[camera]), pixel, source, faults)
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ def _mark(location: Element, point: str, photographs: Mapping[str, str], faults:
 
 def write_markers(
     path: Path,
-    points: Sequence[FilePoint],
+    points: Sequence[SurveyedPoint],
     marks: Iterable[Mark],
     crs_wkt: str | None = None,
     proposals: Iterable[Mark] = (),
@@ -248,10 +248,11 @@ def write_markers(
         partial.write_text(text, encoding="utf-8")
 
 
-def _reference(point: FilePoint) -> dict[str, str]:
+def _reference(point: SurveyedPoint) -> dict[str, str]:
     sigmas = zip(("sx", "sy", "sz"), point.sigma_m, strict=True)
+    position = () if point.position is None else zip("xyz", point.position, strict=True)
     return {
-        **{axis: repr(float(value)) for axis, value in zip("xyz", point.position, strict=True)},
+        **{axis: repr(float(value)) for axis, value in position},
         **{axis: repr(float(value)) for axis, value in sigmas if value is not None},
         "enabled": "false" if point.role == ("check", "check") else "true",
     }

@@ -18,8 +18,8 @@ from pathlib import Path
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
-from photogram.files.marks.marks import Mark
-from photogram.files.tables.control_files import FileMark, check_marks
+from photogram.files.tables.control_files import check_marks, mark_of
+from photogram.files.tables.surveyed_points import Mark, MarkSource
 from photogram.files.text_lines import NUMBER, Faults, lines_of
 from photogram.wording import shortened, some
 
@@ -50,7 +50,7 @@ def holds_pix4d_marks(lines: Sequence[tuple[int, str]]) -> bool:
     )
 
 
-def read_pix4d_marks(path: Path) -> tuple[FileMark, ...]:
+def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
     """Return the marks, in photogram's pixels; photographs are named as in the file, with folders where it has them.
 
     Which of the two names is the photograph's is told by the suffix of a picture, for all lines alike. Raises
@@ -59,7 +59,7 @@ def read_pix4d_marks(path: Path) -> tuple[FileMark, ...]:
     faults = Faults(path, ControlPointError)
     rows = [(line, _fields(text)) for line, text in lines_of(path, ControlPointError, "marks", "#")]
     picture = _column(rows)
-    marks = []
+    read = []
     for line, fields in rows:
         if len(fields) not in (4, 5):
             faults.note(line, f"{len(fields)} fields, expected photograph, point, x, y and perhaps one more")
@@ -74,10 +74,12 @@ def read_pix4d_marks(path: Path) -> tuple[FileMark, ...]:
         numbers = [faults.number(text, what, line) for text, what in zip(fields[2:4], "xy", strict=True)]
         if None not in numbers:
             pixel = (from_corner(fields[2]), from_corner(fields[3]))
-            marks.append(FileMark(point, photograph, pixel, None, line, is_of_photogram=True, may_lack_suffix=True))
-    check_marks([(mark.point, mark.photograph, mark.line) for mark in marks], faults)
+            source = MarkSource(line, is_of_photogram=True, may_lack_suffix=True)
+            read.append(mark_of((point, photograph), pixel, source, faults))
+    marks = tuple(mark for mark in read if mark is not None)
+    check_marks(marks, faults)
     faults.raise_all()
-    return tuple(marks)
+    return marks
 
 
 def _column(rows: Sequence[tuple[int, list[str]]]) -> int:
@@ -106,12 +108,12 @@ def write_pix4d_marks(path: Path, marks: Iterable[Mark], with_accuracy: bool = F
     for mark in ordered:
         row = [mark.photograph, mark.point, *map(to_corner, mark.pixel)]
         if with_accuracy:
-            if mark.sigma_px is None:
+            if mark.rms_sigma_px is None:
                 place = f"{mark.point} in {mark.photograph}"
                 raise ControlPointError(
                     f"{path}: the mark of {place} has no standard deviation: write without accuracy"
                 )
-            row.append(repr(((mark.sigma_px[0] ** 2 + mark.sigma_px[1] ** 2) / 2.0) ** 0.5))
+            row.append(repr(mark.rms_sigma_px))
         lines.append(",".join(row) + "\n")
     with replacing(path) as partial:
         partial.write_text("".join(lines), encoding="utf-8")

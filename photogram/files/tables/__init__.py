@@ -1,5 +1,5 @@
 """Tables on disk: control points, marks and camera positions as other programs write them.
 
 Returns rows with their file and line; decides nothing about roles, heights or priority.
-`control_files` and `position_files`.
+`surveyed_points`, `control_files` and `position_files`.
 """

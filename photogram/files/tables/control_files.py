@@ -15,15 +15,19 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from photogram.errors import ControlPointError
+from photogram.files.tables.surveyed_points import (
+    IMPORTED,
+    RAW,
+    Mark,
+    MarkSource,
+    Sigma3,
+    SurveyedPoint,
+)
 from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
 from photogram.survey import Role, Roles
 from photogram.wording import shortened
 
-Sigma3 = tuple[float | None, float | None, float | None]
 Row = dict[str, str]
-
-IMPORTED, RAW = "imported", "raw"
-"""Kinds of a mark whose file does not say how it was measured, and of a click as it is."""
 
 _SEPARATORS = (";", "\t", ",")
 _ROLES: tuple[Role, ...] = get_args(Role)
@@ -53,47 +57,14 @@ MARK_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sigma": ("sigma",),
     "sigma_u": ("sigma_u",),
     "sigma_v": ("sigma_v",),
+    "rho": ("rho",),
     "kind": ("kind",),
 }
 PROPOSED = "proposed_point"
 """The first column of a table of proposals, which no reader takes for marks."""
 
-_OF_MARKS = ("doubtful", "raw_u", "raw_v", "rho")
+_OF_MARKS = ("doubtful", "raw_u", "raw_v")
 _PASSED_OVER = ("code", "comment", "date", "description", "note", "remark", "remarks", "time")
-
-
-@dataclass(frozen=True)
-class FilePoint:
-    """One surveyed point as its file gives it.
-
-    ``position`` is easting or longitude, northing or latitude, and height, in the CRS of the file; ``sigma_m`` along
-    easting, northing and height, None where the file says nothing; so is ``role``, in plan and in height.
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    sigma_m: Sigma3
-    role: Roles | None
-    line: int
-
-
-@dataclass(frozen=True)
-class FileMark:
-    """One image mark as its file gives it: ``pixel`` u right, v down, with the file's own origin and picture size.
-
-    ``is_of_photogram`` says that the origin is photogram's whatever the project says, because the format defines it;
-    ``may_lack_suffix`` that the photograph is named as another program does, with folders or without its suffix.
-    ``kind`` is how it was measured, IMPORTED where the file does not say.
-    """
-
-    point: str
-    photograph: str
-    pixel: tuple[float, float]
-    sigma_px: float | None
-    line: int
-    is_of_photogram: bool = False
-    may_lack_suffix: bool = False
-    kind: str = IMPORTED
 
 
 @dataclass(frozen=True)
@@ -109,8 +80,8 @@ class PointFile:
     crs: str | None
     geographic: bool | None
     holds_marks: bool
-    points: tuple[FilePoint, ...]
-    marks: tuple[FileMark, ...]
+    points: tuple[SurveyedPoint, ...]
+    marks: tuple[Mark, ...]
     format: Literal["gcp_list", "table", "metashape"] = "table"
     without_position: tuple[str, ...] = ()
 
@@ -121,18 +92,31 @@ def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: Faul
     return known if len(known) == len(values) else None
 
 
-def check_marks(marks: Iterable[tuple[str, str, int]], faults: Faults) -> None:
-    """Note every second mark of a point in a photograph, of marks given by point, photograph and line."""
+def mark_of(
+    place: tuple[str, str],
+    pixel: tuple[float, float],
+    source: MarkSource,
+    faults: Faults,
+    sigma_px: tuple[float, float] | None = None,
+    rho: float = 0.0,
+    kind: str = IMPORTED,
+) -> Mark | None:
+    """Return the mark of a point in a photograph, None with a fault noted where it is none."""
+    try:
+        return Mark(*place, pixel, sigma_px, rho, kind, source=source)
+    except ControlPointError as error:
+        faults.note(source.line, str(error))
+        return None
+
+
+def check_marks(marks: Iterable[Mark], faults: Faults) -> None:
+    """Note every second mark of a point in a photograph."""
     first: dict[tuple[str, str], int] = {}
-    for point, photograph, line in marks:
-        if (before := first.setdefault((point, photograph), line)) != line:
-            faults.note(
-                line, f"point {point} is marked twice in {photograph}, first in line {before}: keep one of the two"
-            )
-
-
-def _check_marks(marks: Iterable[FileMark], faults: Faults) -> None:
-    check_marks([(mark.point, mark.photograph, mark.line) for mark in marks], faults)
+    for mark in marks:
+        line = mark.source.line
+        if (before := first.setdefault(mark.place, line)) != line:
+            text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
+            faults.note(line, f"{text}: keep one of the two")
 
 
 # ---- gcp_list.txt --------------------------------------------------------------------------------------------------
@@ -216,12 +200,13 @@ def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: Faults)
     rows = [row for row in found if row is not None]
     if not found:
         faults.note(first, f"no points after the first line: each line after it is {_GCP_LIST}")
-    points: dict[str, FilePoint] = {}
-    marks = []
+    points: dict[str, SurveyedPoint] = {}
+    read = []
     for name, row in _named(rows, faults):
-        points.setdefault(name, FilePoint(name, row.position, (None, None, None), None, row.line))
-        marks.append(FileMark(name, row.photograph, row.pixel, None, row.line))
-    _check_marks(marks, faults)
+        points.setdefault(name, SurveyedPoint(name, row.position, line=row.line))
+        read.append(mark_of((name, row.photograph), row.pixel, MarkSource(row.line), faults))
+    marks = [mark for mark in read if mark is not None]
+    check_marks(marks, faults)
     return PointFile(path, crs, None, True, tuple(points.values()), tuple(marks), format="gcp_list")
 
 
@@ -324,6 +309,7 @@ def _sigma(row: Row, column: str, line: int, faults: Faults, within: tuple[float
     if value is not None and not low <= value <= high:
         allowed = f"from {low:g} to {high:g}"
         faults.note(line, f"{column} must be {allowed}, found {shortened(text)}: give the standard deviation")
+        return None
     return value
 
 
@@ -359,7 +345,7 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
     header, rows, faults = rows_of(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
     called = {_meaning(column, _POINT_COLUMNS): _plain(column)[:3] for column in header}
     geographic = {("lon", "lat"): True, ("eas", "nor"): False}.get((called["x"], called["y"]))
-    points: dict[str, FilePoint] = {}
+    points: dict[str, SurveyedPoint] = {}
     for line, row in rows:
         name = row["name"]
         if not name:
@@ -375,7 +361,7 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
             )
         elif position is not None:
             x, y, z = position
-            points[name] = FilePoint(name, (x, y, z), sigma_m, role, line)
+            points[name] = SurveyedPoint(name, (x, y, z), sigma_m, role, line=line)
     faults.raise_all()
     return PointFile(path, None, geographic, False, tuple(points.values()), ())
 
@@ -397,27 +383,31 @@ def read_points(path: Path) -> PointFile:
     return points
 
 
-def _mark_sigma_px(row: Row, line: int, faults: Faults) -> float | None:
-    """Return the root mean square of sigma_u and sigma_v, else sigma."""
+def _mark_sigmas_px(row: Row, line: int, faults: Faults) -> tuple[float, float] | None:
+    """Return sigma_u and sigma_v, else sigma for both."""
     whole, u, v = (_sigma(row, column, line, faults, SIGMA_PX) for column in ("sigma", "sigma_u", "sigma_v"))
     if bool(row.get("sigma_u")) != bool(row.get("sigma_v")):
         missing = "sigma_v" if row.get("sigma_u") else "sigma_u"
         faults.note(line, f"{missing} is empty: give both, or one column sigma_px")
-    return whole if u is None or v is None else ((u * u + v * v) / 2.0) ** 0.5
+    if u is not None and v is not None:
+        return u, v
+    return None if whole is None else (whole, whole)
 
 
-def _kind(row: Row, untold: str, line: int, faults: Faults) -> str:
-    """Return how a mark was measured, ``untold`` where its row does not say."""
+def _kind(row: Row, unstated: str, line: int, faults: Faults) -> str | None:
+    """Return how a mark was measured, ``unstated`` where its row does not say, None with a fault noted where it is no
+    word."""
     kind = row.get("kind", "")
     if kind and not MARK_KIND.fullmatch(kind):
         text = f"kind must be a word in lower case, found {shortened(kind)!r}: correct it"
         faults.note(line, f"{text}, or begin the name of the column with # to skip it")
-    return kind or untold
+        return None
+    return kind or unstated
 
 
-def read_marks(path: Path) -> tuple[FileMark, ...]:
-    """Return the image marks of a table: columns name, photograph, u, v and, where given, kind and sigma_px, or sigma_u
-    and sigma_v, of which the root mean square counts.
+def read_marks(path: Path) -> tuple[Mark, ...]:
+    """Return the image marks of a table: columns name, photograph, u, v and, where given, kind, sigma_px for both
+    coordinates or sigma_u and sigma_v, and their correlation rho.
 
     The columns raw_u and raw_v tell a table in which each mark is kept beside its click; its pixels are photogram's.
     Raises ControlPointError with one line for each fault, as read_points does.
@@ -426,7 +416,7 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
         path, lines_of(path, ControlPointError, "points", "#"), MARK_COLUMNS, ("name", "photograph", "u", "v")
     )
     of_photogram = {"raw_u", "raw_v"} <= {_plain(column) for column in header}
-    marks = []
+    read = []
     for line, row in rows:
         empty = [what for what in ("name", "photograph") if not row[what]]
         if empty:
@@ -435,11 +425,13 @@ def read_marks(path: Path) -> tuple[FileMark, ...]:
         if any(faults.name(row[what], f"the {what}", line) is None for what in ("name", "photograph")):
             continue
         pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
-        sigma_px = _mark_sigma_px(row, line, faults)
+        sigma_px = _mark_sigmas_px(row, line, faults)
+        rho = faults.number(row.get("rho") or "0", "rho", line)
         kind = _kind(row, RAW if of_photogram else IMPORTED, line, faults)
-        if pixel is not None:
-            at = (pixel[0], pixel[1])
-            marks.append(FileMark(row["name"], row["photograph"], at, sigma_px, line, of_photogram, kind=kind))
-    _check_marks(marks, faults)
+        if pixel is not None and rho is not None and kind is not None:
+            place, source = (row["name"], row["photograph"]), MarkSource(line, of_photogram)
+            read.append(mark_of(place, (pixel[0], pixel[1]), source, faults, sigma_px, rho, kind))
+    marks = tuple(mark for mark in read if mark is not None)
+    check_marks(marks, faults)
     faults.raise_all()
-    return tuple(marks)
+    return marks

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from photogram.files.atomic import replacing
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import SurveyedPoint
 from photogram.files.text_lines import quoted
 
 COLUMNS = (
@@ -18,7 +18,7 @@ COLUMNS = (
 _PLAN, _DEGREES = COLUMNS[1:3], ("longitude", "latitude")
 
 
-def write_point_table(path: Path, points: Iterable[FilePoint], *, geographic: bool = False) -> None:
+def write_point_table(path: Path, points: Iterable[SurveyedPoint], *, geographic: bool = False) -> None:
     """Write points of a map grid, or of longitude and latitude where they are ``geographic``, in their order; what a
     point does not say is empty. The CRS has no place in it.
 
@@ -27,7 +27,8 @@ def write_point_table(path: Path, points: Iterable[FilePoint], *, geographic: bo
     plan = _DEGREES if geographic else _PLAN
     rows = [",".join((COLUMNS[0], *plan, *COLUMNS[3:]))]
     for point in points:
-        numbers = ("" if value is None else repr(float(value)) for value in (*point.position, *point.sigma_m))
+        position = point.position or (None, None, None)
+        numbers = ("" if value is None else repr(float(value)) for value in (*position, *point.sigma_m))
         rows.append(",".join((quoted(point.name), *numbers, *(point.role or ("", "")))))
     with replacing(path) as partial:
         partial.write_text("\n".join(rows) + "\n", encoding="utf-8")

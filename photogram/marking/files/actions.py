@@ -8,7 +8,16 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 from photogram.errors import ControlPointError
-from photogram.files.marks.marks import ROLES, Mark, NewPoint, Place, PointRole, Proposal, check_name, check_place
+from photogram.files.tables.surveyed_points import (
+    ROLES,
+    Mark,
+    Place,
+    PointRole,
+    Proposal,
+    SurveyedPoint,
+    check_name,
+    check_place,
+)
 
 KeyT = TypeVar("KeyT")
 ValueT = TypeVar("ValueT")
@@ -62,7 +71,12 @@ class SetRole:
 class AddPoint:
     """A point is added, or its coordinates are changed."""
 
-    point: NewPoint
+    point: SurveyedPoint
+
+    def __post_init__(self) -> None:
+        self.point.check()
+        if None in self.point.sigma_m and any(self.point.sigma_m):
+            raise ControlPointError(f"standard deviations of {self.point.name}: give all three, or none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +127,7 @@ class MarkState:
     """Where a point was said not to be visible."""
     roles: Mapping[str, PointRole]
     """Roles of points, where one was given."""
-    points: Mapping[str, NewPoint]
+    points: Mapping[str, SurveyedPoint]
     """Points that were added."""
     confirmed: Mapping[Place, float]
     """The score of those marks that were proposals."""
@@ -139,7 +153,7 @@ class Replay:
     _marks: dict[Place, Mark] = field(default_factory=dict)
     _hidden: dict[Place, bool] = field(default_factory=dict)
     _roles: dict[str, PointRole] = field(default_factory=dict)
-    _points: dict[str, NewPoint] = field(default_factory=dict)
+    _points: dict[str, SurveyedPoint] = field(default_factory=dict)
     _confirmed: dict[Place, float] = field(default_factory=dict)
     _done: list[list[_Change]] = field(default_factory=list)
     _undone: list[list[_Change]] = field(default_factory=list)

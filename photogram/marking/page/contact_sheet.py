@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from photogram.files.marks.marks import Proposal
+from photogram.files.tables.surveyed_points import Proposal
 from photogram.marking.page.patches import PatchReader, Window
 from photogram.report.figures.mark_patches import MarkPatch, mark_sheet
 from photogram.report.figures.style import save_picture

@@ -12,7 +12,7 @@ import numpy as np
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
-from photogram.files.marks.marks import Mark, Place, PointRole, Proposal
+from photogram.files.tables.surveyed_points import Mark, Place, PointRole, Proposal
 from photogram.marking.files.actions import MarkState
 from photogram.marking.mark_comparison import LEAST_MARKS, ComparedMark, MarkComparison, compared_marks
 from photogram.marking.page.snapping import Snapped
@@ -92,7 +92,7 @@ def marked_block(
         added = state.points.get(name)
         if roles[name] == "tie":
             continue
-        if added is not None and added.position is not None and added.sigma_m is not None:
+        if added is not None and added.position is not None and None not in added.sigma_m:
             position[g] = block.frame.world_from_map(block.frame.map_from_unit(np.array([added.position])))[0]
             sigma[g] = added.sigma_m
         elif name in at:

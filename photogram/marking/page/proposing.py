@@ -13,7 +13,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError, PhotogramError
-from photogram.files.marks.marks import Mark, Place, Proposal
+from photogram.files.tables.surveyed_points import Mark, Place, Proposal
 from photogram.marking.assignment import FoundTargets, assigned_targets
 from photogram.marking.files.journal import utc_now
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window

@@ -19,7 +19,7 @@ from threading import Thread
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from photogram.errors import ControlPointError, PhotogramError
-from photogram.files.marks.marks import ROLES, NewPoint, PointRole
+from photogram.files.tables.surveyed_points import ROLES, UNSTATED, PointRole, SurveyedPoint
 from photogram.marking.page.patches import PatchReader, Window
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import REACH_PX
@@ -122,7 +122,8 @@ def done(session: MarkingSession, body: Body) -> None:
     elif what == "role":
         session.set_role(_text(body, "point"), _role(body))
     elif what == "point":
-        session.add_point(NewPoint(_text(body, "name"), _three(body, "position"), _three(body, "sigma_m")))
+        name, position, sigma_m = _text(body, "name"), _three(body, "position"), _three(body, "sigma_m")
+        session.add_point(SurveyedPoint(name, position, sigma_m or UNSTATED))
     elif what == "look":
         session.search()
     elif what == "confirm":

@@ -17,7 +17,7 @@ import numpy as np
 from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import remove_leftovers
 from photogram.files.marks.mark_table import read_proposals, write_marks, write_proposals
-from photogram.files.marks.marks import Mark, NewPoint, Place, PointRole, Proposal
+from photogram.files.tables.surveyed_points import IMPORTED, RAW, Mark, Place, PointRole, Proposal, SurveyedPoint
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -53,11 +53,6 @@ PROPOSALS = "proposals.csv"
 
 Propose = Callable[[Block, frozenset[Place], Progress], Iterable[Proposal]]
 """Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
-
-IMPORTED = "imported"
-"""Kind of a mark that the project had before."""
-RAW = "raw"
-"""Kind of a click that was taken as it is."""
 
 BESIDE_PX = 12.0
 """How far from such a click a target is looked for."""
@@ -310,13 +305,13 @@ class MarkingSession:
             raise ControlPointError(f"{point} has no coordinates, so it can only be a tie point: give coordinates")
         self._do(SetRole(point, role))
 
-    def add_point(self, point: NewPoint) -> None:
+    def add_point(self, point: SurveyedPoint) -> None:
         """Add a point, with coordinates in the map of the survey or without. Raises ControlPointError where there is
         one of its name, or coordinates lack standard deviations, FrameError where they lie outside of the map."""
         if point.name in self.roles:
             raise ControlPointError(f"there is a point {point.name!r} already: choose another name")
         if point.position is not None:
-            if point.sigma_m is None:
+            if None in point.sigma_m:
                 raise ControlPointError(f"{point.name}: give standard deviations with the coordinates")
             self.block.frame.world_from_map(self.block.frame.map_from_unit(np.array([point.position])))
         self._do(AddPoint(point))

@@ -9,7 +9,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
-from photogram.files.marks.marks import Mark, Place
+from photogram.files.tables.surveyed_points import Mark, Place
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
 from photogram.marking.page.outlook import RAW_SIGMA_PX, Outlook

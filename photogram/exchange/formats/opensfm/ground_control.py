@@ -17,9 +17,8 @@ from photogram.crs import NO_CRS, is_geographic
 from photogram.errors import ControlPointError, ExchangeError, FrameError
 from photogram.files.marks.formats import read_points
 from photogram.files.marks.gcp_list import write_gcp_list
-from photogram.files.marks.marks import Mark
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
-from photogram.files.tables.control_files import FilePoint
+from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.frames import map_from_crs
 from photogram.survey import ControlPoints, Role
 from photogram.wording import things
@@ -86,9 +85,7 @@ def write_ground_control(folder: Path, solution: ForeignSolution) -> tuple[str, 
     held = np.flatnonzero(surveyed & marked)
     if solution.crs is None or solution.crs == NO_CRS or not len(held):
         return ("Ground points and their marks.",)
-    rows = [
-        FilePoint(points.name[g], tuple(points.position_world_m[g].tolist()), (None, None, None), None, 0) for g in held
-    ]
+    rows = [SurveyedPoint(points.name[g], tuple(points.position_world_m[g].tolist())) for g in held]
     marks = [
         Mark(points.name[g], solution.photographs[i].name, (u, v))
         for g, i, (u, v), sigma in zip(
