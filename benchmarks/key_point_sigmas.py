@@ -26,7 +26,8 @@ import numpy as np
 import yaml
 from lib.shared_data import SHARED_DATA
 
-from photogram.files.npz_json import read_arrays, read_record
+from photogram.files.npz_json import read_arrays
+from photogram.files.records import read_record
 from photogram.pipeline.pipeline import load_project
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS

@@ -1,11 +1,11 @@
-"""JSON and npz files, records of arrays, and fingerprints of what they hold."""
+"""JSON and npz files, and fingerprints of what they hold."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, is_dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,11 +18,10 @@ from photogram.errors import WorkspaceError
 from photogram.files.arrays import read_npz
 from photogram.files.atomic import replacing
 
-FORMAT = 11
+FORMAT = 12
 """Raised when the meaning of files in a workspace changes; older stages are then made again."""
 
 
-RecordT = TypeVar("RecordT")
 JsonT = TypeVar("JsonT")
 
 
@@ -100,19 +99,3 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         return read_npz(path)
     except OSError as fault:
         raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
-
-
-def record_arrays(record: object) -> dict[str, NDArray[Any]]:
-    """Return the fields of a dataclass of arrays and numbers; fields that are None are left out."""
-    values = {f.name: getattr(record, f.name) for f in fields(record)}  # type: ignore[arg-type]
-    return {name: np.asarray(value) for name, value in values.items() if value is not None}
-
-
-def write_record(path: Path, record: object) -> None:
-    """Write a dataclass whose fields are arrays, or None, as npz."""
-    write_arrays(path, record_arrays(record))
-
-
-def read_record(path: Path, kind: type[RecordT]) -> RecordT:
-    """Read a dataclass of arrays that ``write_record`` wrote; scalars come back as Python's own."""
-    return kind(**{name: (a if a.ndim else a.item()) for name, a in read_arrays(path).items()})

@@ -17,16 +17,8 @@ from hypothesis import strategies as st
 from photogram.camera import Camera
 from photogram.errors import DamagedStageError, WorkspaceError
 from photogram.files.atomic import replacing
-from photogram.files.npz_json import (
-    file_fingerprint,
-    fingerprint,
-    read_arrays,
-    read_json,
-    read_record,
-    write_arrays,
-    write_json,
-    write_record,
-)
+from photogram.files.npz_json import file_fingerprint, fingerprint, read_arrays, read_json, write_arrays, write_json
+from photogram.files.records import read_record, write_record
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.workspace import Workspace
 from photogram.sfm.tie_points.features import FeatureSettings

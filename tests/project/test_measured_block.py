@@ -11,10 +11,10 @@ import pytest
 from pydantic import TypeAdapter
 
 from photogram.errors import ProjectError, WorkspaceError
-from photogram.files.npz_json import read_arrays, read_json, read_json_as, write_arrays, write_json
+from photogram.files.npz_json import read_json, read_json_as, write_json
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.store.stored_results import measured_arrays, measured_from
+from photogram.pipeline.store.stored_results import read_measured, write_measured
 from photogram.project.measured.measured_block import (
     MeasuredPhotographs,
     PhotographNote,
@@ -68,10 +68,8 @@ def test_what_is_stored_is_read_back_bit_for_bit(pristine_survey: Path, tmp_path
         gnss_sigma_assumed=True,
     )
     mixed = MeasuredPhotographs(measured.frame, (first, bare, arm, measured.photographs[3]), np.array([0, 1, 2, 0]))
-    write_arrays(tmp_path / "measured.npz", measured_arrays(mixed))
-    found = measured_from(
-        project, {"origin_map_m": measured.frame.origin_map_m}, read_arrays(tmp_path / "measured.npz")
-    )
+    write_measured(tmp_path / "measured.npz", mixed)
+    found = read_measured(tmp_path / "measured.npz", project, {"origin_map_m": measured.frame.origin_map_m})
     assert found.frame == measured.frame
     np.testing.assert_array_equal(found.original, mixed.original)
     for one, other in zip(found.photographs, mixed.photographs, strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.files.npz_json import read_record
+from photogram.files.records import read_record
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.tie_points.features import FeatureSettings, coarseness, picture_scale
 from photogram.survey import TiePoints

@@ -13,13 +13,14 @@ from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
 from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.arrays import FloatArray
-from photogram.files.npz_json import write_json, write_record
+from photogram.files.npz_json import write_json
+from photogram.files.records import write_record
 from photogram.frames import LocalFrame
 from photogram.pipeline.stages.tie_points import orientation_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.pipeline.store.stored_results import resection_to, verdict_to, write_adjustment
+from photogram.pipeline.store.stored_results import StoredResections, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
@@ -77,7 +78,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
     cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_adjustment(folder, result)
-    write_json(folder / RESECTIONS, [None if r is None else resection_to(r) for r in resections])
+    write_record(folder / RESECTIONS, StoredResections(resections))
     write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(folder / "verdict.json", verdict_to(verdict, blunders))
     return {

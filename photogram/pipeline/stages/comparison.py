@@ -11,10 +11,10 @@ from photogram.crs import NO_CRS
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import write_json
+from photogram.files.records import write_record
 from photogram.frames import map_heights
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.pipeline.store.stored_results import write_comparison
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import compare_to_reference, triangulate
 from photogram.survey import PointCloud, Raster
@@ -53,7 +53,9 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
             cloud = run.cloud(name)
             if len(cloud) >= 3:
                 comparison = compare_to_reference(cloud, reference)
-                statistics[name] = write_comparison(folder / f"{name}.npz", comparison)
+                write_record(folder / f"{name}.npz", comparison)
+                by_kind = {"cloud_to_surface": comparison.cloud_to_surface, "cloud_to_cloud": comparison.cloud_to_cloud}
+                statistics[name] = {"removed": comparison.removed, **by_kind}
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)
     return {"clouds": len(statistics)}

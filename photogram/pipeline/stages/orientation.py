@@ -13,14 +13,15 @@ from photogram.adjustment.oriented_subset import part_of_block
 from photogram.arrays import BoolArray
 from photogram.camera import Camera, Pose
 from photogram.files.atomic import make_folder
-from photogram.files.npz_json import read_record, write_json, write_record
+from photogram.files.npz_json import write_json
 from photogram.files.photographs.masks import read_mask, write_mask
+from photogram.files.records import read_record, write_record
 from photogram.pipeline.stages.tie_points import orientation_thresholds, transfer_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.pieces import Kind, each
-from photogram.pipeline.store.run import AUTOMATIC_MASKS, PLACED_BY, Run, mask_file
+from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION, PLACED_BY, Run, mask_file
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.pipeline.store.stored_results import PlacedBy, orientation_to
+from photogram.pipeline.store.stored_results import PlacedBy, starting_poses
 from photogram.project.rigs.entries import bands_of
 from photogram.projection import CX
 from photogram.sfm.known_poses import KnownPoses
@@ -70,7 +71,8 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSumma
     if part.rigs:
         found = carried_by_masters(part, found)
     orientation = _with_copies(found, kept.tolist(), copies)
-    write_json(folder / "poses.json", orientation_to(orientation, run.names))
+    write_record(folder / ORIENTATION, orientation)
+    write_json(folder / "poses.json", starting_poses(orientation, run.names))
     write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")

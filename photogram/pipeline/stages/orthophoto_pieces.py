@@ -13,7 +13,8 @@ from threading import Lock
 import numpy as np
 
 from photogram.arrays import ByteArray, FloatArray, IntArray
-from photogram.files.npz_json import read_arrays, read_json, read_record, write_arrays, write_json, write_record
+from photogram.files.npz_json import read_arrays, read_json, write_arrays, write_json
+from photogram.files.records import read_record, write_record
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores, memory_bytes
 from photogram.pipeline.stages.surface_frame import made_frame

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.errors import ImageError, PhotogramError, ProjectError
-from photogram.files.npz_json import write_arrays, write_json
+from photogram.files.npz_json import write_json
 from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import check_photograph, read_tags
@@ -20,7 +20,7 @@ from photogram.pipeline.store.dependence import placing_fingerprint
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
 from photogram.pipeline.store.stage_summary import StageSummary
-from photogram.pipeline.store.stored_results import measured_arrays
+from photogram.pipeline.store.stored_results import write_measured
 from photogram.project.measured.measured_block import (
     PhotographNote,
     companions_of,
@@ -139,7 +139,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
     measured = measured_photographs(run.project, notes)
     companions_of(run.project, measured)  # for its errors: hours before the exposures are needed
     write_json(folder / "tags.json", notes)
-    write_arrays(folder / MEASURED, measured_arrays(measured))
+    write_measured(folder / MEASURED, measured)
     if stretches:
         write_json(folder / STRETCHES, {name: [own.low, own.high] for name, own in stretches.items()})
     placing = placing_fingerprint(run.project)

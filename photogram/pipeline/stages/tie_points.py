@@ -10,7 +10,8 @@ from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import ImageError
-from photogram.files.npz_json import read_arrays, read_record, write_arrays, write_json, write_record
+from photogram.files.npz_json import read_arrays, write_arrays, write_json
+from photogram.files.records import read_record, write_record
 from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run

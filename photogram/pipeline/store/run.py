@@ -18,10 +18,11 @@ from pydantic import TypeAdapter
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.crs import NO_CRS
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as, read_record
+from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_grey, read_photograph
 from photogram.files.photographs.masks import read_mask, read_masks
+from photogram.files.records import read_record
 from photogram.files.solutions.stored_solutions import read_stored
 from photogram.height_systems import HeightSystem
 from photogram.machine import cores
@@ -31,15 +32,14 @@ from photogram.pipeline.store.stored_results import (
     COVARIANCES,
     SIGMAS,
     PlacedBy,
+    StoredPhotographs,
+    StoredResections,
     StoredVerdict,
     adjusted_block_from,
     adjustment_from,
-    comparison_from,
-    measured_from,
-    orientation_from,
+    read_measured,
     read_verdict,
     rejected_from,
-    resection_from,
 )
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
@@ -54,7 +54,8 @@ from photogram.surface.reference_plane import ReferencePlane
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
 
-FRAME, MEASURED, PLACED_BY, RESECTIONS = "frame.json", "measured.npz", "placed_by.json", "resections.json"
+FRAME, MEASURED, PLACED_BY = "frame.json", "measured.npz", "placed_by.json"
+ORIENTATION, RESECTIONS = "orientation.npz", "resections.npz"
 
 STRETCHES = "stretches.json"
 """File of the stage `photographs` with the stretch to 8 bits of each camera; not there where none has more."""
@@ -188,16 +189,15 @@ class Run:
         mark = self.workspace.mark("photographs") or ""
         if mark not in self._blocks:
             file = self.workspace.file
-            measured = measured_from(
-                self.project, read_json(file("photographs", FRAME)), read_arrays(file("photographs", MEASURED))
-            )
+            frame = read_json(file("photographs", FRAME))
+            measured = read_measured(file("photographs", MEASURED), self.project, frame)
             self._blocks[mark] = block_of(self.project, measured)
         return self._blocks[mark]
 
     def mark_kinds(self) -> dict[tuple[str, str], str]:
         """Return how each mark of a ground point was measured, by the names of point and photograph. A copy of a
         photograph gives its marks to the photograph itself, as in ``block``. Needs the stage `photographs`."""
-        original = read_arrays(self.workspace.file("photographs", MEASURED))["original"]
+        original = read_record(self.workspace.file("photographs", MEASURED), StoredPhotographs).original
         own, of_copies = dict[tuple[str, str], str](), dict[tuple[str, str], str]()
         for point in self.project.control_points:
             for i, kind in zip(point.mark_photograph.tolist(), point.mark_kind, strict=True):
@@ -243,7 +243,7 @@ class Run:
 
     def orientation(self) -> Orientation:
         """Return starting poses and resections. Needs the stage `orientation`."""
-        return orientation_from(read_json(self.workspace.file("orientation", "poses.json")))
+        return read_record(self.workspace.file("orientation", ORIENTATION), Orientation)
 
     def placed_by(self) -> PlacedBy:
         """Return what the orientation owes to control points. Needs the stage `orientation`."""
@@ -252,8 +252,7 @@ class Run:
     def resections(self) -> tuple[Resection | None, ...]:
         """Return the resections from the control points as they are in the adjustment. Needs the stage
         `adjustment`."""
-        stored = read_json(self.workspace.file("adjustment", RESECTIONS))
-        return tuple(None if value is None else resection_from(value) for value in stored)
+        return read_record(self.workspace.file("adjustment", RESECTIONS), StoredResections).resections
 
     def tie_points(self) -> TiePoints:
         """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
@@ -352,6 +351,6 @@ class Run:
         """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
         `comparison`."""
         return {
-            name: comparison_from(read_arrays(self.workspace.file("comparison", f"{name}.npz")), statistics)
-            for name, statistics in read_json(self.workspace.file("comparison", "statistics.json")).items()
+            name: read_record(self.workspace.file("comparison", f"{name}.npz"), Comparison)
+            for name in read_json(self.workspace.file("comparison", "statistics.json"))
         }

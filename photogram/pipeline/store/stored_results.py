@@ -1,11 +1,10 @@
-"""Results as they lie on disk: orientation, adjustment and comparison, to JSON and npz and back."""
+"""Results as they lie on disk: measured photographs, orientation, adjustment and verdict."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,15 @@ from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sigmas
+from photogram.arrays import IntArray
 from photogram.camera import Camera, LensField, Pose, calibration_sigmas, calibrations, oriented_by
 from photogram.constraints.rigs import Companion, RelativePose
-from photogram.files.npz_json import read_arrays, read_json_as, read_record, record_arrays, write_arrays, write_record
+from photogram.files.npz_json import read_arrays, read_json_as, write_arrays
+from photogram.files.records import read_record, write_record
 from photogram.frames import LocalFrame
 from photogram.project.measured.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
 from photogram.projection import PARAMETERS
-from photogram.quality.cloud_comparison import CloudStatistics, Comparison
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
 from photogram.quality.gross_errors.snooped_adjustment import Verdict
@@ -69,137 +69,52 @@ class StoredVerdict(TypedDict):
     """Accuracy at the check points of the result."""
 
 
-_UNKNOWN, _NOWHERE, _UNTURNED = np.array(np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
+@dataclass(frozen=True, eq=False)
+class StoredPhotographs:
+    """Photographs as measured, without their files, and of which each is a copy: see MeasuredPhotographs."""
+
+    photographs: tuple[Photograph, ...]
+    original: IntArray
 
 
-def measured_arrays(measured: MeasuredPhotographs) -> dict[str, NDArray[Any]]:
-    """Return measured photographs as arrays, NaN or empty where nothing is known."""
-    photographs = measured.photographs
+@dataclass(frozen=True, eq=False)
+class StoredResections:
+    """Resections of the photographs from the control points, None where there is none."""
 
-    def column(name: str, nothing: NDArray[np.float64]) -> NDArray[Any]:
-        values = [getattr(photograph, name) for photograph in photographs]
-        known = np.array([nothing if value is None else value for value in values], dtype=np.float64)
-        return known.reshape(len(photographs), *nothing.shape)
-
-    return {
-        "original": measured.original,
-        "time": np.array(["" if p.time is None else p.time.isoformat() for p in photographs], dtype=np.str_),
-        "gnss_world_m": column("gnss_world_m", _NOWHERE),
-        "gnss_sigma_m": column("gnss_sigma_m", _NOWHERE),
-        "attitude_world_from_camera": column("attitude_world_from_camera", _UNTURNED),
-        "attitude_sigma_rad": column("attitude_sigma_rad", _UNKNOWN),
-        "height_above_ground_m": column("height_above_ground_m", _UNKNOWN),
-        "lever_arm_camera_m": column("lever_arm_camera_m", _NOWHERE),
-        "velocity_world_m_s": column("velocity_world_m_s", _NOWHERE),
-        "gnss_sigma_assumed": np.array([p.gnss_sigma_assumed for p in photographs], dtype=bool),
-        "capture": np.array([p.capture or "" for p in photographs], dtype=np.str_),
-    }
+    resections: tuple[Resection | None, ...]
 
 
-def measured_from(
-    project: Project, frame: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
-) -> MeasuredPhotographs:
-    """Return the photographs that ``measured_arrays`` wrote, in the frame of the project that has the origin of
+_NOWHERE, _UNTURNED = np.full(3, np.nan), np.full((3, 3), np.nan)
+
+
+def write_measured(path: Path, measured: MeasuredPhotographs) -> None:
+    """Write measured photographs, whose frame and files are stored elsewhere."""
+    photographs = tuple(replace(photograph, path=None) for photograph in measured.photographs)
+    write_record(path, StoredPhotographs(photographs, measured.original))
+
+
+def read_measured(path: Path, project: Project, frame: Mapping[str, Any]) -> MeasuredPhotographs:
+    """Return the photographs that ``write_measured`` wrote, in the frame of the project that has the origin of
     ``frame``."""
     east, north, height = frame["origin_map_m"]
     world = LocalFrame(project.crs, (east, north, height), project.world_kind, project.heights.map_geoid)
-
-    def known(name: str, i: int) -> Any:  # noqa: ANN401 - an array or a number, by the name
-        value = arrays[name][i]
-        return None if np.isnan(value).any() else value
-
+    stored = read_record(path, StoredPhotographs)
     photographs = tuple(
-        Photograph(
-            source.name,
-            source.camera,
-            source.path,
-            source.flight,
-            datetime.fromisoformat(str(arrays["time"][i])) if arrays["time"][i] else None,
-            known("gnss_world_m", i),
-            known("gnss_sigma_m", i),
-            known("attitude_world_from_camera", i),
-            None if (sigma := known("attitude_sigma_rad", i)) is None else float(sigma),
-            None if (above := known("height_above_ground_m", i)) is None else float(above),
-            lever_arm_camera_m=known("lever_arm_camera_m", i),
-            gnss_sigma_assumed=bool(arrays["gnss_sigma_assumed"][i]),
-            velocity_world_m_s=known("velocity_world_m_s", i),
-            capture=str(arrays["capture"][i]) or None,
-        )
-        for i, source in enumerate(project.photographs)
+        replace(photograph, name=source.name, camera=source.camera, path=source.path, flight=source.flight)
+        for photograph, source in zip(stored.photographs, project.photographs, strict=True)
     )
-    return MeasuredPhotographs(world, photographs, arrays["original"])
+    return MeasuredPhotographs(world, photographs, stored.original)
 
 
-def pose_to(pose: Pose) -> dict[str, object]:
-    """Return a pose as JSON."""
-    return {
-        "position_world_m": pose.position_world_m.tolist(),
-        "rotation_world_from_camera": pose.rotation_world_from_camera.tolist(),
-    }
-
-
-def pose_from(value: Mapping[str, Any]) -> Pose:
-    """Return the pose that ``pose_to`` wrote."""
-    return Pose(np.array(value["rotation_world_from_camera"]), np.array(value["position_world_m"]))
-
-
-def resection_to(resection: Resection) -> dict[str, object]:
-    """Return a resection as JSON."""
-    return {
-        "p3p": pose_to(resection.p3p),
-        "points": list(resection.points),
-        "solutions": resection.solutions,
-        "check_px": resection.check_px,
-        "refined": pose_to(resection.refined),
-        "inliers": resection.inliers.tolist(),
-        "residual_px": resection.residual_px.tolist(),
-    }
-
-
-def resection_from(value: Mapping[str, Any]) -> Resection:
-    """Return the resection that ``resection_to`` wrote."""
-    a, b, c = value["points"]
-    return Resection(
-        pose_from(value["p3p"]),
-        (a, b, c),
-        value["solutions"],
-        float("nan") if value["check_px"] is None else value["check_px"],
-        pose_from(value["refined"]),
-        np.array(value["inliers"], dtype=bool),
-        np.array(value["residual_px"]).reshape(-1, 2),
-    )
-
-
-def orientation_to(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
-    """Return starting poses and resections as JSON."""
+def starting_poses(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
+    """Return starting poses and resections as people read them, by photograph."""
     rows = zip(names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True)
+    keys = ("name", "pose", "resection", "component", "reason")
     return {
         "method": orientation.method,
-        "photographs": [
-            {
-                "name": name,
-                "pose": None if pose is None else pose_to(pose),
-                "resection": None if resection is None else resection_to(resection),
-                "component": int(component),
-                "reason": reason,
-            }
-            for name, pose, resection, component, reason in rows
-        ],
-        "parameters": [q.tolist() for q in orientation.parameters],
+        "photographs": [dict(zip(keys, row, strict=True)) for row in rows],
+        "parameters": orientation.parameters,
     }
-
-
-def orientation_from(value: Mapping[str, Any]) -> Orientation:
-    """Return the starting poses and resections that ``orientation_to`` wrote."""
-    rows = value["photographs"]
-    return Orientation(
-        tuple(None if v["pose"] is None else pose_from(v["pose"]) for v in rows),
-        tuple(None if v["resection"] is None else resection_from(v["resection"]) for v in rows),
-        np.array([v["component"] for v in rows], dtype=np.int64),
-        value["method"],
-        tuple(v["reason"] for v in rows),
-        tuple(np.array(q) for q in value["parameters"]),
-    )
 
 
 ADJUSTED, COVARIANCES, SIGMAS = "adjustment.npz", "covariances.npz", "sigmas.npz"
@@ -234,13 +149,9 @@ def common_error_from(value: Mapping[str, Any]) -> CommonErrorEstimate:
 
 def adjustment_arrays(result: Adjustment) -> dict[str, NDArray[Any]]:
     """Return the arrays of an adjustment but for those of its parts that have files of their own."""
-    parts = dict.fromkeys(
-        (
-            *("block", *_WORDS, _COMMON, _LENS_FIELDS, "reliability", "components", "constraints", "exposures"),
-            *("deformation", "sigmas"),
-        )
-    )
-    arrays = record_arrays(replace(result, **parts))  # type: ignore[arg-type]
+    parts = {"block", *_WORDS, _COMMON, _LENS_FIELDS, "reliability", "components", "constraints", "exposures"}
+    parts |= {"deformation", "sigmas"}
+    arrays = {name: np.asarray(value) for name, value in vars(result).items() if name not in parts}
     nowhere = Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
     poses = [pose or nowhere for pose in result.block.poses]
     for name in _WORDS:
@@ -379,32 +290,3 @@ def rejected_from(verdict: StoredVerdict) -> list[Hypothesis]:
     return [
         replace(unmeasured(kind, name, photograph), axes=axes) for kind, name, photograph, axes in verdict["accused"]
     ]
-
-
-def write_comparison(path: Path, comparison: Comparison) -> dict[str, object]:
-    """Write the differences of a comparison as npz and return its statistics as JSON."""
-    write_arrays(
-        path,
-        {
-            "position_map_m": comparison.position_map_m,
-            "surface_difference_m": comparison.surface_difference_m,
-            "cloud_distance_m": comparison.cloud_distance_m,
-        },
-    )
-    return {
-        "removed": comparison.removed,
-        "cloud_to_surface": comparison.cloud_to_surface,
-        "cloud_to_cloud": comparison.cloud_to_cloud,
-    }
-
-
-def comparison_from(arrays: Mapping[str, NDArray[Any]], statistics: Mapping[str, Any]) -> Comparison:
-    """Return the comparison that ``write_comparison`` wrote."""
-    return Comparison(
-        arrays["position_map_m"],
-        arrays["surface_difference_m"],
-        arrays["cloud_distance_m"],
-        CloudStatistics(**statistics["cloud_to_surface"]),
-        CloudStatistics(**statistics["cloud_to_cloud"]),
-        statistics["removed"],
-    )
