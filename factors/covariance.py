@@ -201,12 +201,6 @@ def _control_columns(
     return linear, *point_columns(marks, linear, V, found.layout, np.arange(len(V)))
 
 
-def joint_control_points(problem: Problem, state: State, found: Covariances) -> FloatArray:
-    """Return the joint covariance (3 G, 3 G) of all adjusted control points in the world, m²."""
-    _, _, inverse, turned = _control_columns(problem, state, found)
-    return joint_points(found, inverse, turned)
-
-
 def mark_covariances(problem: Problem, state: State, found: Covariances) -> FloatArray:
     """Return the covariances (M, 2, 2) of the adjusted marks of control points, in units of their stated variances."""
     linear, rows, inverse, turned = _control_columns(problem, state, found)

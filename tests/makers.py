@@ -22,9 +22,11 @@ from PIL import Image
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
+from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.factors.joint_covariance import joint_ground_covariance
 from photogram.marking.page.session import MarkingSession
 from photogram.report.record.ground import GroundPointRecord
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
@@ -170,6 +172,16 @@ def whole_covariance(problem: Problem, state: State) -> tuple[FloatArray, dict[i
     information, _, place = whole_normal_equations(problem, state)
     scale = np.sqrt(np.diag(information))
     return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
+
+
+def joint_control_points(problem: Problem, state: State, estimated: Covariances) -> FloatArray:
+    """Return the joint covariance (3 G, 3 G) of all adjusted control points in the world, m²."""
+    points = problem.block.control_points
+    ground_world_m, controls = points.position_world_m.copy(), np.array(points.role) == "control"
+    ground_world_m[controls], ground_world_m[~controls] = state.control, np.nan
+    rows = (3 * np.flatnonzero(controls)[:, None] + np.arange(3)).ravel()
+    joint = joint_ground_covariance(problem, state, estimated, ground_world_m)
+    return np.asarray(joint[np.ix_(rows, rows)])
 
 
 def ground_point(name: str, role: Role = "control", residual_m: Sequence[float] | None = None) -> GroundPointRecord:

@@ -18,7 +18,6 @@ from photogram.adjustment.reliability import w_tests
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.between_points import Constraint
 from photogram.factors.constraints import (
-    FittedPlane,
     Heights,
     Rows,
     basis_across,
@@ -31,7 +30,7 @@ from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import ground_columns
-from photogram.results import Adjustment, ConstraintTests
+from photogram.results import ConstraintTests
 from photogram.survey import Block
 
 TESTED = 1e-3
@@ -168,44 +167,6 @@ def of_control(problem: Problem, state: State) -> FloatArray:
     ground = np.full((len(points), 3), np.nan)
     ground[np.array([role == "control" for role in points.role], dtype=bool)] = state.control
     return ground
-
-
-@dataclass(frozen=True, eq=False)
-class AdjustedSurface:
-    """A level surface or a plane as its points have it, in the map: a point on it (3,) with the standard deviation
-    across it, and the unit vector across it (3,), up where it is level, with that of its direction, rad."""
-
-    centre_map_m: FloatArray
-    sigma_m: float
-    normal_map: FloatArray
-    tilt_sigma_rad: float
-
-
-def adjusted_surface(result: Adjustment, number: int) -> AdjustedSurface | None:
-    """Return the surface that the points of a constraint lie on, None where too few of them have a position."""
-    block = result.block
-    known = _known(block, result.ground_world_m, np.zeros((0, 3)))
-    k = next((k for k in known if k.number == number), None)
-    if k is None:
-        return None
-    used = np.isfinite(k.sigma_m)
-    sigma, places = k.sigma_m[used], result.ground_world_m[k.index[used]]
-    A = k.rows.common[used] / sigma[:, None]
-    fit = np.linalg.solve(A.T @ A, A.T) / sigma
-    rows = (3 * k.index[used][:, None] + np.arange(3)).ravel()
-    J = k.rows.jacobian[np.ix_(used, used)].reshape(len(sigma), -1)
-    points = J @ result.ground_joint_covariance_m2[np.ix_(rows, rows)] @ J.T
-    covariance = np.linalg.inv(A.T @ A) + fit @ points @ fit.T
-    weight = 1.0 / sigma**2
-    centre_map = block.frame.map_from_world((weight @ places / weight.sum())[None])[0]
-    if block.constraints[number].kind == "level surface":
-        heights = block.frame.map_from_world(places)[:, 2]
-        centre_map[2] = weight @ heights / weight.sum()
-        return AdjustedSurface(centre_map, float(np.sqrt(covariance[0, 0])), np.array([0.0, 0.0, 1.0]), 0.0)
-    plane = FittedPlane.of(places, sigma)
-    normal = block.frame.rotation_world_from_map(plane.centre).T @ plane.normal
-    tilt = float(np.sqrt(np.linalg.eigvalsh(covariance[1:, 1:])[-1]))
-    return AdjustedSurface(centre_map, float(np.sqrt(covariance[0, 0])), normal, tilt)
 
 
 def whitened_misfits(

@@ -173,8 +173,3 @@ def rejecting(constraints: Sequence[Constraint], rejected: Container[tuple[str, 
 def gives_scale(constraints: Sequence[Constraint]) -> bool:
     """Return whether a distance takes part, so that lengths are in metres."""
     return any(isinstance(c, Distance) and c.role == "control" and np.isfinite(c.sigma_m) for c in constraints)
-
-
-def needs_vertical(constraints: Sequence[Constraint]) -> list[Constraint]:
-    """Return those of heights: they mean nothing where nothing says which way is up."""
-    return [c for c in constraints if c.kind in ("height difference", "level surface")]

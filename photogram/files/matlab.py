@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
-from scipy.io.matlab import MatReadError
+from scipy.io import savemat
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
@@ -209,30 +207,3 @@ def write_tie_points(
         with partial.open("r+b") as stream:
             # The writer's own header text carries the time of day.
             stream.write(_HEADER)
-
-
-def read_tie_points(path: Path) -> tuple[tuple[str, ...], TiePoints]:
-    """Return the photographs' names and the tie points that write_tie_points wrote, in photogram's pixel frame.
-
-    Raises ProjectError where the file is missing, damaged or something else.
-    """
-    if not path.is_file():
-        raise ProjectError(f"tie points {path}: file not found: check its path")
-    try:
-        content = loadmat(path)
-        shift = _ORIGIN_PX[str(content["pixel_origin"][0])]
-        index = {name: content[f"observation_{name}"].reshape(-1) - 1 for name in ("photograph", "point", "feature")}
-        tie_points = TiePoints(
-            index["photograph"].astype(np.int64),
-            index["point"].astype(np.int64),
-            index["feature"].astype(np.int64),
-            content["observation_pixel"] - shift,
-            content["observation_sigma_px"].reshape(-1),
-            content["position_world_m"],
-            content["colour"],
-        )
-        return tuple(str(cell[0]) for cell in content["photographs"].reshape(-1)), tie_points
-    except (MatReadError, zlib.error, OSError, LookupError, TypeError, ValueError, NotImplementedError) as fault:
-        raise ProjectError(
-            f"tie points {path}: cannot be read ({type(fault).__name__}: {fault}): write the file again with photogram"
-        ) from fault

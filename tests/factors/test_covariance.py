@@ -5,9 +5,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from makers import FREE, SMALL, problem_of, small_problem, whole_covariance
+from makers import FREE, SMALL, joint_control_points, problem_of, small_problem, whole_covariance
 
-from photogram.factors.covariance import Covariances, covariances, joint_control_points
+from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import (

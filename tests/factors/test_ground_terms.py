@@ -8,12 +8,12 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from makers import problem_of, simulated, whole_covariance
+from makers import joint_control_points, problem_of, simulated, whole_covariance
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.reliability import reliability
 from photogram.arrays import FloatArray
-from photogram.factors.covariance import covariances, joint_control_points, mark_covariances, predicted_marks
+from photogram.factors.covariance import covariances, mark_covariances, predicted_marks
 from photogram.factors.elimination.reduced import NormalEquations
 from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
