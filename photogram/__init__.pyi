@@ -19,6 +19,7 @@ from .errors import (
     ProjectError,
     ReportError,
     SettingError,
+    SurfaceError,
     WorkspaceError,
 )
 from .exchange.solution_export import export_solution
@@ -96,6 +97,7 @@ __all__ = [
     "SettingError",
     "StatedSigma",
     "Stretch",
+    "SurfaceError",
     "SurfaceRequest",
     "SurfaceSettings",
     "SurveyPlan",

@@ -8,6 +8,7 @@
     ├── FrameError          coordinate reference systems and positions that do not fit together
     ├── OrientationError    a photograph cannot be oriented
     ├── AdjustmentError     the adjustment cannot be solved, or did not converge
+    ├── SurfaceError        points and heights are no surface, or not enough of one for what is asked
     ├── WorkspaceError      the folder of intermediate results cannot be used
     │   └── DamagedStageError   a file of a complete stage is not what the stage wrote
     ├── ReportError         the report cannot be made or printed
@@ -49,6 +50,10 @@ class OrientationError(PhotogramError, ValueError):
 
 class AdjustmentError(PhotogramError, ArithmeticError):
     """The adjustment cannot be solved, or did not converge."""
+
+
+class SurfaceError(PhotogramError, ValueError):
+    """Points and heights are no surface, or not enough of one for what is asked of it."""
 
 
 class WorkspaceError(PhotogramError, OSError):

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray, nmad
 from photogram.change.stable_ground import FEWEST_CELLS, Motion, Registration
-from photogram.errors import PhotogramError
+from photogram.errors import SurfaceError
 from photogram.survey import PointCloud
 
 SURFACE_POINTS, ROUNDS = 20, 30
@@ -132,7 +132,7 @@ def register_clouds(
 ) -> tuple[Registration, RigidMotion]:
     """Return how a later cloud lies over an earlier one on stable polygons, and the motion that takes that off.
 
-    Standard deviations come from the scatter of the residuals. Raises PhotogramError for fewer than FEWEST_CELLS cells
+    Standard deviations come from the scatter of the residuals. Raises SurfaceError for fewer than FEWEST_CELLS cells
     of ``correlation_m`` with points, or ground too even for the motion.
     """
     area = shapely.union_all(list(polygons))
@@ -143,7 +143,7 @@ def register_clouds(
         chosen = shapely.contains_xy(within, cloud.position_map_m[:, :2])
         inside.append(_means(cloud.position_map_m[chosen], correlation_m))
     if min(len(points) for points in inside) < FEWEST_CELLS:
-        raise PhotogramError(
+        raise SurfaceError(
             f"stable ground: {min(len(points) for points in inside)} cells of {correlation_m:g} m have points of both "
             f"clouds, {FEWEST_CELLS} are needed: draw larger polygons where both have points"
         )
@@ -174,7 +174,7 @@ def register_clouds(
     slope = normal[keep, :2] / normal[keep, 2:]
     share = float(np.max(slope_noise / np.maximum(np.var(slope, axis=0), 1e-30)))
     if motion == "rigid" and share > MOST_NOISE:
-        raise PhotogramError(
+        raise SurfaceError(
             f"co-registration: the stable ground is too even for a rigid motion, {min(share, 1.0):.0%} of what its "
             "slopes differ by is noise: choose tilt, or add stable ground that slopes in different directions"
         )

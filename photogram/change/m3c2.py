@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from photogram.arrays import BoolArray, FloatArray
 from photogram.change.correlation import independent_points
 from photogram.change.differences import LEVEL
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, SurfaceError, check_positive
 from photogram.survey import PointCloud
 
 CYLINDER_SPACINGS, NORMAL_CYLINDERS = 4.0, 2.0
@@ -49,8 +49,8 @@ class M3C2Settings:
     def __post_init__(self) -> None:
         for name in ("radius_m", "normal_radius_m", "spacing_m", "depth_m"):
             value = getattr(self, name)
-            if value is not None and not 0.0 < value < np.inf:
-                raise PhotogramError(f"M3C2: {name} {value:g}: a length above 0 is expected")
+            if value is not None:
+                check_positive(name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +118,11 @@ def m3c2(
     """Compare two clouds at core points of the earlier one.
 
     ``errors`` are those of the earlier and the later cloud; ``aligned`` gives for points (N, 3) and normals (N, 3) the
-    standard deviation (N,) that an alignment leaves. Raises PhotogramError where py4dgeo is not installed, or a cloud
-    has fewer than LEAST_POINTS points.
+    standard deviation (N,) that an alignment leaves. Raises PhotogramError where py4dgeo is not installed,
+    SurfaceError where a cloud has fewer than LEAST_POINTS points.
     """
     if min(len(earlier), len(later)) < LEAST_POINTS:
-        raise PhotogramError(f"M3C2: a cloud has fewer than {LEAST_POINTS} points: export it again")
+        raise SurfaceError(f"M3C2: a cloud has fewer than {LEAST_POINTS} points: export it again")
     settings = settings or M3C2Settings()
     spacing = max(spacing_of(earlier), spacing_of(later))
     radius = settings.radius_m or CYLINDER_SPACINGS * spacing

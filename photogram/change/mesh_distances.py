@@ -32,7 +32,7 @@ class _Cells:
 
 def mesh_of(reference: Raster | PointCloud) -> TriangulatedCloud:
     """Return the mesh of a reference: of a surface through its cell centres, of a cloud through its points, without the
-    triangles that bridge gaps. Raises PhotogramError for fewer than three points, or points on one line."""
+    triangles that bridge gaps. Raises SurfaceError for fewer than three points, or points on one line."""
     if isinstance(reference, PointCloud):
         return triangulate(reference)
     row, column = np.nonzero(np.isfinite(reference.values))

@@ -18,7 +18,7 @@ from photogram.change.differences import Correction, Difference
 from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.stable_ground import Registration, registration_of
 from photogram.change.surfaces import StatedSigma, SurfaceFiles
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, SurfaceError
 from photogram.files.maps.rasters import RasterFile
 from photogram.grid import Window
 
@@ -48,10 +48,10 @@ def rim_of(polygon: Any, width_m: float) -> Any:  # noqa: ANN401 - of shapely, w
 
 
 def base_of(difference: Difference, polygon: SitePolygon) -> tuple[Registration, Correction]:
-    """Return the plane through the rim of a polygon, as an offset and a tilt over height 0. Raises PhotogramError where
+    """Return the plane through the rim of a polygon, as an offset and a tilt over height 0. Raises SurfaceError where
     too little of the rim is measured."""
     rim = rim_of(polygon.polygon, RIM_WIDTHS * difference.later.correlation_m)
     try:
         return registration_of(difference, [rim], "tilt")
     except PhotogramError as fault:
-        raise PhotogramError(f"base of {polygon.name!r}, in a strip around it: {fault}") from fault
+        raise SurfaceError(f"base of {polygon.name!r}, in a strip around it: {fault}") from fault

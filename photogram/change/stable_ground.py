@@ -19,7 +19,7 @@ from photogram.change.correlation import gathered
 from photogram.change.differences import Correction, Difference, shapes_at
 from photogram.change.outlines import window_of
 from photogram.change.surfaces import SLOPE_STEPS
-from photogram.errors import PhotogramError
+from photogram.errors import SurfaceError
 from photogram.grid import MapGrid, Window
 
 Motion = Literal["offset", "tilt", "rigid"]
@@ -92,12 +92,12 @@ def registration_of(
 ) -> tuple[Registration, Correction]:
     """Return how the later surface lies over the earlier one on stable polygons, and what takes that off.
 
-    Raises PhotogramError where fewer than FEWEST_CELLS of them are measured in both.
+    Raises SurfaceError where fewer than FEWEST_CELLS of them are measured in both.
     """
     stable = _stable_cells(difference, shapely.union_all(list(polygons)))
     count = int(stable.known.sum())
     if count < FEWEST_CELLS:
-        raise PhotogramError(
+        raise SurfaceError(
             f"stable ground: {count} cells of it are measured in both epochs, {FEWEST_CELLS} are needed: "
             "draw larger polygons where both have heights"
         )
@@ -126,7 +126,7 @@ def _stable_cells(difference: Difference, polygon: Any) -> _Stable:  # noqa: ANN
     """Return the cells whose centres lie in a polygon, of a large grid every second or third; read tile by tile."""
     window = window_of(polygon, difference.grid)
     if window is None:
-        raise PhotogramError("stable ground: its polygons lie beyond what both epochs cover: check their CRS")
+        raise SurfaceError("stable ground: its polygons lie beyond what both epochs cover: check their CRS")
     whole, (rows, columns) = difference.grid, window.shape
     step = max(1, int(np.ceil(np.sqrt(rows * columns / MOST_CELLS))))
     shape = (-(-rows // step), -(-columns // step))

@@ -15,7 +15,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray, nmad
-from photogram.errors import PhotogramError
+from photogram.errors import SettingError, SurfaceError
 from photogram.survey import PointCloud, Raster
 
 
@@ -63,10 +63,10 @@ class Comparison:
 
 
 def statistics(differences_m: FloatArray) -> CloudStatistics:
-    """Return the statistics of differences (N,) in m, NaN left out. Raises PhotogramError when none is left."""
+    """Return the statistics of differences (N,) in m, NaN left out. Raises SurfaceError when none is left."""
     d = differences_m[np.isfinite(differences_m)]
     if len(d) == 0:
-        raise PhotogramError(
+        raise SurfaceError(
             f"comparison: none of the {len(differences_m)} points lies where the reference has data: "
             "check that both are of the same site and in the same CRS"
         )
@@ -89,7 +89,7 @@ def sor_filter(points_m: FloatArray, neighbours: int = 6, sigma: float = 1.0) ->
     ``neighbours`` and leaves it out of the mean: 6 neighbours are the point and the 5 nearest others.
     """
     if neighbours < 2:
-        raise PhotogramError(f"SOR filter: {neighbours} neighbours: the point itself counts, so give at least 2")
+        raise SettingError("neighbours", f"must be at least 2, the point itself counts, found {neighbours}")
     count = min(neighbours, len(points_m))
     if count < 2:
         return np.ones(len(points_m), dtype=bool)
@@ -102,10 +102,10 @@ def sor_filter(points_m: FloatArray, neighbours: int = 6, sigma: float = 1.0) ->
 def cloud_to_cloud(cloud: PointCloud, reference: PointCloud) -> FloatArray:
     """Return the distance (N,) in m of each point to the nearest point of the reference.
 
-    Raises PhotogramError when the reference is empty.
+    Raises SurfaceError when the reference is empty.
     """
     if len(reference) == 0:
-        raise PhotogramError("comparison: the reference contains no points")
+        raise SurfaceError("comparison: the reference contains no points")
     origin = reference.position_map_m[0]
     tree = cKDTree(reference.position_map_m - origin)
     distance, _ = tree.query(cloud.position_map_m - origin)
@@ -143,16 +143,16 @@ def triangulate(reference: PointCloud, maximum_gap_m: float | None = None) -> Tr
     """Triangulate a reference cloud in plan; triangles with an edge longer than ``maximum_gap_m`` there, by default 10
     times the median edge, count as gaps.
 
-    Raises PhotogramError for a cloud of fewer than three points, or of points on one line.
+    Raises SurfaceError for a cloud of fewer than three points, or of points on one line.
     """
     if len(reference) < 3:
-        raise PhotogramError(f"comparison: the reference has {len(reference)} points: a surface needs at least 3")
+        raise SurfaceError(f"comparison: the reference has {len(reference)} points: a surface needs at least 3")
     origin = reference.position_map_m.min(axis=0)
     vertex = reference.position_map_m - origin
     try:
         triangulation = Delaunay(vertex[:, :2])
     except QhullError as fault:
-        raise PhotogramError(
+        raise SurfaceError(
             f"comparison: the {len(reference)} points of the reference lie on one line in plan"
         ) from fault
     corners = vertex[triangulation.simplices][..., :2]
@@ -165,7 +165,7 @@ def cloud_to_surface(cloud: PointCloud, reference: Reference) -> FloatArray:
     """Return the height (N,) in m of each point above (positive) or below the reference.
 
     NaN where the reference has no data. A raster is interpolated bilinearly between cell centres; all four must hold
-    data. A cloud is triangulated (``triangulate``) and interpolated linearly. Raises PhotogramError for a reference
+    data. A cloud is triangulated (``triangulate``) and interpolated linearly. Raises SurfaceError for a reference
     cloud of fewer than three points, or of points on one line.
     """
     points = cloud.position_map_m
@@ -179,11 +179,11 @@ def compare_to_reference(cloud: PointCloud, reference: Reference, sor: bool = Tr
     """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
 
     ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are
-    its cell centres. For several clouds give a reference cloud as ``triangulate`` returns it. Raises PhotogramError
+    its cell centres. For several clouds give a reference cloud as ``triangulate`` returns it. Raises SurfaceError
     when the cloud is empty or does not overlap the reference.
     """
     if len(cloud) == 0:
-        raise PhotogramError("comparison: the cloud contains no points")
+        raise SurfaceError("comparison: the cloud contains no points")
     surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
     keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
     kept = PointCloud(cloud.position_map_m[keep])

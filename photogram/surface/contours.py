@@ -13,7 +13,7 @@ import numpy as np
 from contourpy import ContourGenerator, LineType, contour_generator
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.errors import PhotogramError, check_positive, check_range
+from photogram.errors import SettingError, SurfaceError, check_positive, check_range
 from photogram.grid import block_means
 from photogram.measures.round_lengths import round_near
 from photogram.survey import Contours, Raster
@@ -65,14 +65,14 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     """Trace the lines of the multiples of the interval, lowest first; none runs through a cell without data.
 
     The raster is treated as a whole: beside it some 70 bytes for each cell that is contoured, 1.1 GB at most. Raises
-    PhotogramError where no cell has data, or the interval makes more than MAXIMUM_LEVELS heights.
+    SurfaceError where no cell has data, SettingError where the interval makes more than MAXIMUM_LEVELS heights.
     """
     settings = settings or ContourSettings()
     block = _block(raster, settings.cell_m)
     values, share = block_means(raster.values, block)
     known, cell_m = share >= LEAST_SHARE, raster.cell_m * block
     if not known.any():
-        raise PhotogramError("contours: no cell of the surface has a height: set contours.enabled to false")
+        raise SurfaceError("contours: no cell of the surface has a height: set contours.enabled to false")
     heights = values[known]
     low, high = float(heights.min()), float(heights.max())
     spread = np.percentile(heights, [0.5, 99.5])
@@ -81,9 +81,10 @@ def contour_lines(raster: Raster, settings: ContourSettings | None = None) -> Co
     interval_m = settings.interval_m or interval_for(relief_m)
     first, last = np.ceil(low / interval_m), np.floor(high / interval_m)
     if not last - first < MAXIMUM_LEVELS:
-        raise PhotogramError(
-            f"contours: an interval of {interval_m:g} m makes {last - first + 1:.0f} heights from {low:.1f} to "
-            f"{high:.1f} m, more than {MAXIMUM_LEVELS}: choose a larger interval_m"
+        raise SettingError(
+            "interval_m",
+            f"an interval of {interval_m:g} m makes {last - first + 1:.0f} heights from {low:.1f} to "
+            f"{high:.1f} m, more than {MAXIMUM_LEVELS}: choose a larger one",
         )
     shortest_m = 8 * cell_m if settings.minimum_length_m is None else settings.minimum_length_m
     generator = contour_generator(

@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinat
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.errors import PhotogramError, SettingError, check_positive
+from photogram.errors import PhotogramError, SettingError, SurfaceError, check_positive
 from photogram.survey import Raster
 
 MAXIMUM_BLOCKS = 4_000_000
@@ -71,7 +71,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
 
     Cells on the ground keep the surface's height; the others take the height between the ground around them, linear in
     the triangles of the blocks' means. Cells without data stay so, and what is wider than the maximum gap is left open.
-    The same surface gives the same terrain. Raises PhotogramError where there is no ground in the surface.
+    The same surface gives the same terrain. Raises SurfaceError where there is no ground in the surface.
     """
     settings = settings or TerrainSettings()
     block = max(1, round(settings.cell_m / surface.cell_m), int(np.ceil(np.sqrt(surface.values.size / MAXIMUM_BLOCKS))))
@@ -79,7 +79,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
     low = _blocks(values, block, _low_height)
     ground = _cloth(low, side_m, settings)
     if not ground.any():
-        raise PhotogramError("terrain: no ground found in the surface: choose a larger reach_m, or remove terrain")
+        raise SurfaceError("terrain: no ground found in the surface: choose a larger reach_m, or remove terrain")
     rough = _between(low, ground)
     on_ground, high = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=np.uint8)
     for rows in _strips(values, block):

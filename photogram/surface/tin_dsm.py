@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray, nmad
-from photogram.errors import PhotogramError, SettingError, check_positive, check_range
+from photogram.errors import SettingError, SurfaceError, check_positive, check_range
 from photogram.measures.round_lengths import round_near
 from photogram.survey import PointCloud, Raster
 
@@ -143,7 +143,7 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
     """Interpolate a DSM from points of the map frame; heights in m, NaN outside the data and in gaps.
 
     The corner of the grid is a multiple of the cell size, so that surfaces of one cell size fit onto each other. Of
-    points with the same easting and northing one is used. Raises PhotogramError when fewer than three usable points
+    points with the same easting and northing one is used. Raises SurfaceError when fewer than three usable points
     remain, when they lie on one line, or when the settings leave no cell with data.
     """
     triangles = _triangulated(cloud, settings or SurfaceSettings())
@@ -245,7 +245,7 @@ def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
     try:
         triangulation = Delaunay(points_m[:, :2])
     except QhullError as fault:
-        raise PhotogramError(
+        raise SurfaceError(
             f"surface: the {len(points_m)} points are collinear in plan: a surface needs points that span an area"
         ) from fault
     corners = points_m[triangulation.simplices]
@@ -269,7 +269,7 @@ def _height_rule(triangles: _Triangles) -> Rule:
 def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
     """Return what each rule makes of the cells on the surface, NaN off it, by tiles of rows.
 
-    Raises PhotogramError when no cell has its centre on the surface.
+    Raises SurfaceError when no cell has its centre on the surface.
     """
     rows, columns = triangles.shape
     corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
@@ -287,7 +287,7 @@ def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
             for raster, rule in zip(values, rules, strict=True):
                 raster[top : top + tile_rows].reshape(-1)[inside] = rule(triangle, weight)
     if not found:
-        raise PhotogramError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
+        raise SurfaceError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
     return [Raster(raster, triangles.west_map_m, triangles.north_map_m, cell_m) for raster in values]
 
 
@@ -342,7 +342,7 @@ def _height_over_neighbours(points_m: FloatArray, neighbours_m: FloatArray) -> t
 
 def _need_three(usable: int, total: int, condition: str) -> None:
     if usable < 3:
-        raise PhotogramError(f"surface: {usable} of {total} points {condition}: a surface needs at least 3")
+        raise SurfaceError(f"surface: {usable} of {total} points {condition}: a surface needs at least 3")
 
 
 def _usable_triangles(corners_m: FloatArray, maximum_gap_m: float | None) -> BoolArray:
@@ -354,7 +354,7 @@ def _usable_triangles(corners_m: FloatArray, maximum_gap_m: float | None) -> Boo
     double_area = np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
     usable = (longest_m <= gap_m) & (double_area > 1e-9 * longest_m**2)
     if not usable.any():
-        raise PhotogramError(
+        raise SurfaceError(
             f"surface: every triangle has an edge longer than maximum_gap_m = {gap_m:g} m; in the tightest the longest "
             f"edge is {longest_m.min():.3g} m: choose a larger gap"
         )
@@ -378,7 +378,7 @@ def _grid(corners_m: FloatArray, origin_map_m: FloatArray, cell_m: float) -> tup
     first, last = np.floor(low + 1e-6), np.ceil(high - 1e-6)
     columns, rows = (int(n) for n in np.maximum(last - first, 1))
     if rows * columns > MAXIMUM_CELLS:
-        raise PhotogramError(
+        raise SurfaceError(
             f"surface: cells of {cell_m:g} m make a raster of {columns} x {rows}, more than {MAXIMUM_CELLS:,} cells: "
             "choose a larger cell_m"
         )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray, check_shape
-from photogram.errors import PhotogramError
+from photogram.errors import SettingError, check_positive
 
 Residual = Literal["sampson", "symmetric", "algebraic"]
 
@@ -169,7 +169,7 @@ def study(
     """Run RANSAC for each sample size on corresponding pixels (N, 2) of two photographs.
 
     Inliers are counted in each iteration. Every threshold judges the same models; every sample size draws its own
-    samples, whatever the others are. Raises PhotogramError for samples below 8, more than there are matches, and for
+    samples, whatever the others are. Raises SettingError for samples below 8, more than there are matches, and for
     iterations or thresholds that are not positive.
     """
     check_shape("first_px", first_px, (None, 2))
@@ -203,13 +203,13 @@ def _check(
     residual: Residual,
 ) -> None:
     if not iterations or not sample_sizes or not thresholds_px:
-        raise PhotogramError("RANSAC study: give at least one number of iterations, one sample size and one threshold")
-    if min(iterations) < 1 or not min(thresholds_px) > 0:
-        raise PhotogramError("RANSAC study: numbers of iterations and thresholds must be positive")
+        raise SettingError("iterations, sample_sizes, thresholds_px", "give at least one of each")
+    check_positive("iterations", min(iterations))
+    check_positive("thresholds_px", min(thresholds_px))
     if min(sample_sizes) < 8:
-        raise PhotogramError(f"RANSAC study: a sample of {min(sample_sizes)} matches: the algorithm needs at least 8")
+        raise SettingError("sample_sizes", f"a sample of {min(sample_sizes)} matches: the algorithm needs at least 8")
     if max(sample_sizes) > points:
-        raise PhotogramError(f"RANSAC study: {points} matches: too few for a sample of {max(sample_sizes)}")
+        raise SettingError("sample_sizes", f"{points} matches: too few for a sample of {max(sample_sizes)}")
     if residual not in get_args(Residual):
         kinds = ", ".join(get_args(Residual))
-        raise PhotogramError(f"RANSAC study: no residual is called {residual!r}: choose one of {kinds}")
+        raise SettingError("residual", f"no residual is called {residual!r}: choose one of {kinds}")

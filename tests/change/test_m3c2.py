@@ -104,5 +104,5 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         m3c2(plane(0.0, 1), plane(1.0, 2))
     with pytest.raises(PhotogramError, match="fewer than 4 points"):
         m3c2(PointCloud(np.zeros((3, 3))), plane(1.0, 2))
-    with pytest.raises(PhotogramError, match="radius_m -1: a length above 0"):
+    with pytest.raises(PhotogramError, match="radius_m: must be a finite number above 0, found -1"):
         M3C2Settings(radius_m=-1.0)

@@ -129,9 +129,9 @@ def test_large_rasters_are_averaged_first(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_cannot_be_traced_is_said() -> None:
-    with pytest.raises(PhotogramError, match=r"interval of 0\.001 m makes .* choose a larger interval_m"):
+    with pytest.raises(PhotogramError, match=r"interval of 0\.001 m makes .* choose a larger one"):
         contour_lines(cone(), ContourSettings(interval_m=0.001))
-    with pytest.raises(PhotogramError, match=r"interval of 1e-15 m makes .* choose a larger interval_m"):
+    with pytest.raises(PhotogramError, match=r"interval of 1e-15 m makes .* choose a larger one"):
         contour_lines(cone(), ContourSettings(interval_m=1e-15))  # more heights than memory holds
     with pytest.raises(PhotogramError, match="no cell of the surface has a height"):
         contour_lines(Raster(np.full((3, 3), np.nan, np.float32), WEST, NORTH, CELL))

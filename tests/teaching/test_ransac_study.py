@@ -189,8 +189,8 @@ def test_a_seed_repeats_and_sample_sizes_do_not_disturb_each_other(monkeypatch: 
         ({"sample_sizes": (7,)}, "at least 8"),
         ({"sample_sizes": (24,)}, "20 matches"),
         ({"iterations": ()}, "at least one"),
-        ({"iterations": (0,)}, "positive"),
-        ({"thresholds_px": (-1.0,)}, "positive"),
+        ({"iterations": (0,)}, "iterations: must be a finite number above 0"),
+        ({"thresholds_px": (-1.0,)}, "thresholds_px: must be a finite number above 0"),
         ({"residual": "sampsom"}, "sampson, symmetric, algebraic"),
     ],
 )

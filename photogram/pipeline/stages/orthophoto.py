@@ -10,7 +10,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.camera import Pose
-from photogram.errors import PhotogramError, ProjectError
+from photogram.errors import ProjectError, SurfaceError
 from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
@@ -109,7 +109,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
         grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
         rim = rim_of(seams.looks, seams.label >= 0, blocks)
         if rim is None:
-            raise PhotogramError("orthophoto: no photograph shows the surface: check its heights and the poses")
+            raise SurfaceError("orthophoto: no photograph shows the surface: check its heights and the poses")
         sides, inside, shown, masked = sides_of(rim), 0, 0, 0
 
         def counted() -> Iterator[tuple[Window, ByteArray]]:

@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimu
 from scipy.spatial import cKDTree
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray
-from photogram.errors import PhotogramError
+from photogram.errors import SurfaceError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import ground_sampling_m
@@ -95,10 +95,10 @@ class KnownGround:
 def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Views, most: int) -> KnownGround:
     """Return what tie points tell of a survey matched in ``most`` photographs at a time.
 
-    Raises PhotogramError with fewer than three points or two photographs.
+    Raises SurfaceError with fewer than three points or two photographs.
     """
     if len(points_map_m) < 3 or len(views) < 2:
-        raise PhotogramError(
+        raise SurfaceError(
             f"dense matching starts from tie points: {len(points_map_m)} in {len(views)} photographs are too few"
         )
     low, high = np.percentile(points_map_m[:, 2], [0.1, 99.9])
@@ -108,7 +108,7 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     above = centre[:, 2] - np.median(points_world_m[below, 2], axis=1)
     flying = float(np.median(above))
     if not flying > 0:
-        raise PhotogramError("dense matching needs photographs above the ground they show")
+        raise SurfaceError("dense matching needs photographs above the ground they show")
     gsd = ground_sampling_m(above, views.focal_px)
     neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
     away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
@@ -136,7 +136,7 @@ def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: flo
     chosen, _ = choose_views(views, frame.world_from_map(place), rays)
     seen = place[(chosen >= 0).all(axis=1)]
     if not len(seen):
-        raise PhotogramError(f"no ground is visible in {rays} photographs: dense matching needs overlap")
+        raise SurfaceError(f"no ground is visible in {rays} photographs: dense matching needs overlap")
     half = coarse / 2
     return MapGrid.around(np.vstack([seen[:, :2] - half, seen[:, :2] + half]), cell_m)
 

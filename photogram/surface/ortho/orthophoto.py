@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.errors import PhotogramError, check_positive, check_range
+from photogram.errors import SurfaceError, check_positive, check_range
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.measures.ground_sampling import ground_sampling_m
@@ -123,12 +123,12 @@ def _above_ground_m(views: Views, terrain: Terrain) -> FloatArray:
 def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None) -> MapGrid:
     """Return the grid of an orthophoto over all of the surface that has heights.
 
-    Raises PhotogramError where no photograph is above the surface.
+    Raises SurfaceError where no photograph is above the surface.
     """
     if cell_m is None:
         gsd = ground_sampling_m(_above_ground_m(views, terrain), views.focal_px)
         if not gsd > 0:
-            raise PhotogramError("orthophoto: the photographs are not above the surface: check the surface's heights")
+            raise SurfaceError("orthophoto: the photographs are not above the surface: check the surface's heights")
         cell_m = float(f"{gsd:.1e}")
     dsm = terrain.grid
     rows, columns = np.zeros(dsm.rows, np.bool_), np.zeros(dsm.columns, np.bool_)
@@ -261,7 +261,7 @@ def plan_orthophoto(
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view, and may
     be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is not given;
     ``forced`` gives for the grid of the blocks which view each is to be taken from, −1 for any; ``masks`` which pixels
-    of the photographs are used, all where it is not given. Raises PhotogramError where no photograph is
+    of the photographs are used, all where it is not given. Raises SurfaceError where no photograph is
     above the surface, or the surface has no height.
     """
     settings = settings or OrthophotoSettings()

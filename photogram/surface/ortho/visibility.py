@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.errors import PhotogramError
+from photogram.errors import SurfaceError
 from photogram.frames import LocalFrame
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
@@ -102,10 +102,10 @@ class Terrain:
 
     @staticmethod
     def under(views: Views, frame: LocalFrame, surface: Surface) -> Terrain:
-        """Return the terrain under photographs. Raises PhotogramError where the surface has no heights."""
+        """Return the terrain under photographs. Raises SurfaceError where the surface has no heights."""
         coarse = _lowest_highest(surface)
         if not np.isfinite(coarse[0]).any():
-            raise PhotogramError("orthophoto: the surface has no heights: set orthophoto.enabled to false")
+            raise SurfaceError("orthophoto: the surface has no heights: set orthophoto.enabled to false")
         position = np.ascontiguousarray(frame.map_from_world(views.position_world_m))
         slope = _border_slopes(views, frame, position)
         shown = tuple(_shown(surface.grid, coarse, position[n], slope[n]) for n in range(len(views)))
