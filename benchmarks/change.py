@@ -23,8 +23,8 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from lib.simulated_changes import CORNER, Errors, Heap, epoch, grid_at, uneven
-from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.change.differences import UNCHANGED, Correction, Difference, difference_of
 from photogram.change.m3c2 import CloudErrors, m3c2
 from photogram.change.stable_ground import registration_of
@@ -69,7 +69,7 @@ def surveys(heap: Heap, errors: Errors, rng: np.random.Generator) -> Difference:
     """Return the ground before and after a heap, surveyed once each."""
     grid = grid_at(heap.east_m, heap.north_m, 2.0 * (heap.radius_m + RIM_M + STABLE_M), CELL_M)
 
-    def after(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def after(x: FloatArray, y: FloatArray) -> FloatArray:
         return np.asarray(uneven(x, y) + heap.height(x, y))
 
     return difference_of(epoch(uneven, grid, errors, rng), epoch(after, grid, errors, rng))

@@ -35,8 +35,8 @@ from lib.canopy_scores import canopy_scores, map_cover, table
 from lib.dense_scores import agreement, point_agreement, score
 from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
 from lib.rectified_pairs import heights_of_pairs, warm_up
-from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_codes
 from photogram.grid import MapGrid
@@ -90,7 +90,7 @@ def photogram_heights(project_path: Path, photographs: Path | None = None) -> tu
         return run.surface(), run.surface_sigma()
 
 
-def levels(project_path: Path, photographs: Path | None = None) -> NDArray[np.uint8]:
+def levels(project_path: Path, photographs: Path | None = None) -> ByteArray:
     """Return the codes of `dsm_source.tif` of a project with a finished surface."""
     with open_run(load_project(project_path, photographs)) as run:
         path = run.workspace.stage("surface") / "dsm_source.tif"

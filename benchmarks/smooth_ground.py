@@ -23,11 +23,11 @@ import numpy as np
 import pyogrio
 import shapely
 from lib.dense_scores import gridded_median, unbent
-from numpy.typing import NDArray
 from rasterio.features import rasterize
 from rasterio.transform import from_origin
 from scipy.ndimage import uniform_filter
 
+from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_codes, read_raster
 from photogram.grid import MapGrid
@@ -40,9 +40,7 @@ SQUARE_CELLS = 8
 FEWEST = 30  # points of the cloud around a smooth cell
 
 
-def smooth_ground(
-    position_map_m: NDArray[np.float64], spread_m: float, within_m: float
-) -> tuple[MapGrid, NDArray[np.float64]]:
+def smooth_ground(position_map_m: FloatArray, spread_m: float, within_m: float) -> tuple[MapGrid, FloatArray]:
     """Return a lattice over a cloud (N, 3) and the median height (rows, columns) of its smooth cells, NaN elsewhere.
 
     The scatter is the standard deviation of all points in the square with half the side ``within_m``.
@@ -65,9 +63,7 @@ def smooth_ground(
     return grid, np.where(smooth, gridded_median(position_map_m, grid), np.nan)
 
 
-def differences(
-    heights: NDArray[np.float32], grid: MapGrid, lattice: MapGrid, ground_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def differences(heights: Float32Array, grid: MapGrid, lattice: MapGrid, ground_m: FloatArray) -> FloatArray:
     """Return the heights (rows, columns) minus the smooth ground of the lattice, less a quadratic; NaN elsewhere."""
     east = grid.west_map_m + (np.arange(grid.columns) + 0.5) * grid.cell_m
     north = grid.north_map_m - (np.arange(grid.rows) + 0.5) * grid.cell_m
@@ -83,7 +79,7 @@ def differences(
     return difference
 
 
-def covered(position_map_m: NDArray[np.float64], grid: MapGrid) -> NDArray[np.bool_]:
+def covered(position_map_m: FloatArray, grid: MapGrid) -> BoolArray:
     """Return the cells (rows, columns) of a grid in whose square of SQUARE_CELLS cells points of a cloud (N, 3) lie."""
     squares = grid.coarser(SQUARE_CELLS)
     inside = np.array([grid.west_map_m, grid.north_map_m])

@@ -25,8 +25,8 @@ import yaml
 from lib.canopy_scores import map_cover
 from lib.dense_scores import on_grid
 from lib.dense_truth import simulated_survey, simulated_truth
-from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.files.maps.rasters import read_codes, read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
@@ -45,7 +45,7 @@ class Surfaces:
 
     dsm: Raster
     filled: Raster
-    code: NDArray[np.uint8]
+    code: ByteArray
 
 
 def surfaces(project_path: Path, auto: list[str]) -> Surfaces:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray, IntArray
@@ -330,7 +329,7 @@ def damped_step(system: LinearSystem, damping: float) -> Step:
     return Step(values, 0.5 * (damping * damped_norm - float(system.graph.gradientAtZero().dot(values))))
 
 
-def _gather(values: gtsam.VectorValues, kind: str, indices: NDArray[np.int64] | range, size: int) -> FloatArray:
+def _gather(values: gtsam.VectorValues, kind: str, indices: IntArray | range, size: int) -> FloatArray:
     return np.array([values.at(key(kind, int(i))) for i in indices]).reshape(-1, size)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.frames import LocalFrame
 from photogram.survey import Raster
 
@@ -85,7 +85,7 @@ class MapGrid:
         """Return the window of all cells."""
         return Window(0, 0, self.rows, self.columns)
 
-    def raster(self, values: NDArray[np.float32]) -> Raster:
+    def raster(self, values: Float32Array) -> Raster:
         """Return values (rows, columns) as a raster."""
         return Raster(values, self.west_map_m, self.north_map_m, self.cell_m)
 

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, image_plane_or_nan
 from photogram.compilation import njit
 from photogram.machine import cores
@@ -105,7 +104,7 @@ def intersect(block: Block, rays: int | None = None) -> FloatArray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _largest_ray_angles(
-    first: IntArray, photograph: IntArray, used: NDArray[np.bool_], centre: FloatArray, point: FloatArray
+    first: IntArray, photograph: IntArray, used: BoolArray, centre: FloatArray, point: FloatArray
 ) -> FloatArray:
     angle, most = np.zeros(len(point)), 0
     for p in range(len(point)):
@@ -129,7 +128,7 @@ def _largest_ray_angles(
 
 
 def ray_angles(
-    tie_points: TiePoints, used: NDArray[np.bool_], centre_world_m: FloatArray, position_world_m: FloatArray
+    tie_points: TiePoints, used: BoolArray, centre_world_m: FloatArray, position_world_m: FloatArray
 ) -> FloatArray:
     """Return the largest angle (P,) in rad between any two used rays of each point; 0 with fewer than two rays."""
     return _largest_ray_angles(
@@ -174,7 +173,7 @@ def _consensus(
     limit: FloatArray,
     cameras: OrientedCameras,
     best_point: FloatArray,
-    best_inlier: NDArray[np.bool_],
+    best_inlier: BoolArray,
 ) -> int:
     """The best two-ray intersection of one point by number of supporting rays, then by their residuals."""
     X, R, Cp, Cs = np.empty(3), cameras.rotation, np.empty(3), np.empty(3)
@@ -218,7 +217,7 @@ def _consensus_of_all(
     limit_px: FloatArray,
     cameras: OrientedCameras,
     points: FloatArray,
-    inlier: NDArray[np.bool_],
+    inlier: BoolArray,
 ) -> None:
     for p in range(begin, end):
         support = _consensus(
@@ -245,7 +244,7 @@ def consensus_intersections(
     ideal: FloatArray,
     limit_px: FloatArray,
     cameras: OrientedCameras,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Intersect every tie point from the largest set of rays that agree within ``limit_px`` (N,).
 
     ``first`` (P + 1,) first observation of each point, ``photograph`` (N,), ``pixel`` and ``ideal`` (N, 2). Returns

@@ -16,12 +16,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter
 
 from lib.dense_scores import PHOTOGRAPHS, Edges, edge_displacement, on_grid
 from lib.dense_truth import Truth, centres_map_m
-from photogram.arrays import BoolArray, FloatArray, nmad
+from photogram.arrays import BoolArray, ByteArray, FloatArray, nmad
 from photogram.grid import MapGrid
 from photogram.simulation.cover_truth import WINDOWS_CELLS, CoverTruth, Kind, cover_truth
 from photogram.simulation.simulated_survey import SimulatedSurvey
@@ -150,11 +149,11 @@ class CanopyScores:
     """Those of them above CURTAIN_M over the ground and under the wire."""
 
 
-def _levels(source: NDArray[np.uint8], measured: BoolArray) -> list[int]:
+def _levels(source: ByteArray, measured: BoolArray) -> list[int]:
     return [int(code) for code in np.unique(source[measured]) if code not in (HOLE, FILLED)]
 
 
-def _errors(cover: MapCover, values: FloatArray, sigma: FloatArray, source: NDArray[np.uint8]) -> Iterator[LevelErrors]:
+def _errors(cover: MapCover, values: FloatArray, sigma: FloatArray, source: ByteArray) -> Iterator[LevelErrors]:
     measured = np.isfinite(values) & (cover.truth.seen >= PHOTOGRAPHS)
     for code in _levels(source, measured):
         error = values - cover.reference_m(WINDOW_OF_CODE.get(code, 1))
@@ -207,7 +206,7 @@ def curtain_cells(cover: CoverTruth, height_m: FloatArray) -> tuple[BoolArray, B
 
 
 def canopy_scores(
-    heights: Raster, cover: MapCover, sigma: Raster | None = None, source: NDArray[np.uint8] | None = None
+    heights: Raster, cover: MapCover, sigma: Raster | None = None, source: ByteArray | None = None
 ) -> CanopyScores:
     """Return how good heights are, with their sigmas and with the codes (rows, columns) of their levels where they have
     any. Raises ValueError where cells do not fall on the truth's."""

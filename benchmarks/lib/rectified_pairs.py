@@ -18,10 +18,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane
 from photogram.compilation import njit
 from photogram.files.photographs.images import read_grey
@@ -184,7 +183,7 @@ def rectify(block: Block, pair: tuple[int, int], range_margin: float) -> Rectifi
     return RectifiedPair(pair, rotation, focal, centre, size, count, base_m, poses[0].position_world_m)
 
 
-def rectified(block: Block, pair: RectifiedPair, side: int, grey: ByteArray) -> tuple[ByteArray, NDArray[np.bool_]]:
+def rectified(block: Block, pair: RectifiedPair, side: int, grey: ByteArray) -> tuple[ByteArray, BoolArray]:
     """Return one photograph of a pair rectified, and which of its pixels the photograph holds."""
     photograph = pair.photographs[side]
     camera, pose = _camera(block, photograph), _pose(block, photograph)
@@ -233,9 +232,7 @@ def map_polynomial(frame: LocalFrame, points_world_m: FloatArray) -> MapFromWorl
 
 
 @njit(cache=True, nogil=True)
-def _grouped(
-    cell: NDArray[np.int64], z: NDArray[np.float32], cells: int
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+def _grouped(cell: IntArray, z: Float32Array, cells: int) -> tuple[IntArray, Float32Array]:
     """Return where the values of each cell begin, of length cells + 1, and the values, sorted within their cell."""
     begin = np.zeros(cells + 1, np.int64)
     for n in range(len(cell)):
@@ -254,7 +251,7 @@ def _grouped(
 
 
 @njit(cache=True, nogil=True)
-def _medians(begin: NDArray[np.int64], value: NDArray[np.float32], least: int) -> NDArray[np.float32]:
+def _medians(begin: IntArray, value: Float32Array, least: int) -> Float32Array:
     """Return the median of each cell's values, NaN where there are fewer than ``least``."""
     result = np.full(len(begin) - 1, np.nan, np.float32)
     for n in range(len(result)):
@@ -265,7 +262,7 @@ def _medians(begin: NDArray[np.int64], value: NDArray[np.float32], least: int) -
 
 
 @njit(cache=True, nogil=True)
-def _modes(begin: NDArray[np.int64], value: NDArray[np.float32], least: int, reach: float) -> NDArray[np.float32]:
+def _modes(begin: IntArray, value: Float32Array, least: int, reach: float) -> Float32Array:
     """Return the mean of the most values of each cell within ``reach`` of each other, NaN for fewer than ``least``; of
     two such groups the tighter."""
     result = np.full(len(begin) - 1, np.nan, np.float32)
@@ -286,7 +283,7 @@ def _modes(begin: NDArray[np.int64], value: NDArray[np.float32], least: int, rea
 def _pair_heights(
     block: Block, number: tuple[int, int], read: Callable[[int], ByteArray], grid: MapGrid, to_map: MapFromWorld,
     s: Settings,
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
+) -> tuple[IntArray, Float32Array]:  # fmt: skip
     """Return the cells that a pair gives a height, as row × columns + column, and the heights."""
     pair = rectify(block, number, s.range_margin)
     (left, held), (right, right_held) = (rectified(block, pair, side, read(number[side])) for side in (0, 1))
@@ -309,7 +306,7 @@ def _pair_heights(
     return (found // wide + r0) * grid.columns + found % wide + c0, height[found]
 
 
-def fill_tiny_holes(height: NDArray[np.float32]) -> NDArray[np.float32]:
+def fill_tiny_holes(height: Float32Array) -> Float32Array:
     """Return heights (rows, columns) whose cells without one have the median of their neighbours, where five do."""
     there = np.isfinite(height)
     enough = ~there & (uniform_filter(there.astype(np.float32), 3) * 9 > 4.5)

@@ -15,16 +15,17 @@ import numpy as np
 import rasterio
 from matplotlib.colors import LightSource
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from PIL import Image
 from rasterio.enums import Resampling
+
+from photogram.arrays import FloatArray
 
 LONGER_SIDE_PX = 620
 SIGMA_PERCENTILE = 98
 COLOURS = 200
 
 
-def read(path: Path, bands: list[int]) -> tuple[NDArray[np.float64], float]:
+def read(path: Path, bands: list[int]) -> tuple[FloatArray, float]:
     """Return bands (bands, rows, columns) of a raster, downsampled, NaN for no data, and the side of a cell in m."""
     with rasterio.open(path) as dataset:
         step = max(dataset.width, dataset.height) / LONGER_SIDE_PX

@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LightSource, Normalize
 from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.files.photographs.images import read_grey
 from photogram.grid import Window
 from photogram.pipeline.pipeline import load_project, open_run
@@ -45,7 +46,7 @@ from photogram.surface.dsm import filled_heights, kept_heights
 from photogram.surface.views import Views, places_in_view
 
 HALF, REACH_M = 3, 2.5
-Array = NDArray[np.float64]
+Array = FloatArray
 
 
 class Pictures:

@@ -14,11 +14,10 @@ from functools import cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
 from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
 from photogram.factors.elimination.points import (
@@ -258,8 +257,8 @@ def adjust_bundle(
     observations: Observations,
     state: BundleState,
     *,
-    held_poses: NDArray[np.bool_],
-    free: NDArray[np.bool_],
+    held_poses: BoolArray,
+    free: BoolArray,
     prior_sigma: FloatArray,
     prior_parameters: FloatArray,
     prior_position: FloatArray | None = None,

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.variables import CALIBRATION, POSE, key
 from photogram.projection import (
@@ -39,7 +38,7 @@ class Observations:
     pixel: FloatArray
     sigma_px: FloatArray
 
-    def select(self, keep: NDArray[np.bool_] | IntArray) -> Observations:
+    def select(self, keep: BoolArray | IntArray) -> Observations:
         """Keep the observations of the mask (N,), or of indices."""
         return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep])
 

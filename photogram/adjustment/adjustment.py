@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.adjustment.assessment import Assessed, assessed
 from photogram.adjustment.common_errors import MOST_CHANGES, What, estimates, left_arm, next_change, values_after
@@ -183,7 +182,7 @@ def adjust(
     return adjusted if marks.all() else with_all_marks(adjusted, block, marks)
 
 
-def _of_all(block: Block, marks: NDArray[np.bool_], kept: IntArray) -> IntArray:
+def _of_all(block: Block, marks: BoolArray, kept: IntArray) -> IntArray:
     """Return the numbers in ``block`` of the marks ``marks`` (M,) in the photographs ``kept`` (K,)."""
     return np.flatnonzero(marks & np.isin(block.control_points.mark_photograph, kept))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import reliability
@@ -13,6 +12,7 @@ from photogram.adjustment.rounds import Solved
 from photogram.adjustment.stochastic_model.assumed_gnss import GnssScatter, gnss_scatters
 from photogram.adjustment.stochastic_model.estimated_sigmas import TieGroups, TieScatter, tie_scatter
 from photogram.adjustment.stochastic_model.variance_components import variance_components
+from photogram.arrays import BoolArray
 from photogram.camera import Pose
 from photogram.factors.common_errors import with_values
 from photogram.factors.consider import with_considered
@@ -49,7 +49,7 @@ class Assessed:
     and what scatters by how much."""
 
     block: Block
-    kept: NDArray[np.bool_]
+    kept: BoolArray
     problem: Problem
     state: State
     held: Covariances

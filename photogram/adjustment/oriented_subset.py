@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Pose
 from photogram.results import Adjustment
 from photogram.survey import Block
@@ -21,7 +21,7 @@ def registered_block(block: Block) -> tuple[Block, IntArray]:
     return part_of_block(block, np.array([pose is not None for pose in block.poses], dtype=bool))
 
 
-def part_of_block(block: Block, chosen: NDArray[np.bool_]) -> tuple[Block, IntArray]:
+def part_of_block(block: Block, chosen: BoolArray) -> tuple[Block, IntArray]:
     """Return the block of the photographs ``chosen`` (N,), and their indices (K,) in ``block``.
 
     Tie points keep only the observations in them, and need two; marks in other photographs are left out.
@@ -97,7 +97,7 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
     )
 
 
-def without_marks(block: Block, kept: NDArray[np.bool_]) -> Block:
+def without_marks(block: Block, kept: BoolArray) -> Block:
     """Return the block with the marks ``kept`` (M,) alone."""
     control = block.control_points
     return replace(
@@ -112,7 +112,7 @@ def without_marks(block: Block, kept: NDArray[np.bool_]) -> Block:
     )
 
 
-def with_all_marks(adjustment: Adjustment, block: Block, kept: NDArray[np.bool_]) -> Adjustment:
+def with_all_marks(adjustment: Adjustment, block: Block, kept: BoolArray) -> Adjustment:
     """Return the adjustment of the marks ``kept`` (M,) as one of all marks of ``block``: NaN for the others."""
     known, count = adjustment.reliability, len(kept)
     return replace(

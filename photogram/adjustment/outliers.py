@@ -8,10 +8,9 @@ in both photographs, and by such a depth it can outweigh all other points in wha
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from photogram.arrays import FloatArray, IntArray, grouped
+from photogram.arrays import BoolArray, FloatArray, IntArray, grouped
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
@@ -62,7 +61,7 @@ def outlier_limit_px(tie: TiePoints, scale: float, threshold: float) -> FloatArr
 
 def agreeing_observations(
     problem: Problem, state: State, limit_px: FloatArray, minimum_ray_angle_rad: float
-) -> tuple[NDArray[np.bool_], FloatArray]:
+) -> tuple[BoolArray, FloatArray]:
     """Return the observations that agree with the cameras as they stand, and where to start their points.
 
     A point whose observations all lie within ``limit_px`` (N,) of where the adjusted point projects keeps them all.
@@ -105,7 +104,7 @@ def _inverse_depths(block: Block, state: State, seen: IntArray, points: FloatArr
     return inverse
 
 
-def within_depths(block: Block, state: State, used: NDArray[np.bool_], points: FloatArray) -> NDArray[np.bool_]:
+def within_depths(block: Block, state: State, used: BoolArray, points: FloatArray) -> BoolArray:
     """Return the observations (N,) without those of points of two rays that lie, in both photographs, far nearer or
     farther than all others; ``points`` (P, 3) are the tie points of ``block``.
 
@@ -129,13 +128,11 @@ def within_depths(block: Block, state: State, used: NDArray[np.bool_], points: F
     reach = FENCE_RANGES * (upper - lower) + FENCE_SHARE * middle
     beyond = (near > (upper + reach)[photograph]) | (near < (lower - reach)[photograph])
     outside = np.bincount(point[beyond & fenced[photograph]], minlength=len(tie))
-    usual: NDArray[np.bool_] = (np.bincount(point, minlength=len(tie)) != 2) | (outside != 2)
+    usual: BoolArray = (np.bincount(point, minlength=len(tie)) != 2) | (outside != 2)
     return np.logical_and(used, usual[tie.point])
 
 
-def without_narrow(
-    tie: TiePoints, state: State, used: NDArray[np.bool_], minimum_ray_angle_rad: float
-) -> NDArray[np.bool_]:
+def without_narrow(tie: TiePoints, state: State, used: BoolArray, minimum_ray_angle_rad: float) -> BoolArray:
     """Return the observations (N,) without those of points that the last round has moved so far away that their rays,
     nearly parallel, do not tell where."""
     narrow = ray_angles(tie, used, state.position, state.tie_point) < NARROWED * minimum_ray_angle_rad
@@ -144,7 +141,7 @@ def without_narrow(
 
 def first_agreement(
     problem: Problem, state: State, limit_px: float, minimum_ray_angle_rad: float
-) -> tuple[float, NDArray[np.bool_], FloatArray]:
+) -> tuple[float, BoolArray, FloatArray]:
     """Return the limit in px before anything is adjusted, the observations that agree within it, and where to start
     their points; the limit is ``limit_px``, or more where poses are so far off that most of what is right would be
     beyond it."""
@@ -156,6 +153,6 @@ def first_agreement(
         limit_px *= 4.0
 
 
-def settled(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> bool:
+def settled(before: BoolArray, after: BoolArray) -> bool:
     """Return whether two choices (N,) of observations differ in so few that another round would change nothing."""
     return int(np.count_nonzero(before != after)) <= len(after) // 20000

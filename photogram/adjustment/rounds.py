@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.adjustment.outliers import (
     agreeing_observations,
@@ -32,7 +31,7 @@ from photogram.adjustment.stochastic_model.estimated_sigmas import (
     tie_scatter,
     weighted,
 )
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.factors.elimination.levenberg_marquardt import Minimum
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
@@ -55,7 +54,7 @@ class Solved:
     whole: Problem
     problem: Problem
     minimum: Minimum
-    used: NDArray[np.bool_]
+    used: BoolArray
     limit_px: FloatArray
     groups: TieGroups
     factors: Factors
@@ -92,7 +91,7 @@ def solve_rounds(
     whole, steady = weighted(stated, groups, factors), not estimating
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
-    used: NDArray[np.bool_] = np.zeros(len(whole.tie), dtype=bool)
+    used: BoolArray = np.zeros(len(whole.tie), dtype=bool)
     limit_px = np.full(len(whole.tie), first)
     draft, reached = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance)), None
     for number in range(min(first_round, settings.maximum_rounds), settings.maximum_rounds + 1):

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from photogram.arrays import IntArray
 from photogram.change.differences import (
     Correction,
     Difference,
@@ -167,7 +167,7 @@ def _fill(
     sums: Sequence[VolumeSums],
     layers: Layers,
     within: SitePolygon | None = None,
-) -> NDArray[np.int64]:
+) -> IntArray:
     """Fill a tile of the layers, of a polygon alone if there is one, and add its cells to sums; return cells by code
     and, last, interpolated ones."""
     margin, counts = difference.margin, np.zeros(4, np.int64)
@@ -202,7 +202,7 @@ def _over_tiles(
     outline_sigma_m: float,
     layers: Layers,
     progress: Progress,
-) -> tuple[list[VolumeSums], NDArray[np.int64]]:
+) -> tuple[list[VolumeSums], IntArray]:
     """Fill the layers tile by tile; return the sums of each polygon, and cells by code and, last, interpolated ones."""
     grid, patterns = difference.grid, difference.patterns(correction)
     sums = [VolumeSums(p.name, p.polygon, grid, patterns, outline_sigma_m) for p in polygons]
@@ -239,7 +239,7 @@ def _summary(
     applied: bool,
     bases: tuple[Registration, ...],
     sums: Sequence[VolumeSums],
-    counts: NDArray[np.int64],
+    counts: IntArray,
     layers: Layers,
 ) -> SurfaceChange:
     grid, (earlier, later) = difference.grid, (difference.earlier, difference.later)

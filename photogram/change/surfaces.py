@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.errors import ProjectError, ReportError
 from photogram.files.maps.rasters import RasterFile, open_raster
 from photogram.grid import MapGrid, Window
@@ -279,7 +278,7 @@ def _resampled(raster: RasterFile, grid: MapGrid, window: Window) -> FloatArray:
     return np.ascontiguousarray(_between(values.T, column - read.column).T)
 
 
-def _doubled(values: NDArray[np.float32]) -> FloatArray:
+def _doubled(values: Float32Array) -> FloatArray:
     with np.errstate(invalid="ignore"):  # a damaged block may hold NaN that signal
         return np.asarray(values, dtype=np.float64)
 

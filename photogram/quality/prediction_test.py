@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.quality.accuracy import AXES, FALSE_ALARMS
 from photogram.results import Adjustment
 from photogram.survey import ControlPoints
@@ -124,7 +123,7 @@ def _probability(p: float) -> str:
     return "below 0.001" if p < 0.001 else "above 0.999" if p > 0.999 else f"{p:.3f}"
 
 
-def checked_axes(points: ControlPoints) -> NDArray[np.bool_]:
+def checked_axes(points: ControlPoints) -> BoolArray:
     """Return which coordinates (G, 3) of ground points take no part in the adjustment, to be compared with it."""
     return ~points.controlled
 
@@ -225,12 +224,12 @@ def contradicting_points(
     return found
 
 
-def _square(d: FloatArray, joint: FloatArray, of: NDArray[np.bool_]) -> float:
+def _square(d: FloatArray, joint: FloatArray, of: BoolArray) -> float:
     return float(d[of] @ np.linalg.solve(joint[np.ix_(of, of)], d[of]))
 
 
 def _rest(
-    d: FloatArray, joint: FloatArray, point: IntArray, of: NDArray[np.bool_], others: Sequence[tuple[int, float]]
+    d: FloatArray, joint: FloatArray, point: IntArray, of: BoolArray, others: Sequence[tuple[int, float]]
 ) -> tuple[int, float]:
     """Return the degrees of freedom of all other tests, and their variance factor: the smaller of mean and median,
     since another blunder among them raises the mean."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import ByteArray, FloatArray, IntArray
 
 STEPS = 2**16
 """Steps along each side of a block: what 16 bits count."""
@@ -31,8 +31,8 @@ class PackedPositions:
     origin_map_m: FloatArray
     step_m: float
     step: NDArray[np.uint16]
-    order: NDArray[np.int64]
-    blocks: NDArray[np.int64]
+    order: IntArray
+    blocks: IntArray
 
     def position_map_m(self) -> FloatArray:
         """Return the positions (N, 3) that are meant, in the order of the rows."""
@@ -72,6 +72,6 @@ def pack_figures(values: FloatArray | None, count: int) -> tuple[NDArray[np.uint
     return packed, step
 
 
-def as_text(values: NDArray[np.uint16] | NDArray[np.uint8]) -> str:
+def as_text(values: NDArray[np.uint16] | ByteArray) -> str:
     """Return the bytes of an array, the lowest of each number first, in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()).decode()

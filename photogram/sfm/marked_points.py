@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import image_plane_or_nan
 from photogram.survey import Block
 from photogram.triangulation import consensus_intersections
@@ -17,7 +16,7 @@ of the two: cameras are not calibrated yet, and what a lens bends grows with the
 _LIMIT = 4.0
 
 
-def intersected_marks(block: Block) -> tuple[FloatArray, NDArray[np.bool_]]:
+def intersected_marks(block: Block) -> tuple[FloatArray, BoolArray]:
     """Return the ground points (G, 3) of an oriented block from the marks that agree, in the world, NaN with fewer than
     two, and which marks do."""
     points = block.control_points

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 
 UNITS = 2.0  # that the threshold is for OpenCV: its USAC refines nothing at unit focal length
 PLANAR = 0.7  # share of points on one homography from which a scene counts as a plane
@@ -28,7 +27,7 @@ class RelativeOrientation:
 
     rotation: FloatArray
     translation: FloatArray
-    inliers: NDArray[np.bool_]
+    inliers: BoolArray
     ray_angle_rad: float
 
 

@@ -8,9 +8,8 @@ the seven parameters, so triples are drawn and the one with the most agreeing pa
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Similarity
 from photogram.errors import OrientationError
 
@@ -62,7 +61,7 @@ def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | 
     return Similarity(scale, R, b - scale * R @ a)
 
 
-def _triples(count: int, seed: int) -> NDArray[np.int64]:
+def _triples(count: int, seed: int) -> IntArray:
     rng = np.random.default_rng(seed)
     drawn = np.array([rng.permutation(count)[:3] for _ in range(TRIPLES)])
     return np.asarray(np.unique(np.sort(drawn, axis=1), axis=0), dtype=np.int64)
@@ -70,7 +69,7 @@ def _triples(count: int, seed: int) -> NDArray[np.int64]:
 
 def robust_similarity(
     source: FloatArray, target: FloatArray, sigma_m: FloatArray, *, limit: float = 4.0, seed: int = 0
-) -> tuple[Similarity, NDArray[np.bool_]]:
+) -> tuple[Similarity, BoolArray]:
     """Return the similarity that most pairs of positions (N, 3) agree with, and which do.
 
     ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within ``limit`` of them. The least-squares

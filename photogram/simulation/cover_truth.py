@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, correlate1d, distance_transform_edt
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray
 from photogram.simulation.cover.hits import leaves_over
 from photogram.simulation.cover.leaves import Lines, PlantKind
 from photogram.simulation.scene import Material, Scene
@@ -53,7 +52,7 @@ class CoverTruth:
     that have leaves, those at its rim by half; NaN where they are less than half of the window."""
     spread_m: FloatArray
     """Standard deviation (W, R, C) of what is seen from above, leaves and gaps, over the same windows."""
-    kind: NDArray[np.uint8]
+    kind: ByteArray
     """Kind of each cell. Gaps of a crown belong to it."""
     edge_m: FloatArray
     """Distance (R, C) from the nearest rim of a building, in m."""

@@ -12,10 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
 from photogram.machine import cores
@@ -43,11 +42,11 @@ _EXPOSURE_PHASE = 41.7  # lattice planes between the waves of two exposures: the
 class _Field(NamedTuple):
     """A scene as the kernels take it; ``floor_m`` lies below and ``ceiling_m`` above everything."""
 
-    height: NDArray[np.float32]
+    height: Float32Array
     material: ByteArray
     light: ByteArray
-    block_max: NDArray[np.float32]
-    block_target: NDArray[np.int32]
+    block_max: Float32Array
+    block_target: Int32Array
     targets: FloatArray
     sun: FloatArray
     west: float
@@ -85,7 +84,7 @@ def _first_root(A: float, B: float, C: float) -> float:
 
 @njit(cache=True)
 def _hit_in_block(
-    height: NDArray[np.float32], block: tuple[int, int], o: FloatArray, d: FloatArray, start: float, end: float
+    height: Float32Array, block: tuple[int, int], o: FloatArray, d: FloatArray, start: float, end: float
 ) -> float:
     """Return where the ray o + t d (columns, rows, metres) first meets the cells of a block before ``end``, or NaN."""
     rows, columns = height.shape
@@ -330,7 +329,7 @@ def _render_covered_rows(
     height_px: int,
     vignetting: float,
     exposure: int,
-    out: NDArray[np.float32],
+    out: Float32Array,
 ) -> None:
     """Fill rows as _render_rows does, with cover: where leaves or lines may be, a pixel has four rays for them."""
     rgb, d, parts = np.empty(3), np.empty(3), np.empty((4, 3))
@@ -371,7 +370,7 @@ def _render_rows(
     first: int,
     height_px: int,
     vignetting: float,
-    out: NDArray[np.float32],
+    out: Float32Array,
 ) -> None:
     """Fill rows of a photograph, the only one of ``cameras``, from row ``first`` on, with digital numbers; where a ray
     meets nothing it sees sky."""
@@ -420,16 +419,16 @@ def render(
     field, one = _field(scene), oriented_by([camera], np.zeros(1, dtype=np.int64), [pose])
     readout = camera.readout_s * pose.velocity_world_m_s
     picture = np.empty((camera.height_px, camera.width_px, 3), np.float32)
-    fill: Callable[[int, NDArray[np.float32]], None]
+    fill: Callable[[int, Float32Array], None]
     if scene.cover is None:
 
-        def fill(row: int, out: NDArray[np.float32]) -> None:
+        def fill(row: int, out: Float32Array) -> None:
             _render_rows(field, one, readout, row, camera.height_px, vignetting, out)
 
     else:
         pieces, colours = scene.cover.pieces(exposure), (scene.cover.leaves.rgb, scene.cover.lines.rgb)
 
-        def fill(row: int, out: NDArray[np.float32]) -> None:
+        def fill(row: int, out: Float32Array) -> None:
             _render_covered_rows(field, pieces, colours, one, readout, row, camera.height_px, vignetting, exposure, out)
 
     with ThreadPoolExecutor(threads or cores()) as pool:
@@ -468,7 +467,7 @@ def intersect(scene: Scene, camera: Camera, pose: Pose, pixels: FloatArray, *, e
     return np.asarray(pose.position_world_m + t[:, None] * direction)
 
 
-def visible(scene: Scene, pose: Pose, points_world_m: FloatArray, *, tolerance_m: float = 0.05) -> NDArray[np.bool_]:
+def visible(scene: Scene, pose: Pose, points_world_m: FloatArray, *, tolerance_m: float = 0.05) -> BoolArray:
     """Return which points (N, 3) of the world frame are not hidden by the scene from a projection centre.
 
     A point up to ``tolerance_m`` below the surface, along the ray, counts as visible; leaves are where they are at

@@ -14,10 +14,9 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.frames import LocalFrame
 from photogram.simulation.cover.leaves import Cover
@@ -136,7 +135,7 @@ def terrain_height(seed: int, relief_m: float, xy: FloatArray) -> FloatArray:
 class Scene:
     """A site: height field, material and light at its vertices. Beyond its edge the height of the edge continues."""
 
-    height_m: NDArray[np.float32]
+    height_m: Float32Array
     """Heights (R, C) of the vertices at (west_m + c cell_m, south_m + r cell_m)."""
     material: ByteArray
     """Material (R, C)."""
@@ -177,7 +176,7 @@ class Scene:
             return height
         return np.fmax(height, self.cover.height(np.asarray(xy, np.float64)))
 
-    def open_ground(self, xy: FloatArray, reach_m: float) -> NDArray[np.bool_]:
+    def open_ground(self, xy: FloatArray, reach_m: float) -> BoolArray:
         """Return which positions (N, 2) have neither a building nor a tree within ``reach_m``, and lie on the site."""
         steps = np.arange(-np.ceil(reach_m / self.cell_m), np.ceil(reach_m / self.cell_m) + 1)
         offset = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
@@ -201,7 +200,7 @@ class Scene:
         return self.west_m, self.south_m, east, north
 
     @cached_property
-    def block_max(self) -> NDArray[np.float32]:
+    def block_max(self) -> Float32Array:
         """Return the highest vertex of each block of BLOCK_CELLS cells, its borders included."""
         highest = self.height_m
         for axis in (0, 1):
@@ -214,7 +213,7 @@ class Scene:
         return np.ascontiguousarray(highest)
 
     @cached_property
-    def block_target(self) -> NDArray[np.int32]:
+    def block_target(self) -> Int32Array:
         """Return the index of the target that reaches into each block, −1 for none. Raises ValueError where two do."""
         result = np.full(self.block_max.shape, -1, np.int32)
         side, reach = BLOCK_CELLS * self.cell_m, RING * self.target_radius_m + self.finest_wavelength_m
@@ -343,7 +342,7 @@ class Builder:
         )  # fmt: skip
 
 
-def _light(height_m: NDArray[np.float32], cell_m: float, sun: FloatArray) -> ByteArray:
+def _light(height_m: Float32Array, cell_m: float, sun: FloatArray) -> ByteArray:
     """Sweep the edge of the shadow from row to row, away from a sun in the south (sun[1] < 0, |sun[0]| ≤ |sun[1]|)."""
     depth_m = np.zeros(height_m.shape)
     column = np.arange(height_m.shape[1], dtype=np.float64)

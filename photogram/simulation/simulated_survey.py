@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.camera import Camera
 from photogram.frames import LocalFrame
 from photogram.simulation.covered_site import make_covered_scene
@@ -99,7 +99,7 @@ def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
     )
 
 
-def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Iterator[tuple[str, ByteArray]]:
     """Yield the name and the pixels (height_px, width_px, 3), red, green, blue, of each photograph of a survey."""
     for number, (photograph, pose) in enumerate(zip(survey.photographs, survey.truth.poses, strict=True)):
         noise = survey.seed * 100_003 + number

@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from photogram.arrays import ByteArray, Float32Array, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
 
@@ -79,7 +78,7 @@ _NEAREST = 8
 
 
 @njit(cache=True, nogil=True)
-def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: int, out: NDArray[np.bool_]) -> None:
+def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: int, out: BoolArray) -> None:
     rows, columns = height.shape
     for r in range(rows):
         for c in range(columns):
@@ -93,9 +92,7 @@ def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: 
             out[r, c] = near >= least
 
 
-def supported_cells(
-    height_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT
-) -> NDArray[np.bool_]:
+def supported_cells(height_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT) -> BoolArray:
     """Return which cells (rows, columns) have so many neighbours within reach at the steepest slope, give or take their
     standard deviations; those without height have none."""
     out = np.empty(height_m.shape, dtype=bool)
@@ -104,7 +101,7 @@ def supported_cells(
 
 
 @njit(cache=True, nogil=True)
-def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: NDArray[np.int32]) -> None:
+def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: Int32Array) -> None:
     """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
     standard deviation of a cell that may count, NaN where none may."""
     rows, columns = height.shape
@@ -134,7 +131,7 @@ def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out
             out[place[n] // columns, place[n] % columns] = count
 
 
-def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float) -> NDArray[np.int32]:
+def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float) -> Int32Array:
     """Return how many cells (rows, columns) the patch of each cell has, 0 where there is no height: cells that are
     connected by neighbours, diagonal ones too, as LINK_SLOPE says."""
     count = np.empty(height_m.shape, dtype=np.int32)

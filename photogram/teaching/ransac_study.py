@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray, check_shape
+from photogram.arrays import FloatArray, Int32Array, IntArray, check_shape
 from photogram.errors import SettingError, check_positive
 
 Residual = Literal["sampson", "symmetric", "algebraic"]
@@ -124,7 +123,7 @@ class RansacStudy:
     sample_sizes: tuple[int, ...]
     thresholds_px: tuple[float, ...]
     residual: Residual
-    inliers: NDArray[np.int32]
+    inliers: Int32Array
     best_fundamental: FloatArray
 
     def __post_init__(self) -> None:
@@ -133,12 +132,12 @@ class RansacStudy:
         check_shape("best_fundamental", self.best_fundamental, (*shape, 3, 3))
 
     @property
-    def running_best(self) -> NDArray[np.int32]:
+    def running_best(self) -> Int32Array:
         """Most inliers (S, T, I) up to each iteration."""
         return np.maximum.accumulate(self.inliers, axis=2)
 
     @property
-    def best_inliers(self) -> NDArray[np.int32]:
+    def best_inliers(self) -> Int32Array:
         """Most inliers (S, T, len(iterations)) after each of the numbers of iterations."""
         return self.running_best[..., np.array(self.iterations) - 1]
 

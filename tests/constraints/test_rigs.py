@@ -5,13 +5,13 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from photogram.arrays import FloatArray
 from photogram.constraints.rigs import RelativePose, exposures, relative_poses
 
 
-def poses(seed: int, count: int = 5) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def poses(seed: int, count: int = 5) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
     rotations = Rotation.from_rotvec(rng.normal(size=(count, 3))).as_matrix()
     return rotations, rng.normal(size=(count, 3)) * 100.0

@@ -9,11 +9,10 @@ import gtsam
 import numpy as np
 import pytest
 from makers import problem_of, simulated
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.problem import AdjustmentSettings, minimise
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import oriented_by
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle, minimise_bundle
@@ -171,7 +170,7 @@ def growing(sigma_px: float = 0.0, tie_points: int = 200) -> tuple[SimulatedBloc
 class Freedom(TypedDict):
     """Which calibration parameters move, and their priors."""
 
-    free: NDArray[np.bool_]
+    free: BoolArray
     prior_sigma: FloatArray
 
 

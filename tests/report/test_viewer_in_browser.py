@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from photogram.arrays import ByteArray, FloatArray
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
 from photogram.report.printing import find_browser
@@ -85,7 +85,7 @@ def show(browser: Chrome, page: Path, size: tuple[int, int] = WIDE, scheme: str 
     wait_until(browser, "location.hash.includes('distance') && picture.dataset.drawn === 'all'")
 
 
-def picture(browser: Chrome, size: tuple[int, int] = WIDE) -> NDArray[np.uint8]:
+def picture(browser: Chrome, size: tuple[int, int] = WIDE) -> ByteArray:
     """Return what the screen shows of the cloud (rows, columns, 3), without the cards."""
     browser.execute_script(
         "document.querySelectorAll('.card, #labels').forEach(e => { e.style.visibility = 'hidden'; })"
@@ -133,9 +133,7 @@ def address(browser: Chrome) -> dict[str, str]:
     return dict(part.split("=") for part in browser.execute_script("return location.hash.slice(1)").split("&"))
 
 
-def expected_pixel(
-    place_map_m: NDArray[np.float64], view: dict[str, str], size: tuple[int, int]
-) -> NDArray[np.float64]:
+def expected_pixel(place_map_m: FloatArray, view: dict[str, str], size: tuple[int, int]) -> FloatArray:
     """Project a place of the map as the page should: a second implementation, by rotation matrices."""
     azimuth, tilt, distance = (float(view[name]) for name in ("azimuth", "tilt", "distance"))
     a, t = np.radians(azimuth), np.radians(tilt)
@@ -366,7 +364,7 @@ def cloud_share(browser: Chrome, size: tuple[int, int] = WIDE) -> float:
     return float(np.mean(np.any(image != image[-3, size[0] // 2], axis=2)))
 
 
-def pixels_of(browser: Chrome, cloud: DescribedCloud, size: tuple[int, int]) -> NDArray[np.float64]:
+def pixels_of(browser: Chrome, cloud: DescribedCloud, size: tuple[int, int]) -> FloatArray:
     view = address(browser)
     return np.array([expected_pixel(place, view, size) for place in cloud.position_map_m])
 
@@ -473,7 +471,7 @@ def test_a_distance_tells_its_sigma_and_what_it_holds(browser: Chrome, page: Pat
     grid, (a, *_, b) = found["grid"], found["ends"]
     (sigma_a, factor_a), (sigma_b, factor_b) = (at_nodes(grid, np.array(end["place"])) for end in (a, b))
 
-    def own(end: Json, sigma: NDArray[np.float64]) -> float:
+    def own(end: Json, sigma: FloatArray) -> float:
         total, shared, usual = end["cloud"]["sigma_m"] ** 2, sigma[2] ** 2, grid["own_m"][1]
         return float(min(usual**2, total) if shared > 0.8 * total and usual is not None else max(total - shared, 0))
 
@@ -499,7 +497,7 @@ def test_a_distance_tells_its_sigma_and_what_it_holds(browser: Chrome, page: Pat
     assert "1 sigma" in browser.execute_script("return said.innerText")
 
 
-def at_nodes(grid: Json, place: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def at_nodes(grid: Json, place: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Sigmas (3,) and factor (3, R) at a place, bilinear: a second implementation."""
     n = grid["nodes"]
     u, v = (float(np.clip((place[k] - grid["low_m"][k]) / grid["step_m"][k], 0, n - 1)) for k in (0, 1))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array
 from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import filled_heights
 from photogram.surface.ortho import closed_surface
@@ -21,7 +22,7 @@ WOOD = (ROWS > 160) & (COLUMNS > 150)
 WATER = (ROWS > 200) & (COLUMNS < 100)
 
 
-def site() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def site() -> tuple[Float32Array, Float32Array]:
     """Return a gentle slope with a house, a wood of crowns of which a third is measured, and water without heights; and
     standard deviations."""
     rng = np.random.default_rng(1)
@@ -34,7 +35,7 @@ def site() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     return height.astype(np.float32), np.full(ROWS.shape, 0.03, np.float32)
 
 
-def closed(height: NDArray[np.float32], sigma: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
+def closed(height: Float32Array, sigma: Float32Array) -> tuple[NDArray[Any], NDArray[Any]]:
     filled = filled_heights(height, GRID.cell_m, 25)
     out, spread = np.full(height.shape, np.nan, np.float32), np.full(height.shape, np.nan, np.float32)
 
@@ -42,7 +43,7 @@ def closed(height: NDArray[np.float32], sigma: NDArray[np.float32]) -> tuple[NDA
         at = window.slices
         return filled[at], np.isfinite(height[at]), sigma[at]
 
-    def write(window: Window, values: NDArray[np.float32], sigmas: NDArray[np.float32]) -> None:
+    def write(window: Window, values: Float32Array, sigmas: Float32Array) -> None:
         out[window.slices], spread[window.slices] = values, sigmas
 
     with ThreadPoolExecutor(2) as pool:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.surface.dense.correlation import (
     LEFT_OUT,
     NEUTRAL,
@@ -63,7 +64,7 @@ def test_two_photographs_at_least_must_agree(count: int, share: float, least: in
     assert share_of(count, share) == least
 
 
-def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> NDArray[np.uint8]:
+def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> ByteArray:
     """Return the costs (rows, columns, hypotheses) from REACH steps below the true height to as many above it."""
     rows, columns = plane.grid.rows, plane.grid.columns
     count = 2 * REACH + 1

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array
+from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import (
     FILL_DIRECTIONS,
@@ -24,7 +23,7 @@ from photogram.surface.dsm import (
 CELL_M = 0.25
 
 
-def kept(height: NDArray[np.float64], correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
+def kept(height: FloatArray, correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
     sigma, agreed = (np.full(height.shape, value, np.float32) for value in (sigma_m, correlation))
     count = np.full(height.shape, rays, np.uint8)
     return kept_heights(height.astype(np.float32), sigma, agreed, count, count, CELL_M, 0.6)
@@ -45,7 +44,7 @@ def test_two_photographs_do_not_outvote_three_others() -> None:
         assert np.isfinite(kept_heights(height, 0 * some, some, agree, see, CELL_M, 0.6)[INSIDE]).all() == stays
 
 
-def pit(side: int) -> NDArray[np.float64]:
+def pit(side: int) -> FloatArray:
     """Return a plane with a square pit, 4 m deep; its outermost cells lack the support of neighbours."""
     height = np.full((60, 60), 10.0)
     height[20 : 20 + side, 20 : 20 + side] -= 4.0
@@ -104,7 +103,7 @@ def test_what_is_kept_does_not_depend_on_the_window(seed: int, row: int, column:
     assert np.isfinite(whole).any()
 
 
-def plane(rows: int, columns: int, east: float, south: float) -> NDArray[np.float64]:
+def plane(rows: int, columns: int, east: float, south: float) -> FloatArray:
     """Return heights of a plane that rises by so many metres per metre."""
     row, column = np.mgrid[:rows, :columns]
     return np.asarray(10.0 + CELL_M * (east * column + south * row))
@@ -148,7 +147,7 @@ def test_what_the_photographs_do_not_agree_on_goes(correlation: float, rays: int
     assert np.isnan(kept(np.zeros((9, 9)), correlation, rays)).all()
 
 
-def holed(rows: int, columns: int, seed: int) -> NDArray[np.bool_]:
+def holed(rows: int, columns: int, seed: int) -> BoolArray:
     return np.random.default_rng(seed).random((rows, columns)) < 0.6
 
 
@@ -200,7 +199,7 @@ def test_filling_does_not_depend_on_the_window(seed: int, row: int, column: int,
     assert np.array_equal(part[at][:, : window.shape[1]], whole, equal_nan=True)
 
 
-def covariances(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def covariances(count: int, rng: np.random.Generator) -> FloatArray:
     root = 0.02 * rng.normal(size=(count, 3, 3))
     return np.asarray(root @ root.transpose(0, 2, 1))
 

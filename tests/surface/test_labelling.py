@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray, Float32Array, Int32Array
 from photogram.surface.ortho.labelling import chosen_labels
 
 
-def lists(rng: np.random.Generator, rows: int, columns: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def lists(rng: np.random.Generator, rows: int, columns: int) -> tuple[Int32Array, Float32Array]:
     """Draw lists of three out of five photographs, some shorter, sorted by cost."""
     candidate = np.array([rng.permutation(5)[:3] for _ in range(rows * columns)], np.int32).reshape(rows, columns, 3)
     cost = np.sort(rng.uniform(0.0, 1.0, candidate.shape), axis=2).astype(np.float32)
@@ -26,10 +27,10 @@ def lists(rng: np.random.Generator, rows: int, columns: int) -> tuple[NDArray[np
 class Costs:
     """A drawn lattice: lists with their costs, prices of seams, and how much neighbours' candidates differ besides."""
 
-    candidate: NDArray[np.int32]
-    cost: NDArray[np.float32]
-    prices: tuple[NDArray[np.float32], NDArray[np.float32]]
-    differ: tuple[NDArray[np.uint8], NDArray[np.uint8], float]
+    candidate: Int32Array
+    cost: Float32Array
+    prices: tuple[Float32Array, Float32Array]
+    differ: tuple[ByteArray, ByteArray, float]
 
     @staticmethod
     def drawn(rng: np.random.Generator, shape: tuple[int, int]) -> Costs:
@@ -45,7 +46,7 @@ class Costs:
                 b[i, j, k, n] = table[1, i, j, candidate[i, j, k], candidate[i + 1, j, n]]
         return Costs(candidate, cost, (right, below), (a, b, 0.002))
 
-    def labels(self) -> NDArray[np.int32]:
+    def labels(self) -> Int32Array:
         return chosen_labels(self.candidate, self.cost, self.prices, self.differ, 15)
 
     def energy(self, label: NDArray[Any]) -> float:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array
+from photogram.arrays import Float32Array, FloatArray
 from photogram.camera import Pose
 from photogram.errors import PhotogramError
 from photogram.grid import MapGrid, Window
@@ -45,7 +44,7 @@ def made() -> SimulatedSurvey:
     return simulate(SurveyPlan(strips=2, photographs_per_strip=3, flying_height_m=60.0, buildings=6, trees=30), 12)
 
 
-def tie_points(made: SimulatedSurvey, count: int = 1500) -> NDArray[np.float64]:
+def tie_points(made: SimulatedSurvey, count: int = 1500) -> FloatArray:
     """Return points (N, 3) of the world on the surface, roofs and trees included."""
     reach = 0.45 * (made.scene.extent_m[2] - made.scene.extent_m[0])
     plan = np.random.default_rng(5).uniform(-reach, reach, (count, 2))

@@ -15,8 +15,8 @@ import rasterio.features
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.errors import ProjectError
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.pipeline.pipeline import load_project, open_run
@@ -47,7 +47,7 @@ def test_photographs_are_decoded_once_and_few_are_kept() -> None:
     read: list[int] = []
     start = Barrier(4)
 
-    def decode(number: int) -> NDArray[np.uint8]:
+    def decode(number: int) -> ByteArray:
         read.append(number)
         return np.full((2, 2, 3), number, np.uint8)
 
@@ -65,7 +65,7 @@ def test_photographs_are_decoded_once_and_few_are_kept() -> None:
 
 
 def test_a_photograph_that_cannot_be_read_stops_whoever_asks() -> None:
-    def fail(number: int) -> NDArray[np.uint8]:
+    def fail(number: int) -> ByteArray:
         raise OSError(f"photograph {number}")
 
     with pytest.raises(OSError, match="photograph 3"):

@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array, FloatArray
 from photogram.surface.dense.window_sums import Window, fill_correlations, room_for_sums
 
 LARGEST = 8
 
 
-def correlations(samples: NDArray[Any], window: Window, per_cell: int, rows: int, columns: int) -> NDArray[np.float32]:
+def correlations(samples: NDArray[Any], window: Window, per_cell: int, rows: int, columns: int) -> Float32Array:
     """Return the correlations (K, K, rows, columns) of samples (K, Y, X) of a lattice, and of nothing beyond it."""
     count, more = len(samples), 2 * window.half // per_cell
     width = columns + more
@@ -30,7 +31,7 @@ def correlations(samples: NDArray[Any], window: Window, per_cell: int, rows: int
     return pairs.reshape(count, count, rows, width)[..., :columns]
 
 
-def photographs_alike(rng: np.random.Generator, count: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def photographs_alike(rng: np.random.Generator, count: int, shape: tuple[int, ...]) -> FloatArray:
     """Return samples (count, …) of one texture with unlike noise, gain and offset."""
     each = (count, *(1 for _ in shape))
     grey = rng.normal(size=shape) + rng.uniform(0.2, 3.0, each) * rng.normal(size=(count, *shape))

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import PhotogramError
 from photogram.teaching.ransac_study import (
     RansacStudy,
@@ -43,7 +42,7 @@ def two_photographs(count: int, seed: int = 0) -> tuple[FloatArray, FloatArray, 
     return first[:, :2] / first[:, 2:], second[:, :2] / second[:, 2:], F / np.linalg.norm(F)
 
 
-def with_outliers(count: int, fraction: float, seed: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def with_outliers(count: int, fraction: float, seed: int) -> tuple[FloatArray, FloatArray, BoolArray]:
     first, second, _ = two_photographs(count, seed)
     random = np.random.default_rng(seed + 100)
     wrong = np.arange(count) < round(count * fraction)

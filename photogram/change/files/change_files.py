@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import Float32Array, FloatArray
 from photogram.change.differences import LOWERED, RAISED, UNCHANGED, Difference
 from photogram.change.figure import DifferencePicture, difference_picture, volume_label
 from photogram.change.files.polygon_files import SitePolygon
@@ -100,7 +99,7 @@ def every_cell(layer: GridFile, step: int) -> FloatArray:
     return np.array(rows, dtype=np.float64)
 
 
-def _tiles_of(layer: GridFile) -> Iterator[tuple[Window, NDArray[np.float32]]]:
+def _tiles_of(layer: GridFile) -> Iterator[tuple[Window, Float32Array]]:
     return ((tile, layer.read(tile)) for tile in layer.grid.tiles(TILE_CELLS))
 
 

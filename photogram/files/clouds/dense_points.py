@@ -10,9 +10,8 @@ from pathlib import Path
 
 import laspy
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, check_shape
+from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shape
 from photogram.crs import MapUnits, map_units
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
@@ -59,8 +58,8 @@ class DensePoints:
 
     position_map_m: FloatArray
     colour: ByteArray
-    sigma_height_m: NDArray[np.float32]
-    confidence: NDArray[np.float32]
+    sigma_height_m: Float32Array
+    confidence: Float32Array
     rays: ByteArray
     level: ByteArray
     classification: ByteArray
@@ -79,10 +78,10 @@ class DensePoints:
 def points_of_cells(
     grid: MapGrid,
     window: Window,
-    heights: NDArray[np.float32],
+    heights: Float32Array,
     colour: ByteArray,
-    sigma: NDArray[np.float32],
-    confidence: NDArray[np.float32],
+    sigma: Float32Array,
+    confidence: Float32Array,
     rays: ByteArray,
     level: ByteArray,
     classification: ByteArray,

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, check_shape
+from photogram.arrays import ByteArray, FloatArray, IntArray, check_shape
 from photogram.errors import ProjectError
 from photogram.files.clouds.points import las_colour, las_units, read_las
 
@@ -39,7 +38,7 @@ class DescribedCloud:
     def __len__(self) -> int:
         return len(self.position_map_m)
 
-    def chosen(self, index: NDArray[np.int64]) -> DescribedCloud:
+    def chosen(self, index: IntArray) -> DescribedCloud:
         """Return the points of an index (M,), in its order."""
         colour = None if self.colour is None else self.colour[index]
         figures = {name: values[index] for name, values in self.figures.items()}

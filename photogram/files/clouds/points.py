@@ -14,7 +14,6 @@ import laspy
 import numpy as np
 from laspy.errors import LaspyException
 from laspy.vlrs.known import WktCoordinateSystemVlr
-from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.crs import METRES, NO_CRS, MapUnits, map_units, written_crs
@@ -325,7 +324,7 @@ def _bad_line(path: Path, layout: _Layout, columns: tuple[int, ...]) -> ProjectE
     return ProjectError(f"point cloud {path}: cannot be read as text: export it again")
 
 
-def _load(path: Path, layout: _Layout, columns: tuple[int, ...]) -> NDArray[np.float64]:
+def _load(path: Path, layout: _Layout, columns: tuple[int, ...]) -> FloatArray:
     try:
         with path.open(encoding="utf-8-sig") as stream:
             values = np.loadtxt(

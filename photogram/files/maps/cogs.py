@@ -22,6 +22,7 @@ from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 
+from photogram.arrays import ByteArray, Float32Array
 from photogram.crs import MapUnits, map_units, written_crs
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
@@ -68,7 +69,7 @@ def write_cog(
     path: Path,
     grid: MapGrid,
     crs: str,
-    tiles: Iterable[tuple[Window, NDArray[np.float32]]],
+    tiles: Iterable[tuple[Window, Float32Array]],
     overviews: bool = True,
     description: str = "",
     note: str = "",
@@ -86,7 +87,7 @@ def write_cog(
     its value.
     """
 
-    def bands(window: Window, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def bands(window: Window, values: Float32Array) -> Float32Array:
         _check_tile(path, grid, window, values.shape)
         if np.any(values == NODATA):
             raise ValueError(f"{path}: {NODATA:g} stands for no data and cannot be a value")
@@ -105,7 +106,7 @@ def write_cog_codes(
     path: Path,
     grid: MapGrid,
     crs: str,
-    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    tiles: Iterable[tuple[Window, ByteArray]],
     overviews: bool = True,
     categories: Sequence[Category] = (),
     note: str = "",
@@ -116,7 +117,7 @@ def write_cog_codes(
     description of the band; their names, for which a GeoTIFF has no place, stand in a file with CATEGORY_SUFFIX too.
     """
 
-    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def bands(window: Window, values: ByteArray) -> ByteArray:
         _check_tile(path, grid, window, values.shape)
         return _bytes(path, values)[None]
 
@@ -160,7 +161,7 @@ def write_cog_rgba(
     path: Path,
     grid: MapGrid,
     crs: str,
-    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    tiles: Iterable[tuple[Window, ByteArray]],
     quality: int | None = None,
     note: str = "",
 ) -> None:
@@ -178,7 +179,7 @@ def write_cog_rgba(
     if quality is not None and not 1 <= quality <= 100:
         raise ValueError(f"{path}: the quality of a JPEG is from 1 to 100, not {quality}")
 
-    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def bands(window: Window, values: ByteArray) -> ByteArray:
         _check_tile(path, grid, window, values.shape, (4,))
         return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
 
@@ -197,7 +198,7 @@ def write_cog_bands(
     grid: MapGrid,
     crs: str,
     names: Sequence[str],
-    tiles: Iterable[tuple[Window, NDArray[np.uint8]]],
+    tiles: Iterable[tuple[Window, ByteArray]],
     note: str = "",
 ) -> None:
     """Write bands of bytes with these names, red, green and blue the first three, in ``crs`` as a Cloud Optimized
@@ -207,7 +208,7 @@ def write_cog_bands(
     none of them have no data. Raises as ``write_cog_rgba`` does.
     """
 
-    def bands(window: Window, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def bands(window: Window, values: ByteArray) -> ByteArray:
         _check_tile(path, grid, window, values.shape, (len(names),))
         return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
 
@@ -224,7 +225,7 @@ def _check_tile(path: Path, grid: MapGrid, window: Window, shape: tuple[int, ...
         raise ValueError(f"{path}: {window} reaches over the grid of {grid.rows} × {grid.columns} cells")
 
 
-def _bytes(path: Path, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _bytes(path: Path, values: ByteArray) -> ByteArray:
     if values.dtype != np.uint8:
         raise ValueError(f"{path}: values of type {values.dtype}, expected uint8")
     return values

@@ -7,10 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from photogram.arrays import ByteArray
 from photogram.errors import ImageError
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_small
@@ -22,7 +21,7 @@ _STEPS = ((320, 72), (256, 68), (208, 64), (160, 58), (128, 52), (96, 46), (72, 
 _BYTES_PER_PIXEL = 0.2  # of a JPEG at these qualities, about
 
 
-def _jpeg(pixels: NDArray[np.uint8], longest_px: int, quality: int) -> bytes:
+def _jpeg(pixels: ByteArray, longest_px: int, quality: int) -> bytes:
     picture = Image.fromarray(pixels)
     picture.thumbnail((longest_px, longest_px), Image.Resampling.LANCZOS, reducing_gap=None)
     stream = io.BytesIO()
@@ -49,7 +48,7 @@ def previews(
         (k for k, (px, _) in enumerate(_STEPS) if count * 0.75 * px**2 * _BYTES_PER_PIXEL <= maximum_bytes),
         len(_STEPS) - 1,
     )
-    pixels: dict[str, NDArray[np.uint8]] = {}
+    pixels: dict[str, ByteArray] = {}
     absent: dict[str, str] = {}
     for done, (name, path) in enumerate(paths.items()):
         progress(done, len(paths))

@@ -12,9 +12,8 @@ from itertools import combinations, product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import Float32Array, FloatArray
 from photogram.marking.targets.picture import SHAPE, Pattern
 from photogram.marking.targets.starts import LEAST_CONTRAST_DN, Start, judged, parameters
 
@@ -55,7 +54,7 @@ def cross_starts(grey: FloatArray, near: FloatArray, reach_px: float) -> list[St
     return found + closed
 
 
-def middles(smooth: NDArray[np.float32], near: FloatArray, reach_px: float, radius_px: float) -> list[FloatArray]:
+def middles(smooth: Float32Array, near: FloatArray, reach_px: float, radius_px: float) -> list[FloatArray]:
     """Return the places (2,) around which a patch (H, W) looks most the same after half a turn."""
     reach, outer = int(np.ceil(reach_px)), int(np.ceil(radius_px))
     u, v = (int(n) for n in np.round(near))
@@ -82,7 +81,7 @@ def middles(smooth: NDArray[np.float32], near: FloatArray, reach_px: float, radi
     return [np.array([columns[i] + u - reach, rows[i] + v - reach], np.float64) for i in order]
 
 
-def _bars(smooth: NDArray[np.float32], centre: FloatArray, radius_px: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _bars(smooth: Float32Array, centre: FloatArray, radius_px: float) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield pairs of directions of two bars through a middle."""
     angle = np.arange(RAYS) * np.pi / RAYS
     radius = np.linspace(0.5, 1.25, 5) * radius_px

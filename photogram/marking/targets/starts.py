@@ -16,9 +16,8 @@ from itertools import product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, FloatArray, nmad
+from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray, nmad
 from photogram.marking.targets.judging import judge_all
 from photogram.marking.targets.picture import (
     BLUR,
@@ -170,7 +169,7 @@ def saddles(
     return kept
 
 
-def _level_place(smooth: FloatArray, u: NDArray[np.int64], v: NDArray[np.int64], hessian: FloatArray) -> FloatArray:
+def _level_place(smooth: FloatArray, u: IntArray, v: IntArray, hessian: FloatArray) -> FloatArray:
     """Return where (K, 2), from the pixels at columns and rows (K,), the gradient of smooth grey values (H, W) vanishes
     by their Hessians (K, 2, 2), at most a pixel off: of small fields a start that is half a pixel off shows little."""
     slope = 0.5 * np.stack([smooth[v, u + 1] - smooth[v, u - 1], smooth[v + 1, u] - smooth[v - 1, u]], axis=1)
@@ -195,7 +194,7 @@ def _edge_normals(hessian: FloatArray) -> FloatArray:
     return np.stack([-edges[:, :, 1], edges[:, :, 0]], axis=2)
 
 
-def _asymmetry(smooth: NDArray[np.float32], centre: FloatArray) -> FloatArray:
+def _asymmetry(smooth: Float32Array, centre: FloatArray) -> FloatArray:
     """Return how much a circle around each centre (K, 2) differs from itself turned by half a turn, over its scatter
     (K,): 0 for the crossing of two straight edges, 1 for ground."""
     angle = np.arange(16) * np.pi / 8
@@ -290,7 +289,7 @@ def _extremes(grey: FloatArray, side: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _stands_out(
-    smooth: FloatArray, label: NDArray[np.int32], index: int, box: tuple[int, int, int, int], least_dn: float
+    smooth: FloatArray, label: Int32Array, index: int, box: tuple[int, int, int, int], least_dn: float
 ) -> bool:
     """Return whether a region differs from what lies around it."""
     left, top, wide, high = box

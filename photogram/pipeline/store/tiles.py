@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from photogram.arrays import Float32Array
 from photogram.files.atomic import make_folder
 from photogram.files.npz_json import read_arrays, write_arrays
 from photogram.grid import MapGrid, Window
@@ -84,12 +85,12 @@ class GridFile:
         make_folder(self.path.parent)
         self._mapped("w+").flush()
 
-    def write(self, window: Window, values: NDArray[np.float32]) -> None:
+    def write(self, window: Window, values: Float32Array) -> None:
         """Write values (rows, columns) of a window; several threads may write windows apart from each other."""
         mapped = self._mapped("r+")
         mapped[window.slices] = values
         mapped.flush()
 
-    def read(self, window: Window) -> NDArray[np.float32]:
+    def read(self, window: Window) -> Float32Array:
         """Return the values (rows, columns) of a window."""
         return np.array(self._mapped("r")[window.slices])

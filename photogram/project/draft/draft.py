@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.crs import NO_CRS, height_system_of, projected_crs, vertical_of
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
@@ -288,7 +287,7 @@ def _degrees(photographs: Sequence[TaggedPhotograph]) -> FloatArray:
     return np.array([[np.nan if x is None else x for x in pair] for pair in known]).reshape(-1, 2)
 
 
-def _located(place_deg: FloatArray) -> NDArray[np.bool_]:
+def _located(place_deg: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(place_deg).all(axis=1))
 
 

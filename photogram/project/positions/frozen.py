@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from photogram.arrays import BoolArray, FloatArray
 
 SAME_M = 0.01
 """No receiver in the air repeats itself this closely; a frozen one repeats every digit."""
@@ -19,8 +20,8 @@ FEWEST = 3
 
 
 def frozen_positions(
-    position_m: NDArray[np.float64], times: Sequence[datetime | None], captures: Sequence[str | None] = ()
-) -> NDArray[np.bool_]:
+    position_m: FloatArray, times: Sequence[datetime | None], captures: Sequence[str | None] = ()
+) -> BoolArray:
     """Return which positions (F, 3), in m along any axes, were not measured when their photographs were taken.
 
     Those are the positions that FEWEST photographs or more have in common to SAME_M, taken at as many different

@@ -13,9 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, unproject
 from photogram.survey import ControlPoints
 
@@ -46,7 +45,7 @@ class HeightEvidence:
     """
 
     cameras: Sequence[Camera]
-    camera_of: NDArray[np.int64]
+    camera_of: IntArray
     gnss_world_m: FloatArray
     gnss_sigma_m: FloatArray
     rotation_world_from_camera: FloatArray
@@ -80,7 +79,7 @@ class Rays:
     ``ground`` (M,) are the points' indices, ``mark`` (M,) those of the marks.
     """
 
-    photograph: NDArray[np.int64]
+    photograph: IntArray
     ray: FloatArray
     centre: FloatArray
     point: FloatArray
@@ -88,8 +87,8 @@ class Rays:
     place_m: FloatArray
     prior: FloatArray
     prior_weight: FloatArray
-    ground: NDArray[np.int64]
-    mark: NDArray[np.int64]
+    ground: IntArray
+    mark: IntArray
 
 
 def rays_of(evidence: HeightEvidence) -> Rays | None:

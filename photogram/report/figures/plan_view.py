@@ -15,10 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnchoredOffsetbox
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from photogram.arrays import FloatArray, check_shape
+from photogram.arrays import BoolArray, FloatArray, check_shape
 from photogram.measures.round_lengths import round_down
 from photogram.report.figures.style import (
     BLUE,
@@ -68,7 +67,7 @@ class PlanContents:
 
     photograph_names: Sequence[str]
     flights: Sequence[str]
-    registered: NDArray[np.bool_]
+    registered: BoolArray
     photograph_map_m: FloatArray
     gnss_residual_m: FloatArray
     ground_names: Sequence[str]
@@ -125,7 +124,7 @@ class _Sheet:
     def span_m(self) -> FloatArray:
         return self.high - self.low
 
-    def holds(self, places_m: FloatArray) -> NDArray[np.bool_]:
+    def holds(self, places_m: FloatArray) -> BoolArray:
         return np.asarray(np.all((places_m[:, :2] > self.low) & (places_m[:, :2] < self.high), axis=1))
 
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, uniform_filter, uniform_filter1d
 
-from photogram.arrays import FloatArray
+from photogram.arrays import Float32Array, FloatArray
 from photogram.grid import decimated
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, Sampled, sampled
 from photogram.survey import Raster
@@ -205,7 +204,7 @@ def _shifted(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice
     return (rows[0], columns[0]), (rows[1], columns[1])
 
 
-def _planes(values: NDArray[np.float32], box: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _planes(values: Float32Array, box: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return for the squares of ``box`` cells around each their mean, the slopes (2, rows, columns) of the plane of
     least squares per row and per column, and the standard deviation about it; NaN where a cell of it is unknown.
 

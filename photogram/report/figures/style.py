@@ -25,10 +25,9 @@ from matplotlib.offsetbox import AnchoredOffsetbox, AnchoredText, AuxTransformBo
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, LensField
 from photogram.files.atomic import make_folder, replacing
 from photogram.grid import decimated
@@ -136,7 +135,7 @@ def relabel_plane(figure: Figure) -> None:
             text.remove()
 
 
-def _evenly(count: int, maximum: int) -> NDArray[np.int64]:
+def _evenly(count: int, maximum: int) -> IntArray:
     """Return at most ``maximum`` indices below ``count``, spread evenly over the order the data came in."""
     return (
         np.unique(np.linspace(0, count - 1, min(count, maximum)).round().astype(np.int64))
@@ -151,7 +150,7 @@ def candidate_and_verified_matches(
     right_rgb: ByteArray,
     left_px: FloatArray,
     right_px: FloatArray,
-    verified_mask: NDArray[np.bool_],
+    verified_mask: BoolArray,
     title: str,
 ) -> None:
     """Draw two photographs (rows, columns, 3) side by side with their candidate matches, the verified ones on top.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, ByteArray, FloatArray, check_shape
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, check_shape
 from photogram.report.record.ground import GroundPointRecord
 from photogram.survey import Raster
 
@@ -29,9 +29,9 @@ class DenseSurface:
     heights: Raster
     sigma: Raster
     filled: BoolArray
-    level: NDArray[np.uint8]
-    rays: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
+    level: ByteArray
+    rays: ByteArray
+    confidence: Float32Array
     footprint: BoolArray | None = None
     photographs: tuple[str, ...] = ()
     settings: Mapping[str, bool | int | float | str | None] = field(default_factory=dict)

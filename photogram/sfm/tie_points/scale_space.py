@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
@@ -217,7 +216,7 @@ class Extrema:
     """Extrema of one octave: the level (N,), 0 to 2, and pixel (N, 2), row and column, on which each lies, and
     ``place`` (N, 4): column and row in pixels of the picture, size in px, response."""
 
-    level: NDArray[np.int32]
+    level: Int32Array
     pixel: Int32Array
     place: FloatArray
 

@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.simulation.ray_cells import leave_cell
 
@@ -25,8 +24,6 @@ BLOCK_COLUMNS = 4
 
 MARGIN_M = 0.1
 """What blocks reach beyond what is in them: half the width of a pixel on the ground, at the least."""
-
-_I32 = NDArray[np.int32]
 
 
 class Pieces(NamedTuple):
@@ -48,9 +45,9 @@ class Pieces(NamedTuple):
     south: float
     columns: int
     rows: int
-    first: _I32
+    first: Int32Array
     """Where in ``item`` each column begins (rows × columns + 1,)."""
-    item: _I32
+    item: Int32Array
     """What the columns hold, the highest first."""
     low: FloatArray
     """Lowest height of each item (L + W,)."""
@@ -65,7 +62,9 @@ class Pieces(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _filed(low: FloatArray, high: FloatArray, order: NDArray[np.int64], columns: int, rows: int) -> tuple[_I32, _I32]:
+def _filed(
+    low: FloatArray, high: FloatArray, order: IntArray, columns: int, rows: int
+) -> tuple[Int32Array, Int32Array]:
     """File boxes (N, 2), in units of columns, in all columns they touch, each column in the order given."""
     first = np.zeros(rows * columns + 1, np.int32)
     for n in range(len(low)):
@@ -274,7 +273,7 @@ def leaf_hits(p: Pieces, origin: FloatArray, direction: FloatArray, end: float) 
 @njit(cache=True, nogil=True)
 def leaves_over(
     p: Pieces, x: FloatArray, y: FloatArray, ground: FloatArray, step: FloatArray, samples: int
-) -> tuple[FloatArray, _I32, FloatArray, FloatArray]:
+) -> tuple[FloatArray, Int32Array, FloatArray, FloatArray]:
     """Look down on cells with centres x, y (N,) over a level ``ground`` (N,) by samples × samples upright rays each.
 
     ``step`` (2, 2) are the sides of a cell. Returns of each cell the height of the highest disc, NaN where there is

@@ -14,9 +14,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.simulation.cover.hits import Pieces, filed, leaf_hits, leaves_over
 
 REST = -1
@@ -71,7 +70,7 @@ class CoverPlan:
 class Plants:
     """Plants by number."""
 
-    kind: NDArray[np.uint8]
+    kind: ByteArray
     """PlantKind (P,)."""
     foot_m: FloatArray
     """Height (P,) of the foot, world frame."""

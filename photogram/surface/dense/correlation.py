@@ -12,9 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, Int32Array, IntArray
+from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.lattice import (
     TERMS,
@@ -212,7 +211,7 @@ def _range_of(tried: Hypotheses, patch: Box) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreement, cost: NDArray[np.uint8]) -> None:
+def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreement, cost: ByteArray) -> None:
     """Fill the costs of hypothesis ``k`` in a box from the agreement on it."""
     for r in range(box.rows):
         for c in range(box.columns):
@@ -232,7 +231,7 @@ def _fill_patch(
     patch: Box,
     views: IntArray,
     rooms: tuple[_Layer, Room, Sums, Agreement],
-    cost: NDArray[np.uint8],
+    cost: ByteArray,
 ) -> None:
     """Fill the costs of all hypotheses of a patch."""
     layer, room, sums, found = rooms
@@ -271,7 +270,7 @@ def _fill_patch(
 
 
 @njit(cache=True, nogil=True)
-def fill_costs(crops: Crops, ground: Ground, window: Window, tried: Hypotheses, cost: NDArray[np.uint8]) -> None:
+def fill_costs(crops: Crops, ground: Ground, window: Window, tried: Hypotheses, cost: ByteArray) -> None:
     """Fill the costs of all hypotheses, 0 for perfect agreement, NEUTRAL for none."""
     rows, columns = tried.surface.shape
     most, m = ground.views.shape[2], ground.per_cell

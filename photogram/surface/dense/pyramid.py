@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
-from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray
+from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SurfaceError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window
@@ -116,7 +115,7 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     return KnownGround(kept, flying, gsd, max(spread, 0.05))
 
 
-def nearest_in_plan(points: FloatArray, places: FloatArray, count: int) -> NDArray[np.int64]:
+def nearest_in_plan(points: FloatArray, places: FloatArray, count: int) -> IntArray:
     """Return the numbers (P, count) of the points (N, 2 or 3) that are next to places (P, 2 or 3) in plan."""
     _, index = cKDTree(points[:, :2]).query(places[:, :2], k=list(range(1, count + 1)))
     return np.asarray(index, dtype=np.int64)
@@ -141,7 +140,7 @@ def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: flo
     return MapGrid.around(np.vstack([seen[:, :2] - half, seen[:, :2] + half]), cell_m)
 
 
-def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[NDArray[np.int64], FloatArray]:
+def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
     """Return the views (P, most) that see places (P, 3) from straightest above, −1 where there are no more, and the
     tangents (P, most) of their angles off the vertical."""
     chosen = np.empty((len(places_world_m), most), np.int64)
@@ -247,7 +246,7 @@ def finer_prior(
     return Prior(low, high, surface.astype(np.float32), worthwhile)
 
 
-def _confirmed(smooth: Float32Array, agreed: NDArray[np.bool_], tolerance_m: float) -> NDArray[np.bool_]:
+def _confirmed(smooth: Float32Array, agreed: BoolArray, tolerance_m: float) -> BoolArray:
     """Return which cells were ``agreed`` on, as most of the 3 × 3 around them, with heights within ``tolerance_m``."""
     has = np.isfinite(smooth)
     low = minimum_filter(np.where(has, smooth, np.float32(np.inf)), 3, mode="nearest")
@@ -257,7 +256,7 @@ def _confirmed(smooth: Float32Array, agreed: NDArray[np.bool_], tolerance_m: flo
 
 
 def _agreed_around(
-    smooth: Float32Array, agreed: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], beyond: float
+    smooth: Float32Array, agreed: BoolArray, rows: IntArray, columns: IntArray, beyond: float
 ) -> tuple[Float32Array, Float32Array]:
     """Return the lowest and the highest of heights that were ``agreed`` on, up to AROUND_CELLS cells from cells at
     ``rows`` and ``columns``, and ``beyond``; infinite where there are none."""
@@ -268,14 +267,14 @@ def _agreed_around(
     return low[at] - np.float32(beyond), high[at] + np.float32(beyond)
 
 
-def correlation_histogram(correlation: Float32Array) -> NDArray[np.int64]:
+def correlation_histogram(correlation: Float32Array) -> IntArray:
     """Return how many cells have which correlation, in CORRELATION_BINS from 0 to 1; cells without any do not count."""
     known = correlation[correlation > 0]
     bins = np.minimum((known * CORRELATION_BINS).astype(np.int64), CORRELATION_BINS - 1)
     return np.bincount(bins, minlength=CORRELATION_BINS)
 
 
-def least_correlation_of(histogram: NDArray[np.int64]) -> float:
+def least_correlation_of(histogram: IntArray) -> float:
     """Return the correlation below which a height is doubtful: so many NMAD below the median of all cells, for what is
     ordinary depends on texture and light."""
     if not histogram.sum():
@@ -286,7 +285,7 @@ def least_correlation_of(histogram: NDArray[np.int64]) -> float:
     return float(np.clip(middle - DOUBTFUL_NMAD * nmad, *DOUBTFUL_BETWEEN))
 
 
-def _weighted_median(value: FloatArray, weight: NDArray[np.int64]) -> float:
+def _weighted_median(value: FloatArray, weight: IntArray) -> float:
     order = np.argsort(value, kind="stable")
     reached = np.cumsum(weight[order])
     return float(value[order][np.searchsorted(reached, reached[-1] / 2)])

@@ -19,9 +19,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, Int32Array, IntArray
+from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.correlation import (
     LEFT_OUT,
@@ -69,7 +68,7 @@ class Refined(NamedTuple):
     height: Float32Array
     sigma: Float32Array
     correlation: Float32Array
-    rays: NDArray[np.uint8]
+    rays: ByteArray
 
 
 class Start(NamedTuple):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import Float32Array, IntArray
+from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 
 FULL_COST = 254
@@ -32,9 +32,9 @@ class CostVolume:
     large steps are cheaper.
     """
 
-    cost: NDArray[np.uint8]
+    cost: ByteArray
     start: IntArray
-    first: NDArray[np.int32]
+    first: Int32Array
     guide: Float32Array
 
     @property
@@ -46,16 +46,16 @@ class CostVolume:
 
 @njit(cache=True, nogil=True)
 def _along_path(
-    cost: NDArray[np.uint8],
+    cost: ByteArray,
     start: IntArray,
-    first: NDArray[np.int32],
+    first: Int32Array,
     guide: Float32Array,
     row: int,
     column: int,
     step: tuple[int, int],
     penalties: tuple[float, float, float],
-    before: NDArray[np.int32],
-    now: NDArray[np.int32],
+    before: Int32Array,
+    now: Int32Array,
     total: NDArray[np.uint16],
 ) -> None:
     """Add to ``total`` the costs along one path from a cell on."""
@@ -95,9 +95,9 @@ def _along_path(
 
 @njit(cache=True, nogil=True)
 def _all_paths(
-    cost: NDArray[np.uint8],
+    cost: ByteArray,
     start: IntArray,
-    first: NDArray[np.int32],
+    first: Int32Array,
     guide: Float32Array,
     directions: IntArray,
     penalties: tuple[float, float, float],
@@ -123,10 +123,10 @@ def _all_paths(
 
 @njit(cache=True, nogil=True)
 def _best(
-    cost: NDArray[np.uint8],
+    cost: ByteArray,
     total: NDArray[np.uint16],
     start: IntArray,
-    first: NDArray[np.int32],
+    first: Int32Array,
     rows: int,
     columns: int,
 ) -> tuple[Float32Array, Float32Array]:

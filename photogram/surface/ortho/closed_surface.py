@@ -16,10 +16,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray
+from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import supported_cells
@@ -159,7 +158,7 @@ def _middle(values: FloatArray, count: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _fill_blocks(height: Float32Array, out: Float32Array, count: NDArray[np.int32]) -> None:
+def _fill_blocks(height: Float32Array, out: Float32Array, count: Int32Array) -> None:
     values = np.empty(BLOCK_CELLS * BLOCK_CELLS)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -174,7 +173,7 @@ def _fill_blocks(height: Float32Array, out: Float32Array, count: NDArray[np.int3
                 out[i, j] = _middle(values, n)
 
 
-def _block_medians(height: Float32Array) -> tuple[Float32Array, NDArray[np.int32]]:
+def _block_medians(height: Float32Array) -> tuple[Float32Array, Int32Array]:
     """Return the median of the known heights of every block (R, C), NaN where there are none, and their number."""
     shape = tuple(-(-n // BLOCK_CELLS) for n in height.shape)
     out, count = np.empty(shape, np.float32), np.empty(shape, np.int32)
@@ -195,7 +194,7 @@ def _block_means(values: Float32Array) -> FloatArray:
 @njit(cache=True, nogil=True)
 def _medians_around(
     block: Float32Array,
-    count: NDArray[np.int32],
+    count: Int32Array,
     torn: BoolArray,
     first: tuple[int, int],
     height: Float32Array,

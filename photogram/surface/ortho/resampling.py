@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, Int32Array
+from photogram.arrays import ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.projection import FOCAL, OrientedCameras, seen_at, seen_called
 
@@ -85,8 +84,8 @@ def add_photograph(
     place: FloatArray,
     sides: tuple[FloatArray, FloatArray],
     label: Int32Array,
-    weight: NDArray[np.float32],
-    out: NDArray[np.float32],
+    weight: Float32Array,
+    out: Float32Array,
     room: FloatArray,
 ) -> None:
     """Add to ``out`` (R, C, 3) what the photograph ``number`` contributes to each cell.

@@ -16,9 +16,8 @@ from threading import Lock
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.errors import SurfaceError
 from photogram.frames import LocalFrame
@@ -98,7 +97,7 @@ class Terrain:
     position_map_m: FloatArray
     shown: tuple[Window | None, ...]
     slope: FloatArray
-    coarse: NDArray[np.float32]
+    coarse: Float32Array
 
     @staticmethod
     def under(views: Views, frame: LocalFrame, surface: Surface) -> Terrain:
@@ -138,7 +137,7 @@ class Terrain:
             return np.zeros(window.shape, np.float32)
         return np.ascontiguousarray(np.float32(TOLERANCE_SIGMAS) * self.surface.sigmas(window))
 
-    def views_over(self, window: Window) -> NDArray[np.int32]:
+    def views_over(self, window: Window) -> Int32Array:
         """Return the photographs that may show something of a window of the DSM, in their order."""
         return np.array([n for n, box in enumerate(self.shown) if box is not None and meet(box, window)], np.int32)
 
@@ -173,7 +172,7 @@ def meet(a: Window, b: Window) -> bool:
     return a.row < b.row_end and b.row < a.row_end and a.column < b.column_end and b.column < a.column_end
 
 
-def _lowest_highest(surface: Surface) -> NDArray[np.float32]:
+def _lowest_highest(surface: Surface) -> Float32Array:
     """Return the lowest and the highest height of every 64 × 64 cells."""
     grid = surface.grid
     found = np.empty((2, -(-grid.rows // _COARSE_CELLS), -(-grid.columns // _COARSE_CELLS)), np.float32)
@@ -191,7 +190,7 @@ def _lowest_highest(surface: Surface) -> NDArray[np.float32]:
     return found
 
 
-def _range_in(coarse: NDArray[np.float32], box: Window) -> tuple[float, float]:
+def _range_in(coarse: Float32Array, box: Window) -> tuple[float, float]:
     """Return the lowest and the highest height around a window, infinite where none is known."""
     at = (
         slice(box.row // _COARSE_CELLS, -(-box.row_end // _COARSE_CELLS)),
@@ -236,7 +235,7 @@ def _border_slopes(views: Views, frame: LocalFrame, position: FloatArray) -> Flo
     return np.asarray(step[..., :2] / down[..., None])
 
 
-def _shown(grid: MapGrid, coarse: NDArray[np.float32], centre: FloatArray, slope: FloatArray) -> Window | None:
+def _shown(grid: MapGrid, coarse: Float32Array, centre: FloatArray, slope: FloatArray) -> Window | None:
     """Return a box around the cells that a photograph shows: as far as its border reaches down to the lowest height in
     the box."""
     if np.isnan(slope).any():
@@ -275,7 +274,7 @@ def _towards(box: Window, row: float, column: float, share: float) -> Window:
     return Window(ends[0][0], ends[1][0], ends[0][1], ends[1][1])
 
 
-def _targets(border: FloatArray, shape: tuple[int, int]) -> NDArray[np.int64]:
+def _targets(border: FloatArray, shape: tuple[int, int]) -> IntArray:
     """Return the cells (N, 2) that rays are followed to: those on the outline of what a photograph shows,
     rows and columns of whose ``border`` (M, 2) may lie outside of the window; of all of it where the border is
     unknown."""
@@ -317,7 +316,7 @@ def _follow_rays(
     nadir: tuple[float, float],
     above: float,
     cell: float,
-    targets: NDArray[np.int64],
+    targets: IntArray,
     out: ByteArray,
 ) -> None:
     """Mark the cells that are HIDDEN from a projection centre at a height ``above``, over the place ``nadir``, row and
@@ -395,7 +394,7 @@ class SeenCells:
         """``masked`` gives which cells of the box of a photograph are masked in it, None for none."""
         self._terrain, self._room, self._masked = terrain, held_bytes, masked
         self._lock = Lock()
-        self._packed: OrderedDict[int, Future[NDArray[np.uint8]]] = OrderedDict()
+        self._packed: OrderedDict[int, Future[ByteArray]] = OrderedDict()
 
     def of(self, view: int) -> ByteArray:
         """Return what all cells of the box of a photograph are in it."""
@@ -418,7 +417,7 @@ class SeenCells:
         out[at] = planes.sum(axis=0, dtype=np.uint8)
         return out
 
-    def _planes(self, view: int) -> NDArray[np.uint8]:
+    def _planes(self, view: int) -> ByteArray:
         """Return whether each cell is more than VISIBLE, and more than BESIDE, as bits (2, rows, columns / 8); in a
         photograph with a mask also whether it is more than HIDDEN (3, …)."""
         with self._lock:

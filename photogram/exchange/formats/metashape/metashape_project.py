@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, index_in, no_tie_points, tie_points_of
 from photogram.exchange.formats.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
@@ -277,7 +277,7 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
     ), tuple(sentences)
 
 
-def _colours(place: str, cloud: _Cloud, ids: NDArray[np.int64]) -> ByteArray | None:
+def _colours(place: str, cloud: _Cloud, ids: IntArray) -> ByteArray | None:
     """Return the colours (P, 3) of points, None where the project has none."""
     if cloud.tracks is None or not len(ids):
         return None

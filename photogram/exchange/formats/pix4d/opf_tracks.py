@@ -16,7 +16,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, no_tie_points, tie_points_of
 from photogram.exchange.formats.json_nodes import Node, read_json
@@ -215,7 +215,7 @@ def write_tracks(path: Path, tie_points: TiePoints, uids: Sequence[int]) -> tupl
     return list(arrays), left_out
 
 
-def _gltf(arrays: Mapping[str, NDArray[np.generic]], position: NDArray[np.float32], uids: Sequence[int]) -> object:
+def _gltf(arrays: Mapping[str, NDArray[np.generic]], position: Float32Array, uids: Sequence[int]) -> object:
     """Return the glTF document of the arrays, one to a buffer."""
     accessors: list[dict[str, object]] = [
         {
