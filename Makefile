@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs fuzz clean
+.PHONY: help demo test lint docs tables fuzz clean
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
 	@echo "make test CHANGED=main   the same, with those tests alone that changes since main can reach"
 	@echo "make lint   ruff, mypy and import-linter alone"
+	@echo "make tables write the tables of settings in docs/ anew from the code"
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
@@ -46,6 +47,9 @@ test: $(VENV)/installed-test
 
 # all rooms and the modules of the ground floor, but not the command line
 API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
+tables: $(VENV)/installed
+	$(BIN)/python tests/docs_tables.py
+
 docs: $(VENV)/installed-docs
 	$(BIN)/pdoc --no-show-source --output-directory build/api photogram $(API)
 	@echo "Written: build/api/index.html"

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import typer
 from pydantic import TypeAdapter
 
-from photogram.report.record.json_schema import report_schema, schema_of
+from photogram.report.record.json_schema import report_schema
+from photogram.settings.json_schema import schema_of
 from photogram.terminal.events import Event
 
 

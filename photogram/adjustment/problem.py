@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_compan
 from photogram.adjustment.shutters.rolling_shutter import in_motion
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import labels
-from photogram.errors import AdjustmentError, check_range
+from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import values_of
 from photogram.factors.constraints import is_scaled, taking_part, without_shape
 from photogram.factors.elimination.levenberg_marquardt import Minimum
@@ -23,36 +23,52 @@ from photogram.factors.free_network import minimal_datum
 from photogram.factors.graph import Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.rigs.exposures import rig_values
+from photogram.settings.settings import Settings, Within
 from photogram.survey import Block
 from photogram.wording import Progress, silent
 
 
 @dataclass(frozen=True)
-class AdjustmentSettings:
+class AdjustmentSettings(Settings):
     """How the joint adjustment is run; thresholds are in sigmas of the measurement."""
 
-    tie_point_sigma_px: float = 0.5
-    robust_loss: Literal["none", "huber", "cauchy"] = "huber"
-    robust_threshold: float = 3.0
-    outlier_threshold: float = 4.0
-    first_outlier_threshold_px: float = 40.0  # of rays before anything is adjusted; more where poses are worse
-    minimum_ray_angle_deg: float = 1.0
-    maximum_rounds: int = 10
-    maximum_iterations: int = 200  # per round
-    relative_tolerance: float = 1e-9  # of the cost, between accepted steps; 1e-3 before the last round
-    common_errors: Literal["auto", "none"] = "auto"  # of attitudes and positions, estimated where they show
-    lens_field: Literal["auto", "always", "none"] = "auto"  # beside the cameras' parameters, where residuals show one
-    estimate_sigmas: bool = True  # of tie points, and of GNSS positions where they are assumed, from their residuals
-    engine: Literal["fast", "reference"] = "fast"  # points eliminated in one pass, or variables of GTSAM's graph
-    solver: Literal["banded", "gtsam"] = "banded"  # of the fast engine's reduced system
-
-    def __post_init__(self) -> None:
-        for name in ("tie_point_sigma_px", "robust_threshold", "outlier_threshold", "first_outlier_threshold_px"):
-            check_range(name, getattr(self, name), 1e-3)
-        check_range("minimum_ray_angle_deg", self.minimum_ray_angle_deg, 0.0, 90.0)
-        check_range("maximum_rounds", self.maximum_rounds, 1)
-        check_range("maximum_iterations", self.maximum_iterations, 1)
-        check_range("relative_tolerance", self.relative_tolerance, 0.0, 0.1)
+    tie_point_sigma_px: Annotated[
+        float,
+        Within(0.001, 100, "px"),
+        "Standard deviation of the best tie points: the smallest key points at full quality, and what is measured by "
+        "correlation.",
+    ] = 0.5
+    robust_loss: Annotated[Literal["none", "huber", "cauchy"], "Loss of tie points."] = "huber"
+    robust_threshold: Annotated[float, Within(0.001, 1e6, "σ"), "Where the loss begins."] = 3.0
+    outlier_threshold: Annotated[float, Within(0.001, 1e6, "σ"), "Residual of a mismatch, at least."] = 4.0
+    first_outlier_threshold_px: Annotated[
+        float, Within(0.001, 1e6, "px"), "The same before anything is adjusted; more where poses are worse."
+    ] = 40.0
+    minimum_ray_angle_deg: Annotated[float, Within(0, 90, "°"), "Tie points with narrower rays are left out."] = 1.0
+    maximum_rounds: Annotated[int, Within(1, 1000), "Rounds in which mismatches are rejected."] = 10
+    maximum_iterations: Annotated[int, Within(1, 100_000), "Iterations in each round."] = 200
+    relative_tolerance: Annotated[
+        float,
+        Within(1e-16, 0.1, or_zero=True),
+        "Change of the cost between accepted steps at which it has settled; 1e-3 before the last round.",
+    ] = 1e-9
+    common_errors: Annotated[
+        Literal["auto", "none"], "What attitudes and positions have in common is estimated where it shows, or not."
+    ] = "auto"
+    lens_field: Annotated[
+        Literal["auto", "always", "none"],
+        "A smooth field beside the parameters of a camera; `auto`: where residuals show one.",
+    ] = "auto"
+    estimate_sigmas: Annotated[
+        bool, "Sigmas of tie points, and of GNSS positions where they are assumed, are estimated from residuals."
+    ] = True
+    engine: Annotated[
+        Literal["fast", "reference"],
+        "Tie points are eliminated in one pass, or are variables of GTSAM's graph: slow, the same result.",
+    ] = "fast"
+    solver: Annotated[
+        Literal["banded", "gtsam"], "What solves the reduced system of the fast engine: the same steps."
+    ] = "banded"
 
 
 def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = silent) -> Minimum:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,7 +21,8 @@ from scipy.spatial import cKDTree
 from photogram.arrays import BoolArray, FloatArray
 from photogram.change.correlation import independent_points
 from photogram.change.differences import LEVEL
-from photogram.errors import PhotogramError, SurfaceError, check_positive
+from photogram.errors import PhotogramError, SurfaceError
+from photogram.settings.settings import Default, Settings, Within
 from photogram.survey import PointCloud
 
 CYLINDER_SPACINGS, NORMAL_CYLINDERS = 4.0, 2.0
@@ -34,23 +36,25 @@ NEAREST = 24
 
 
 @dataclass(frozen=True)
-class M3C2Settings:
-    """Scales of M3C2, m; None: from the spacing of the points."""
+class M3C2Settings(Settings):
+    """Scales of M3C2."""
 
-    radius_m: float | None = None
-    """Of the cylinder: half the projection scale."""
-    normal_radius_m: float | None = None
-    """Of the ball in which a normal is found: half the normal scale."""
-    spacing_m: float | None = None
-    """Between core points; None: the cylinder's radius."""
-    depth_m: float = 10.0
-    """How far along the normal ground is looked for."""
-
-    def __post_init__(self) -> None:
-        for name in ("radius_m", "normal_radius_m", "spacing_m", "depth_m"):
-            value = getattr(self, name)
-            if value is not None:
-                check_positive(name, value)
+    radius_m: Annotated[
+        float | None,
+        Within(0.0001, 10_000, "m"),
+        "Radius of the cylinder, half the projection scale.",
+        Default("by the spacing of the points"),
+    ] = None
+    normal_radius_m: Annotated[
+        float | None,
+        Within(0.0001, 10_000, "m"),
+        "Radius of the ball in which a normal is determined, half the normal scale.",
+        Default("by the spacing of the points"),
+    ] = None
+    spacing_m: Annotated[
+        float | None, Within(0.0001, 10_000, "m"), "Spacing of core points.", Default("radius of the cylinder")
+    ] = None
+    depth_m: Annotated[float, Within(0.0001, 10_000, "m"), "How far along the normal ground is looked for."] = 10.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,8 @@ from photogram.project.draft.draft import (
 from photogram.project.draft.text import project_text
 from photogram.project.findings import Findings
 from photogram.project.positions.matching import match_rows
-from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M, Within
+from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
+from photogram.settings.settings import Within
 from photogram.survey import Role
 from photogram.wording import Progress, html_table, silent, things
 

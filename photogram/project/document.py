@@ -10,8 +10,8 @@ import dataclasses
 import difflib
 import json
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Collection, Iterator
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -439,11 +439,14 @@ def _unknown(entry: Entry, key: Key) -> str:
     return f"unknown key: {suggestion(str(key[-1]), _known_keys(block))}"
 
 
-@lru_cache(maxsize=32)
-def _settings_model(settings: type[Any], ranges: tuple[tuple[str, object], ...]) -> type[Entry]:
+def settings_model(settings: type[Any]) -> type[Entry]:
+    """Return the block of keys that a dataclass of settings is read from."""
+    return _settings_model(settings)  # type: ignore[arg-type]  # mypy takes no class for hashable
+
+
+@cache
+def _settings_model(settings: type[Any]) -> type[Entry]:
     hints = get_type_hints(settings, include_extras=True)
-    for name, allowed in ranges:
-        hints[name] = Annotated[hints[name], allowed]
     keys: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
         if not field.init:
@@ -457,17 +460,13 @@ def _settings_model(settings: type[Any], ranges: tuple[tuple[str, object], ...])
     return create_model(settings.__name__, __base__=Entry, **keys)
 
 
-def read_settings(
-    document: Document, name: str, settings: type[SettingsT], ranges: Mapping[str, object] | None = None
-) -> SettingsT | None:
+def read_settings(document: Document, name: str, settings: type[SettingsT]) -> SettingsT | None:
     """Return the section ``name`` as the dataclass ``settings``, whose fields, types and defaults are its schema.
 
-    ``ranges`` are annotations of its fields for pydantic, by their names: what a number may be, for example.
     None where the section cannot be; its faults, those that the dataclass raises included, are noted in the document.
     """
     before = document.faults
-    model: type[Entry] = _settings_model(settings, tuple((ranges or {}).items()))  # type: ignore[arg-type]
-    entry = read_entry(document, model, (name,))
+    entry = read_entry(document, settings_model(settings), (name,))
     if document.faults > before:
         return None
     try:

@@ -40,7 +40,6 @@ from photogram.project.masks import (
 )
 from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
-from photogram.project.ranges import SETTINGS
 from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
@@ -289,7 +288,7 @@ def read_project(
     document = Document(path)
     base = path.absolute().parent
     file = with_read_crs(document, read_entry(document, ProjectFile), base)
-    settings = {name: read_settings(document, name, kind, SETTINGS[name]) for name, kind in SECTIONS.items()}
+    settings = {name: read_settings(document, name, kind) for name, kind in SECTIONS.items()}
     folder = _folder(path, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
     heights, datum = read_heights(document, file, base) or UNDECLARED, read_datum(document, file, base)

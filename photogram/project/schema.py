@@ -35,9 +35,9 @@ from photogram.project.ranges import (
     SIGMA_M,
     SIGMA_PX,
     TOLERANCE_S,
-    Within,
 )
 from photogram.projection import CAMERA_PARAMETERS, SIGMA_KEYS, Model
+from photogram.settings.settings import Within
 from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]

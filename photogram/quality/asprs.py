@@ -12,11 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.errors import check_positive
+from photogram.settings.settings import Default, Settings, Within
 
 STANDARD = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2 (2024)"
 MINIMUM_POINTS = 30
@@ -28,25 +29,25 @@ AXES = ("easting", "northing", "height")
 
 
 @dataclass(frozen=True)
-class ReportSettings:
-    """What the report says that no measurement tells: names, the accuracy that was agreed on, and its wording.
+class ReportSettings(Settings):
+    """What the report says that no measurement tells: names, the accuracy that was agreed on, and its wording."""
 
-    ``target_rmse_h_m`` and ``target_rmse_v_m`` are the accuracy classes, in m: the largest RMSE_H and RMSE_V; None
-    where none was agreed on. ``legacy_95`` adds the 95 % figures of older standards.
-    """
-
-    name: str = ""
-    client: str = ""
-    author: str = ""
-    target_rmse_h_m: float | None = None
-    target_rmse_v_m: float | None = None
-    legacy_95: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("target_rmse_h_m", "target_rmse_v_m"):
-            value = getattr(self, name)
-            if value is not None:
-                check_positive(name, value)
+    name: Annotated[str, "Name of the survey."] = ""
+    client: Annotated[str, "Client."] = ""
+    author: Annotated[str, "Author."] = ""
+    target_rmse_h_m: Annotated[
+        float | None,
+        Within(0.0001, 1000, "m"),
+        "Accuracy class in plan: the largest RMSE_H; verdicts and the accuracy statement follow from it.",
+        Default("none agreed on"),
+    ] = None
+    target_rmse_v_m: Annotated[
+        float | None,
+        Within(0.0001, 1000, "m"),
+        "Accuracy class in height: the largest RMSE_V.",
+        Default("none agreed on"),
+    ] = None
+    legacy_95: Annotated[bool, "Whether the 95 % figures of older standards are added."] = False
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -52,10 +52,13 @@ side of the picture, the larger of the two."""
 
 @dataclass(frozen=True)
 class OrientationSettings(StructureSettings):
-    """How starting poses are found; ``auto`` takes the first method of the three that can be had and holds."""
+    """How starting poses are determined."""
 
-    method: Literal["auto", "control", "attitude", "growth"] = "auto"
-    vertical: Vertical = "auto"  # of a block without georeference: how its photographs look
+    method: Annotated[
+        Literal["auto", "control", "attitude", "growth"],
+        "How starting poses are determined; `auto`: the first of the three methods that can be had and holds.",
+    ] = "auto"
+    vertical: Annotated[Vertical, "How the photographs of a block without georeference look."] = "auto"
 
 
 @dataclass(frozen=True, eq=False)

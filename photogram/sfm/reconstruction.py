@@ -10,17 +10,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray, grouped
 from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
-from photogram.errors import check_range
 from photogram.factors.elimination.bundle import BundleState, adjust_bundle
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.projection import PARAMETER_NAMES, PARAMETERS, OrientedCameras
+from photogram.settings.settings import Settings, Within
 from photogram.survey import TiePoints
 from photogram.triangulation import consensus_intersections, ideal_pixels, ray_angles
 
@@ -33,19 +34,17 @@ NEIGHBOURS = 5
 
 
 @dataclass(frozen=True)
-class StructureSettings:
+class StructureSettings(Settings):
     """Which image points agree with a structure; the final adjustment judges anew, and more strictly."""
 
-    threshold_px: float = 4.0  # residual of an image point that agrees
-    minimum_ray_angle_deg: float = 1.5  # of a tie point
-    minimum_points: int = 20  # agreeing tie points in a photograph that is oriented
-    minimum_share: float = 0.25  # of a photograph's visible tie points that agree with its pose
-
-    def __post_init__(self) -> None:
-        check_range("threshold_px", self.threshold_px, 0.1, 1000.0)
-        check_range("minimum_ray_angle_deg", self.minimum_ray_angle_deg, 0.1, 90.0)
-        check_range("minimum_points", self.minimum_points, 6)
-        check_range("minimum_share", self.minimum_share, 0.01, 1.0)
+    threshold_px: Annotated[float, Within(0.1, 1000, "px"), "Residual of an image point that agrees, at most."] = 4.0
+    minimum_ray_angle_deg: Annotated[float, Within(0.1, 90, "°"), "Angle between rays of a tie point, at least."] = 1.5
+    minimum_points: Annotated[
+        int, Within(6, 10_000), "Agreeing tie points in a photograph that is oriented, at least."
+    ] = 20
+    minimum_share: Annotated[
+        float, Within(0.01, 1), "Share of a photograph's visible tie points that agree with its pose, at least."
+    ] = 0.25
 
 
 @dataclass(eq=False)

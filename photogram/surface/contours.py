@@ -7,15 +7,16 @@ inside. What is finer than the cells that are contoured is averaged away first.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from contourpy import ContourGenerator, LineType, contour_generator
 
 from photogram.arrays import FloatArray, IntArray
-from photogram.errors import SettingError, SurfaceError, check_positive, check_range
+from photogram.errors import SettingError, SurfaceError
 from photogram.grid import block_means
 from photogram.measures.round_lengths import round_near
+from photogram.settings.settings import Default, Settings, Within
 from photogram.survey import Contours, Raster
 
 LINES_OVER_RELIEF = 20
@@ -34,25 +35,25 @@ _FINEST_INTERVAL_M = 0.01
 
 
 @dataclass(frozen=True)
-class ContourSettings:
+class ContourSettings(Settings):
     """How contour lines are traced."""
 
-    enabled: bool = True
-    """Whether they are."""
-    interval_m: float | None = None
-    """Contour interval; None: by the relief (``interval_for``)."""
-    cell_m: float | None = None
-    """Cell size to which the raster is averaged first; None: its own cells, or aggregates of at most MAXIMUM_CELLS."""
-    minimum_length_m: float | None = None
-    """Shorter lines are omitted; None: eight of the contoured cells."""
-
-    def __post_init__(self) -> None:
-        for name in ("interval_m", "cell_m"):
-            value = getattr(self, name)
-            if value is not None:
-                check_positive(name, value)
-        if self.minimum_length_m is not None:
-            check_range("minimum_length_m", self.minimum_length_m, 0.0)
+    enabled: Annotated[bool, "Whether contour lines are traced."] = True
+    interval_m: Annotated[
+        float | None,
+        Within(0.01, 1000, "m"),
+        "Contour interval.",
+        Default(f"by the relief, about {LINES_OVER_RELIEF} lines"),
+    ] = None
+    cell_m: Annotated[
+        float | None,
+        Within(0.001, 1000, "m"),
+        "The raster is averaged to about such cells first: larger is calmer.",
+        Default("that of the raster"),
+    ] = None
+    minimum_length_m: Annotated[
+        float | None, Within(0, 100_000, "m"), "Shorter lines are left out.", Default("8 cells")
+    ] = None
 
 
 def interval_for(relief_m: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinat
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.errors import PhotogramError, SettingError, SurfaceError, check_positive
+from photogram.errors import PhotogramError, SurfaceError
+from photogram.settings.settings import Settings, Within
 from photogram.survey import Raster
 
 MAXIMUM_BLOCKS = 4_000_000
@@ -28,33 +30,24 @@ _STRIP_BLOCKS = 64
 
 
 @dataclass(frozen=True)
-class TerrainSettings:
+class TerrainSettings(Settings):
     """How ground is separated from the surface. Lengths are those of what stands on the ground, bushes, cars and
     houses, and do not follow the picture; nothing is looked for that is smaller than a cell of the surface."""
 
-    enabled: bool = False
-    """Whether a terrain model is made."""
-    cell_m: float = 0.5
-    """Side of the aggregates on which the cloth is dropped, at least a cell of the surface."""
-    cloth_m: float = 1.0
-    """Grid spacing of the cloth."""
-    rigidness: int = 2
-    """1 for steep, 2 for rolling, 3 for flat ground."""
-    reach_m: float = 0.5
-    """Distance from the cloth within which an aggregate is ground."""
-    step_m: float = 0.3
-    """Distance from the ground of the aggregates within which a cell is ground."""
-    margin_m: float = 0.5
-    """Cells this near to objects three steps high or more are not ground."""
-    maximum_gap_m: float = 30.0
-    """Distance from ground beyond which nothing is interpolated."""
-
-    def __post_init__(self) -> None:
-        for name in ("cell_m", "cloth_m", "reach_m", "step_m", "margin_m", "maximum_gap_m"):
-            check_positive(name, getattr(self, name))
-        if self.rigidness not in (1, 2, 3):
-            text = f"must be 1 (steep), 2 (rolling) or 3 (flat ground), found {self.rigidness}"
-            raise SettingError("rigidness", text)
+    enabled: Annotated[bool, "Whether a terrain model is made."] = False
+    cell_m: Annotated[
+        float,
+        Within(0.001, 1000, "m"),
+        "Side of the blocks on which the cloth is dropped, a cell at least.",
+    ] = 0.5
+    cloth_m: Annotated[float, Within(0.01, 1000, "m"), "Distance of the cloth's knots."] = 1.0
+    rigidness: Annotated[Literal[1, 2, 3], "1 for steep, 2 for rolling, 3 for flat ground."] = 2
+    reach_m: Annotated[float, Within(0.001, 1000, "m"), "A block this near to the cloth is ground."] = 0.5
+    step_m: Annotated[float, Within(0.001, 1000, "m"), "A cell this near to the ground of the blocks is ground."] = 0.3
+    margin_m: Annotated[
+        float, Within(0.001, 1000, "m"), "Cells this near to what stands three steps high or more are not ground."
+    ] = 0.5
+    maximum_gap_m: Annotated[float, Within(0.001, 100_000, "m"), "What is further from any ground stays open."] = 30.0
 
 
 @dataclass(frozen=True, eq=False)

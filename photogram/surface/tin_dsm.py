@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, FloatArray, IntArray, nmad
-from photogram.errors import SettingError, SurfaceError, check_positive, check_range
+from photogram.errors import SettingError, SurfaceError
 from photogram.measures.round_lengths import round_near
+from photogram.settings.settings import Default, Settings, Within
 from photogram.survey import PointCloud, Raster
 
 Rule = Callable[[IntArray, FloatArray], FloatArray]
@@ -40,35 +41,48 @@ CHUNK_POINTS = 40_000
 
 
 @dataclass(frozen=True)
-class SurfaceSettings:
+class SurfaceSettings(Settings):
     """How points become a surface."""
 
-    cell_m: float | None = None
-    """Side of a cell; None: mean spacing of the points, rounded to 1, 2 or 5 times a power of ten."""
-    maximum_gap_m: float | None = None
-    """Longest edge of a triangle in plan that carries cells; None: 10 times the median edge."""
-    spike_nmad: float = 6.0
-    """Distance from the plane through its neighbours, in NMAD, beyond which a point is a spike; 0 keeps every point."""
-    spike_minimum_m: float | None = None
-    """Distance from that plane below which a point is never a spike; None: SPIKE_GSD pixels on the ground in a survey,
-    SPIKE_SPACING of the distance between neighbours for points of which nothing else is known."""
-    spike_neighbours: int = 20
-    """Number of nearest points in plan that form a neighbourhood."""
-    in_plan: Literal["auto", "always"] = "auto"
-    """Whether photographs that look sideways give a surface in plan: auto, they do not."""
-    plane: Literal["none", "auto"] = "none"
-    """What heights are counted from: none, the map's zero; auto, a plane fitted to the tie points, where it leans."""
+    cell_m: Annotated[
+        float | None,
+        Within(0.001, 1000, "m"),
+        "Side of a cell.",
+        Default("2 GSD, rounded; without `dense` the mean spacing of the points, rounded to 1, 2 or 5 · 10ⁿ"),
+    ] = None
+    maximum_gap_m: Annotated[
+        float | None,
+        Within(0.001, 100_000, "m"),
+        "How far a cell of a hole looks for the surface around it where `dsm_filled.tif` closes it, 100 cells at most; "
+        "without `dense`: triangles with longer edges hold no data.",
+        Default("25 cells; without `dense` 10 times the median edge"),
+    ] = None
+    spike_nmad: Annotated[
+        float,
+        Within(0, 1e6, "NMAD"),
+        "Without `dense`: points further from the plane through their neighbours are left out; 0 keeps every point.",
+    ] = 6.0
+    spike_minimum_m: Annotated[
+        float | None,
+        Within(0, 10_000, "m"),
+        "Without `dense`: points nearer to that plane are never left out.",
+        Default(f"{SPIKE_GSD:g} GSD; {SPIKE_SPACING:g} of the spacing where that is not known"),
+    ] = None
+    spike_neighbours: Annotated[
+        int, Within(4, 1000), "Without `dense`: nearest points in plan that form a neighbourhood."
+    ] = 20
+    in_plan: Annotated[
+        Literal["auto", "always"], "`always`: a surface is made although the photographs look sideways."
+    ] = "auto"
+    plane: Annotated[
+        Literal["none", "auto"],
+        "`auto`: the surface is made on a plane fitted to the tie points where that leans; not in plan.",
+    ] = "none"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.plane == "auto" and self.in_plan == "always":
             raise SettingError("plane", "auto makes the surface on a plane, in_plan: always on the map: remove one")
-        for name in ("cell_m", "maximum_gap_m"):
-            value = getattr(self, name)
-            if value is not None:
-                check_positive(name, value)
-        check_range("spike_nmad", self.spike_nmad, 0.0)
-        check_range("spike_minimum_m", self.spike_minimum_m or 0.0, 0.0)
-        check_range("spike_neighbours", self.spike_neighbours, 4)
 
 
 @dataclass(frozen=True, eq=False)

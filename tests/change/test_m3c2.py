@@ -11,7 +11,7 @@ import pytest
 from lib.simulated_changes import Errors, epoch, grid_at, uneven
 
 from photogram.change.m3c2 import CloudErrors, M3C2Settings, core_points, m3c2, spacing_of
-from photogram.errors import PhotogramError
+from photogram.errors import PhotogramError, SettingError
 from photogram.survey import PointCloud
 
 OWN = Errors(own_m=(0.02, 0.02), shift_m=(0.0, 0.0, 0.0), tilt_m=0.0, dome_m=0.0)
@@ -104,5 +104,5 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         m3c2(plane(0.0, 1), plane(1.0, 2))
     with pytest.raises(PhotogramError, match="fewer than 4 points"):
         m3c2(PointCloud(np.zeros((3, 3))), plane(1.0, 2))
-    with pytest.raises(PhotogramError, match="radius_m: must be a finite number above 0, found -1"):
+    with pytest.raises(SettingError, match=r"radius_m: must be from 0\.0001 to 10000 m, found -1"):
         M3C2Settings(radius_m=-1.0)

@@ -465,7 +465,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "settings that contradict each other": (
         ("maximum_rounds: 3}", "maximum_rounds: 3}\ndense:\n  large_step: 5\n  small_step: 9"),
         "small_step: 9",
-        "dense.small_step: must be at least 0 and below large_step, 5, found 9",
+        "dense.small_step: must be below large_step, 5, found 9",
     ),
     "setting out of a range that another one sets": (
         ("maximum_rounds: 3}", "maximum_rounds: 3}\nfeatures:\n  tile_px: 1024\n  overlap_px: 600"),
@@ -475,7 +475,7 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
     "setting narrower than what is possible": (
         ("maximum_rounds: 3}", "maximum_rounds: 3}\northophoto: {feather_cells: 9000}"),
         "feather_cells: 9000",
-        "orthophoto.feather_cells: must be from 0 to 8, found 9000",
+        "orthophoto.feather_cells: must be from 0 to 8 cells, found 9000",
     ),
     "role": (
         ("role: check", "role: chek"),

@@ -187,7 +187,7 @@ def test_sentence_says_why_nothing_is_stated() -> None:
 
 @pytest.mark.parametrize("value", [0.0, -0.01, math.inf, math.nan])
 def test_target_must_be_a_length(value: float) -> None:
-    with pytest.raises(SettingError, match=r"^target_rmse_h_m: must be a finite number above 0, found "):
+    with pytest.raises(SettingError, match=r"^target_rmse_h_m: must be from 0.0001 to 1000 m, found "):
         ReportSettings(target_rmse_h_m=value)
 
 

@@ -13,7 +13,7 @@ from photogram.errors import ImageError, SettingError
 from photogram.sfm.tie_points.features import FeatureSettings, find_features
 from photogram.survey import Features
 
-ALL = FeatureSettings(maximum=10**6, cells_per_side=1)
+ALL = FeatureSettings(maximum=200_000, cells_per_side=1)
 
 
 def textured(width: int, height: int, seed: int) -> np.ndarray:

@@ -182,7 +182,7 @@ def test_grid_corners_are_multiples_of_the_cell_and_cover_the_points(cell_m: flo
         (np.array([[0, 0, 0], [1, 0, 0], [0, 1, np.nan], [0, np.inf, 1]]), {}, "2 of 4 points have finite"),
         (np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0], [3, 3, 5]]), {}, "collinear in plan"),
         (np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), {"maximum_gap_m": 1.0}, "larger gap"),
-        (np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), {"cell_m": 1e-5}, "larger cell_m"),
+        (np.array([[0.0, 0, 0], [90, 0, 0], [0, 90, 0]]), {"cell_m": 1e-3}, "larger cell_m"),
         (np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]), {"cell_m": 50.0}, "smaller cell_m"),
     ],
 )

@@ -49,11 +49,11 @@ from photogram.pipeline.store.run import Run as Survey
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.document import Document, read_entry, read_settings
 from photogram.project.project import SECTIONS
-from photogram.project.ranges import SETTINGS, Within
 from photogram.project.schema import ProjectFile
 from photogram.report import viewer
 from photogram.report.figures.style import new_figure
 from photogram.report.reading import making_of, read_report
+from photogram.settings.settings import Within
 from photogram.simulation.planning.flight_file import FlightFile, plan_settings
 from photogram.survey import PointCloud
 from photogram.wording import file_stem, printable, table_cell
@@ -480,7 +480,7 @@ def test_nonsense_is_named_with_its_key_and_range(tmp_path: Path, photogram: Run
     document = Document(tmp_path / "project.yaml")
     read_entry(document, ProjectFile)
     for name, kind in SECTIONS.items():
-        read_settings(document, name, kind, SETTINGS[name])
+        read_settings(document, name, kind)
     with pytest.raises(ProjectError, match=SLIPS[text]):
         document.raise_faults()
 
@@ -525,30 +525,6 @@ def test_every_number_of_the_files_has_a_range(schema: type[BaseModel]) -> None:
         if name in block.model_fields and unbounded(kind)
     }
     assert without == ({"photogram"} if schema is ProjectFile else set())  # the format, which must be 1
-
-
-@pytest.mark.parametrize("section", SECTIONS)
-def test_every_setting_has_a_range(section: str) -> None:
-    kinds = {name: str(kind) for name, kind in SECTIONS[section].__annotations__.items()}
-    if section == "orientation":
-        kinds |= {name: str(kind) for name, kind in SECTIONS[section].__base__.__annotations__.items()}
-    numbers = {name for name, kind in kinds.items() if "float" in kind or "int" in kind}
-    assert numbers == set(SETTINGS[section])
-
-
-@pytest.mark.parametrize("section", SECTIONS)
-def test_the_defaults_lie_in_their_ranges(section: str) -> None:
-    settings = SECTIONS[section]()
-    for name, within in SETTINGS[section].items():
-        value = getattr(settings, name)
-        assert value is None or within.holds(value), name
-
-
-def test_a_range_says_what_it_holds() -> None:
-    assert str(Within(1e-5, 1e4, "m", or_zero=True)) == "0, or from 1e-05 to 10000 m"
-    assert Within(1, 2, or_zero=True).holds(0)
-    assert not Within(1, 2).holds(0)
-    assert not Within(1, 2).holds(float("nan"))
 
 
 @pytest.mark.parametrize(

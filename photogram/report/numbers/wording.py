@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from markupsafe import Markup, escape
 
 from photogram.report.numbers.traffic_lights import number
+from photogram.settings.settings import settings_of
+from photogram.surface.dense.tile_matching import DenseSettings
 
 NO_FIGURE = "–"
 THIN_SPACE = "\u202f"
@@ -17,15 +19,6 @@ UNIT = "units"
 
 _LENGTH = re.compile(r"(?<=\d)([\s\u202f]|&#8239;)?(mm|cm|km|m)(²|³|2)?(?![A-Za-z0-9_])")
 _POWERS = {"m": "", "mm": "10⁻³ ", "cm": "10⁻² ", "km": "10³ "}
-
-SETTING_TITLES = {
-    "photographs": ("photographs for a cell, at most", ""),
-    "agreeing_share": ("share of them that must agree", ""),
-    "small_step": ("penalty of a small step", " hundredths of a correlation"),
-    "large_step": ("penalty of a large step", " hundredths of a correlation"),
-    "contrast_dn": ("contrast that halves it", " grey values"),
-    "noise_dn": ("noise of the photographs", " grey values"),
-}
 
 
 def fixed(value: object, digits: int = 3) -> str:
@@ -115,11 +108,12 @@ def css_string(text: object, most: int) -> Markup:
 
 def matching_settings(settings: Mapping[str, object]) -> str:
     """Write the settings of the dense matching in words with their units."""
-    found = []
+    known = {setting.name: setting for setting in settings_of(DenseSettings)}
+    words = []
     for name, value in settings.items():
-        title, unit = SETTING_TITLES.get(name, (str(name).replace("_", " "), ""))
-        found.append(f"{title} {plain(value)}{unit}")
-    return "; ".join(found)
+        title, unit = (known[name].title, known[name].unit) if name in known else (name.replace("_", " "), "")
+        words.append(f"{title} {plain(value)} {unit}".rstrip())
+    return "; ".join(words)
 
 
 def without_metres(text: str) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, ByteArray, Float32Array, Int32Array
 from photogram.errors import ImageError, check_range
 from photogram.machine import memory_bytes
+from photogram.settings.settings import Settings, Within
 from photogram.sfm.tie_points.gradient_histograms import descriptors, orientations
 from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.sfm.tie_points.scale_space import extrema, octaves
@@ -30,22 +31,23 @@ from photogram.survey import Features
 
 
 @dataclass(frozen=True)
-class FeatureSettings:
+class FeatureSettings(Settings):
     """How key points are found."""
 
-    maximum: int = 10000  # key points kept per photograph
-    contrast_threshold: float = 0.02  # SIFT's own, on grey values of 0 to 1
-    tile_px: int = 1536
-    overlap_px: int = 96
-    cells_per_side: int = 24  # the grid over which key points are spread
-    doubled: Literal["auto", "yes", "no"] = "auto"  # look for key points in the doubled picture; auto: if it is small
+    maximum: Annotated[int, Within(8, 200_000), "Key points kept per photograph."] = 10000
+    contrast_threshold: Annotated[
+        float, Within(0, 1), "SIFT's own, on grey values of 0 to 1; lower finds more and weaker key points."
+    ] = 0.02
+    tile_px: Annotated[int, Within(256, 65_536, "px"), "Side of the tiles, which bound the memory."] = 1536
+    overlap_px: Annotated[int, Within(16, 32_768, "px"), "Overlap of the tiles, half a tile at most."] = 96
+    cells_per_side: Annotated[int, Within(1, 1000), "Grid over which key points are spread."] = 24
+    doubled: Annotated[
+        Literal["auto", "yes", "no"], "Look for key points in the doubled picture; `auto`: below 5 Mpx."
+    ] = "auto"
 
     def __post_init__(self) -> None:
-        check_range("maximum", self.maximum, 8)
-        check_range("contrast_threshold", self.contrast_threshold, 0.0, 1.0)
-        check_range("tile_px", self.tile_px, 256)
+        super().__post_init__()
         check_range("overlap_px", self.overlap_px, 16, self.tile_px / 2)
-        check_range("cells_per_side", self.cells_per_side, 1, 1000)
 
 
 LARGE_PX = 5_000_000

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.compilation import njit
-from photogram.errors import check_range
+from photogram.settings.settings import Settings, Within
 from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.survey import TRANSFERRED, TiePoints
 
@@ -26,19 +27,15 @@ HALF_PATCH = 16
 
 
 @dataclass(frozen=True)
-class TransferSettings:
+class TransferSettings(Settings):
     """How tie points are measured in further photographs."""
 
-    correlation: float = 0.8  # least normalised cross-correlation; 1 transfers nothing
-    half_window_px: int = 7
-    search_px: int = 4  # around the predicted place
-    least_contrast: float = 3.0  # standard deviation of the window's grey values
-
-    def __post_init__(self) -> None:
-        check_range("correlation", self.correlation, 0.1, 1.0)
-        check_range("half_window_px", self.half_window_px, 2, HALF_PATCH - 4)
-        check_range("search_px", self.search_px, 1, 30)
-        check_range("least_contrast", self.least_contrast, 0.0)
+    correlation: Annotated[float, Within(0.1, 1), "Least normalised cross-correlation; 1 transfers nothing."] = 0.8
+    half_window_px: Annotated[int, Within(2, HALF_PATCH - 4, "px"), "Half the side of the window."] = 7
+    search_px: Annotated[int, Within(1, 30, "px"), "Search around the predicted place."] = 4
+    least_contrast: Annotated[
+        float, Within(0, 255, "grey values"), "Standard deviation of the window's grey values, at least."
+    ] = 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -10,24 +11,27 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, undistort
-from photogram.errors import check_range
 from photogram.projection import SIDEWAYS
+from photogram.settings.settings import Settings, Within
 from photogram.sfm.tie_points.nearest_descriptors import nearest_descriptors
 from photogram.survey import Features, Matches
 
 
 @dataclass(frozen=True)
-class MatchingSettings:
+class MatchingSettings(Settings):
     """How key points are matched and verified."""
 
-    ratio: float = 0.8  # nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1)
-    threshold_px: float = 1.5  # distance from the epipolar line: three sigmas of key points, times their coarseness
-    minimum_inliers: int = 20  # a pair with fewer verified matches is not connected
-
-    def __post_init__(self) -> None:
-        check_range("ratio", self.ratio, 0.01, 1.0)
-        check_range("threshold_px", self.threshold_px, 0.01, 100.0)
-        check_range("minimum_inliers", self.minimum_inliers, 8)
+    ratio: Annotated[
+        float,
+        Within(0.01, 1),
+        "Nearest to second nearest descriptor distance (Lowe 2004, sec. 7.1); 1 switches the test off.",
+    ] = 0.8
+    threshold_px: Annotated[
+        float,
+        Within(0.01, 100, "px"),
+        "Distance from the epipolar line, times the coarseness of the key points.",
+    ] = 1.5
+    minimum_inliers: Annotated[int, Within(8, 10_000), "A pair with fewer verified matches is not connected."] = 20
 
 
 def candidate_matches(first: Features, second: Features, settings: MatchingSettings) -> IntArray:

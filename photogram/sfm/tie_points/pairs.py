@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import cos, inf, radians
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -21,8 +21,9 @@ from scipy.spatial import cKDTree
 from photogram.arrays import BoolArray, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, image_plane, image_plane_or_nan
 from photogram.compilation import njit
-from photogram.errors import OrientationError, check_range
+from photogram.errors import OrientationError
 from photogram.projection import SIDEWAYS
+from photogram.settings.settings import Settings, Within
 from photogram.survey import Photograph
 
 Reason = Literal["footprint", "neighbour", "retrieval", "exhaustive", "depth"]
@@ -44,19 +45,19 @@ _EXHAUSTIVE = 30  # so few photographs are matched all with all
 
 
 @dataclass(frozen=True)
-class PairSettings:
+class PairSettings(Settings):
     """Which photographs are matched with each other."""
 
-    neighbours: int = 12  # partners per photograph where attitude or flying height is not known
-    retrieved: int = 10  # partners per photograph of unknown position, the most similar ones
-    maximum: int = 16  # partners per photograph by predicted footprints
-    footprint_overlap: float = 0.1  # predicted share of the pictures that shows the same ground, at least
-
-    def __post_init__(self) -> None:
-        check_range("neighbours", self.neighbours, 1)
-        check_range("retrieved", self.retrieved, 1)
-        check_range("maximum", self.maximum, 1)
-        check_range("footprint_overlap", self.footprint_overlap, 0.01, 1.0)
+    neighbours: Annotated[
+        int, Within(1, 1000), "Partners of a photograph whose attitude or flying height is not known, the nearest."
+    ] = 12
+    retrieved: Annotated[
+        int, Within(1, 1000), "Partners of a photograph without a position, the most similar ones."
+    ] = 10
+    maximum: Annotated[int, Within(1, 1000), "Partners of a photograph by predicted footprints."] = 16
+    footprint_overlap: Annotated[
+        float, Within(0.01, 1), "Predicted share of the pictures that shows the same ground, at least."
+    ] = 0.1
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from typing_extensions import TypedDict
 
 from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
-from photogram.project.ranges import Within
 from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
 from photogram.projection import CAMERA_PARAMETERS
+from photogram.settings.settings import Within
 from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
 
 

@@ -14,14 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from photogram.errors import SettingError, check_positive, check_range
+from photogram.errors import SettingError
 from photogram.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
+from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import Crops, Ground, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
@@ -62,33 +64,52 @@ _PROBE_SHARE, _TOLERANCE_SHARE = 0.3, 1.0
 
 
 @dataclass(frozen=True)
-class DenseSettings:
-    """How dense heights are matched.
+class DenseSettings(Settings):
+    """How dense heights are matched."""
 
-    ``enabled``: whether they are. ``photographs``: in how many a cell is looked up at most. ``agreeing_share``: share
-    of these that must agree. ``small_step``, ``large_step``: penalties of the regularisation for a change of height by
-    one hypothesis and by more, in hundredths of a correlation. ``contrast_dn``: change of grey at which the large
-    penalty is halved. ``noise_dn``: standard deviation of the photographs' noise in grey values.
-    """
-
-    enabled: bool = True
-    photographs: int = 6
-    agreeing_share: float = 0.5
-    small_step: float = 5.0
-    large_step: float = 47.0
-    contrast_dn: float = 30.0
-    noise_dn: float = 1.5
+    enabled: Annotated[bool, "Whether heights are matched."] = True
+    photographs: Annotated[
+        int,
+        Within(2, 16),
+        "In how many photographs a cell is looked up at most: those that see it from straightest above.",
+        Title("photographs for a cell, at most"),
+    ] = 6
+    agreeing_share: Annotated[
+        float,
+        Within(0.01, 1),
+        "Share of these that must agree; the others may be hidden.",
+        Title("share of them that must agree"),
+    ] = 0.5
+    small_step: Annotated[
+        float,
+        Within(0, LARGEST_STEP, "hundredths of a correlation"),
+        "Penalty of the regularisation for a change of height by one step, below `large_step`; more is smoother.",
+        Title("penalty of a small step"),
+    ] = 5.0
+    large_step: Annotated[
+        float,
+        Within(0, LARGEST_STEP, "hundredths of a correlation"),
+        "Its penalty for a larger change.",
+        Title("penalty of a large step"),
+    ] = 47.0
+    contrast_dn: Annotated[
+        float,
+        Within(0.01, 255, "grey values"),
+        "Change of grey value at which the large penalty is halved.",
+        Title("contrast that halves it"),
+    ] = 30.0
+    noise_dn: Annotated[
+        float,
+        Within(0.01, 255, "grey values"),
+        "Standard deviation of the photographs' noise; windows with little more than that correlate with nothing.",
+        Title("noise of the photographs"),
+    ] = 1.5
 
     def __post_init__(self) -> None:
-        check_range("photographs", self.photographs, 2, 16)
-        check_positive("agreeing_share", self.agreeing_share)
-        check_range("agreeing_share", self.agreeing_share, 0.0, 1.0)
-        check_range("large_step", self.large_step, 0.0, LARGEST_STEP)
-        if not 0.0 <= self.small_step < self.large_step:
-            limits = f"at least 0 and below large_step, {self.large_step:g}"
-            raise SettingError("small_step", f"must be {limits}, found {self.small_step:g}")
-        check_positive("contrast_dn", self.contrast_dn)
-        check_positive("noise_dn", self.noise_dn)
+        super().__post_init__()
+        if self.small_step >= self.large_step:
+            limit = f"must be below large_step, {self.large_step:g}"
+            raise SettingError("small_step", f"{limit}, found {self.small_step:g}")
 
 
 @dataclass(frozen=True, eq=False)

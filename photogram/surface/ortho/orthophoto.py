@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,12 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.errors import SurfaceError, check_positive, check_range
+from photogram.errors import SurfaceError
 from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
+from photogram.settings.settings import Default, Settings, Within
 from photogram.surface.ortho.cell_choice import (
     EDGE_REACH,
     MIXED,
@@ -85,24 +87,20 @@ _NOTHING = np.zeros((0, 1, 1), np.uint8)
 
 
 @dataclass(frozen=True)
-class OrthophotoSettings:
+class OrthophotoSettings(Settings):
     """How photographs become an orthophoto."""
 
-    enabled: bool = True
-    """Whether they do."""
-    cell_m: float | None = None
-    """Side of a cell; None: ground sampling distance, rounded to two digits."""
-    balance: bool = True
-    """Whether photographs are balanced radiometrically."""
-    feather_cells: float = 4.0
-    """Width of a seam in cells, 0 for a sharp one."""
-    seams: str | None = None
-    """File of seams, polygons with the photograph of each, that are taken as they are."""
-
-    def __post_init__(self) -> None:
-        if self.cell_m is not None:
-            check_positive("cell_m", self.cell_m)
-        check_range("feather_cells", self.feather_cells, 0, SMALLEST_BLOCK)
+    enabled: Annotated[bool, "Whether an orthophoto is made."] = True
+    cell_m: Annotated[
+        float | None, Within(0.0005, 1000, "m"), "Side of a cell.", Default("GSD, rounded to two digits")
+    ] = None
+    balance: Annotated[bool, "Whether photographs are made equally bright."] = True
+    feather_cells: Annotated[float, Within(0, SMALLEST_BLOCK, "cells"), "Width of a seam; 0 is a sharp one."] = 4.0
+    seams: Annotated[
+        str | None,
+        "File of edited seams, polygons with the photograph that each is taken from, relative to the project file.",
+        Default("none"),
+    ] = None
 
 
 def _above_ground_m(views: Views, terrain: Terrain) -> FloatArray:
