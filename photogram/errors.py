@@ -95,3 +95,9 @@ def check_range(key: str, value: float, low: float, high: float = math.inf) -> N
     if not low <= value <= high:
         limits = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
         raise SettingError(key, f"must be {limits}, found {value:g}")
+
+
+def check_positive(key: str, value: float) -> None:
+    """Raise SettingError unless ``value`` is a finite number above 0."""
+    if not 0.0 < value < math.inf:
+        raise SettingError(key, f"must be a finite number above 0, found {value:g}")

@@ -74,7 +74,7 @@ def test_agrees_with_scipys_interpolator_and_leaves_the_outside_of_the_hull_empt
     angle, radius = random.uniform(0, 2 * np.pi, 1500), 12 * np.sqrt(random.uniform(0, 1, 1500))
     x, y = 15 + radius * np.cos(angle), 20 + radius * np.sin(angle)
     z = 70 + np.sin(x / 2) * np.cos(y / 3)
-    raster = surface_from_points(cloud_of(x, y, z), SurfaceSettings(cell_m=0.4, maximum_gap_m=1e6, spike_nmad=0))
+    raster = surface_from_points(cloud_of(x, y, z), SurfaceSettings(cell_m=0.4, maximum_gap_m=1e5, spike_nmad=0))
     xc, yc = centres(raster)
     referee = LinearNDInterpolator(Delaunay(np.column_stack([x, y])), z)(xc, yc)
     outside = np.isnan(referee)
