@@ -31,6 +31,8 @@ from photogram.frames import LocalFrame
 from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages import report_files
+from photogram.project.document import Document
+from photogram.project.json_schema import project_schema
 from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.printing import browser_options, find_browser
@@ -261,6 +263,23 @@ def reports_follow_their_schema() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_files, "write_json", checked)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def projects_follow_their_schema() -> Iterator[None]:
+    """Hold every project.yaml that is accepted within a test's process against the JSON Schema, but for huge ones."""
+    validator, raise_faults = Draft202012Validator(project_schema()), Document.raise_faults
+
+    def checked(document: Document) -> None:
+        raise_faults(document)
+        value = document.value
+        if isinstance(value, dict) and "photogram" in value and document.path.stat().st_size < 50_000:
+            fault = best_match(validator.iter_errors(value))
+            assert fault is None, f"{document.path}: {fault.json_path}: {fault.message}"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Document, "raise_faults", checked)
         yield
 
 

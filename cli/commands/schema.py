@@ -1,4 +1,4 @@
-"""photogram schema: what the files of results may hold. Arguments only."""
+"""photogram schema: what the files of results, and a project, may hold. Arguments only."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ from typing import Annotated, Literal
 
 import typer
 
-DocumentName = Literal["report", "events"]
+DocumentName = Literal["report", "events", "project"]
 
 
 def schema(
     document: Annotated[
         DocumentName,
-        typer.Argument(help="Document: report, for report.json; events, for a line of --json.", show_default=False),
+        typer.Argument(
+            help="Document: report, for report.json; events, for a line of --json; project, for project.yaml.",
+            show_default=False,
+        ),
     ],
 ) -> None:
-    """Print the JSON Schema of report.json or of the events of --json: keys, their types and units."""
+    """Print the JSON Schema of report.json, the events of --json or project.yaml: keys, their types and units."""
     from photogram.cli.work.schema import run
 
     run(document)

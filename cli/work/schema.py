@@ -8,6 +8,7 @@ from collections.abc import Callable
 import typer
 from pydantic import TypeAdapter
 
+from photogram.project.json_schema import project_schema
 from photogram.report.record.json_schema import report_schema
 from photogram.settings.json_schema import schema_of
 from photogram.terminal.events import Event
@@ -18,7 +19,11 @@ def event_schema() -> dict[str, object]:
     return schema_of(TypeAdapter(Event))
 
 
-SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {"report": report_schema, "events": event_schema}
+SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
+    "report": report_schema,
+    "events": event_schema,
+    "project": project_schema,
+}
 """By the name of the document."""
 
 

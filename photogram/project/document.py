@@ -16,12 +16,14 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, create_model
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, ErrorDetails
 
 from photogram.errors import ProjectError, SettingError
 from photogram.files.reading import read_whole
 from photogram.project.findings import Finding
+from photogram.settings.settings import Default, Within
 from photogram.wording import shortened
 
 Key = tuple[str | int, ...]
@@ -309,10 +311,60 @@ def found(value: object) -> str:
     return "nothing" if value is None else "a mapping of keys"
 
 
+def _needs(field: FieldInfo) -> str:
+    """Return what to write where the file must give a key, else nothing."""
+    return next((mark.what for mark in field.metadata if isinstance(mark, Needed)), "")
+
+
+def _block_of(field: FieldInfo) -> type[Entry] | None:
+    """Return what stands at a key that holds a block, None at any other."""
+    kind: Any = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, Entry) else None
+
+
+def _is_required(field: FieldInfo) -> bool:
+    """Return whether the file must give a key: it is needed itself, or a key in its block is."""
+    block = _block_of(field)
+    return bool(_needs(field)) or (block is not None and any(map(_is_required, block.model_fields.values())))
+
+
+def _of_key(schema: dict[str, Any], field: FieldInfo) -> dict[str, Any]:
+    """Return the JSON Schema of a key with its sentence; a block may be empty, what is needed may not."""
+    nothing, needed = {"type": "null"}, _needs(field)
+    options = [{key: value for key, value in schema.items() if key != "default"}]
+    if _block_of(field) and not _is_required(field):
+        options.append(nothing)
+    elif needed and "anyOf" in schema:
+        shared = {key: value for key, value in options[0].items() if key != "anyOf"}
+        options = [{**option, **shared} for option in schema["anyOf"] if option != nothing]
+    words = [mark for mark in field.metadata if isinstance(mark, str)]
+    words += [f"{needed[0].upper()}{needed[1:]}."] if needed else []
+    words += [f"Default: {mark.words}." for mark in field.metadata if isinstance(mark, Default)]
+    words += [f"Unit: {mark.unit}." for mark in field.metadata if isinstance(mark, Within) and mark.unit]
+    default = schema.get("default")
+    return {
+        **(options[0] if len(options) == 1 else {"anyOf": options}),
+        **({"minProperties": 1} if needed and "additionalProperties" in schema else {}),
+        **({} if default is None or isinstance(default, list | dict) else {"default": default}),
+        **({"description": " ".join(words)} if words else {}),
+    }
+
+
 class Entry(BaseModel):
     """A block of keys; an empty block is one whose keys are all absent."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON Schema of the block: what each key is, which of them the file must give, and that a block
+        within it may be empty."""
+        schema = handler(core)
+        block = handler.resolve_ref_schema(schema)
+        block.pop("title", None)
+        required = [name for name, field in cls.model_fields.items() if _is_required(field)]
+        block["properties"] = {name: _of_key(block["properties"][name], f) for name, f in cls.model_fields.items()}
+        return {**schema, **({"required": required} if required else {})}
 
 
 _WORDS = {
@@ -386,9 +438,8 @@ def _missing(entry: object, key: Key) -> Iterator[tuple[Key, str]]:
     if isinstance(entry, Entry):
         for name, field in type(entry).model_fields.items():
             value = getattr(entry, name)
-            needs = [n.what for n in field.metadata if isinstance(n, Needed)]
-            if needs and (value is None or value == {}):
-                yield (*key, name), needs[0]
+            if _needs(field) and (value is None or value == {}):
+                yield (*key, name), _needs(field)
             yield from _missing(value, (*key, name))
     elif isinstance(entry, dict):
         for name, value in entry.items():
@@ -457,7 +508,7 @@ def _settings_model(settings: type[Any]) -> type[Entry]:
             keys[field.name] = (hints[field.name], field.default)
         else:
             keys[field.name] = (Annotated[hints[field.name] | None, Needed("this setting, it has no default")], None)
-    return create_model(settings.__name__, __base__=Entry, **keys)
+    return create_model(settings.__name__, __base__=Entry, __doc__=settings.__doc__, **keys)
 
 
 def read_settings(document: Document, name: str, settings: type[SettingsT]) -> SettingsT | None:

@@ -7,11 +7,12 @@ a file; after Document.raise_faults none of them is None.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, create_model
+from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, create_model
 
 from photogram.files.tables.position_files import Format
 from photogram.height_systems import HeightSystem
@@ -37,7 +38,7 @@ from photogram.project.ranges import (
     TOLERANCE_S,
 )
 from photogram.projection import CAMERA_PARAMETERS, SIGMA_KEYS, Model
-from photogram.settings.settings import Within
+from photogram.settings.settings import Default, Within
 from photogram.survey import Role, Roles
 
 PixelOrigin = Literal["photogram", "matlab", "colmap"]
@@ -67,6 +68,11 @@ def _number(value: object) -> float | None:
         return None  # a whole number of hundreds of digits
 
 
+def _read_by(read: Callable[[Any], object], schema: Mapping[str, object]) -> PlainValidator:
+    """Return what validates a value by a function, and the JSON Schema of what that accepts."""
+    return PlainValidator(read, json_schema_input_type=Annotated[Any, WithJsonSchema(dict(schema))])
+
+
 def _vector(*names: str, within: Within, fewest: int | None = None) -> PlainValidator:
     """Validate a list of one number in its range per name, or of the first ``fewest`` names and more."""
     least = len(names) if fewest is None else fewest
@@ -86,7 +92,8 @@ def _vector(*names: str, within: Within, fewest: int | None = None) -> PlainVali
             raise ValueError("; ".join(wrong))
         return tuple(n for n in numbers if n is not None)
 
-    return PlainValidator(read)
+    items = {"type": "number", **within.limits}
+    return _read_by(read, {"type": "array", "items": items, "minItems": least, "maxItems": len(names)})
 
 
 def _text(value: object) -> str:
@@ -148,8 +155,15 @@ def _picture_size(value: object) -> tuple[int, int]:
     return whole[0], whole[1]
 
 
-Text = Annotated[str, PlainValidator(_text)]
-Freedom = Annotated[float, PlainValidator(_freedom)]
+_TEXT = {"type": ["string", "integer"], "pattern": r"\S"}
+_ROLE = {"enum": [*_ROLES]}
+_TWO = {"type": "array", "minItems": 2, "maxItems": 2}
+
+Text = Annotated[str, _read_by(_text, _TEXT)]
+Freedom = Annotated[
+    float,
+    _read_by(_freedom, {"anyOf": [{"const": "free"}, {"type": "number", **replace(FREEDOM, or_zero=True).limits}]}),
+]
 Size = Annotated[int, PIXELS]
 Angle = Annotated[float, ANGLE_DEG]
 AngleSigma = Annotated[float, ANGLE_SIGMA_DEG]
@@ -162,19 +176,28 @@ Position = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION_
 MapPosition = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION)]
 Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
-RolesOf = Annotated[Roles, PlainValidator(_roles)]
-OneRole = Annotated[Role, PlainValidator(_role)]
+OneRole = Annotated[Role, _read_by(_role, _ROLE)]
+_BOTH_ROLES = {
+    "type": "object",
+    "properties": {"plan": _ROLE, "height": _ROLE},
+    "required": ["plan", "height"],
+    "additionalProperties": False,
+}
+RolesOf = Annotated[Roles, _read_by(_roles, {"anyOf": [_ROLE, _BOTH_ROLES]})]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
 Offset = Annotated[tuple[float, float, float], _vector("right", "down", "forward", within=LEVER_ARM_M)]
 Rotation3 = Annotated[tuple[float, float, float], _vector("x", "y", "z", within=ANGLE_DEG)]
-_ENDS = PlainValidator(_ends)
-_POINTS = PlainValidator(_two_points)
-PictureSize = Annotated[tuple[int, int], PlainValidator(_picture_size)]
+_ENDS = _read_by(_ends, {**_TWO, "items": _TEXT})
+_POINTS = _read_by(_two_points, {**_TWO, "items": _TEXT})
+PictureSize = Annotated[
+    tuple[int, int], _read_by(_picture_size, {**_TWO, "items": {"type": "integer", **PIXELS.limits}})
+]
 Pixel = Annotated[tuple[float, float], _vector("u", "v", within=PLACE_PX)]
 Place = Annotated[tuple[float, float], _vector("east", "north", within=POSITION_M)]
 
-
-_Sigmas: type[Entry] = create_model("_Sigmas", __base__=Entry, **dict.fromkeys(SIGMA_KEYS, (Freedom, 0.0)))  # type: ignore[call-overload]
+_MOVES = "How far it may move: 0 fixed, a prior sigma, or free."
+_SIGMAS = dict.fromkeys(SIGMA_KEYS, (Annotated[Freedom, _MOVES], 0.0))
+_Sigmas: type[Entry] = create_model("_Sigmas", __base__=Entry, **_SIGMAS)  # type: ignore[call-overload]
 
 
 class CameraSigmas(_Sigmas):  # type: ignore[misc, valid-type]
@@ -186,37 +209,40 @@ class CameraSigmas(_Sigmas):  # type: ignore[misc, valid-type]
         return tuple(float(getattr(self, p.sigma_key)) for p in CAMERA_PARAMETERS)
 
 
-def _names_in(key: str) -> list[str]:
-    """Return the parameters of a camera whose values stand at a key, as messages call them."""
-    return [p.name.removesuffix("_px") for p in CAMERA_PARAMETERS if p.key == key]
+def _values_of(key: str, within: Within, fewest: int | None = None) -> PlainValidator:
+    """Validate the list of the parameters of a camera that stand at a key; messages call them by their names."""
+    names = [p.name.removesuffix("_px") for p in CAMERA_PARAMETERS if p.key == key]
+    return _vector(*names, within=within, fewest=fewest)
 
 
-_CENTRE = _vector(*_names_in("principal_point_px"), within=PLACE_PX)
+PrincipalPoint = Annotated[tuple[float, float], _values_of("principal_point_px", PLACE_PX)]
+Radial = Annotated[tuple[float, ...], _values_of("radial", DISTORTION, fewest=2)]
+Tangential = Annotated[tuple[float, float], _values_of("tangential", DISTORTION)]
+Affinity = Annotated[tuple[float, float], _values_of("affinity", PLACE_PX)]
 
 
 class CameraEntry(Entry):
-    """One camera; ``matlab`` stands instead of the figures. ``per_flight`` calibrates it in each flight anew.
-    ``focal_readings_px`` are other focal lengths that its source may mean; ``mask`` is that of all its photographs."""
+    """One camera."""
 
     width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
     height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
-    matlab: Text | None = None
-    model: Model | None = None
-    focal_px: FocalLength | None = None
-    focal_readings_px: tuple[FocalLength, ...] = ()
-    principal_point_px: (
-        Annotated[tuple[float, float], _vector(*_names_in("principal_point_px"), within=PLACE_PX)] | None
-    ) = None
-    radial: Annotated[tuple[float, ...], _vector(*_names_in("radial"), within=DISTORTION, fewest=2)] | None = None
-    tangential: Annotated[tuple[float, float], _vector(*_names_in("tangential"), within=DISTORTION)] | None = None
-    affinity: Annotated[tuple[float, float], _vector(*_names_in("affinity"), within=PLACE_PX)] | None = None
-    readout_s: ReadoutTime | None = None
-    pixel_origin: PixelOrigin | None = None
-    sigmas: CameraSigmas = CameraSigmas()
-    calibration: Calibration = "given"
-    per_flight: bool = False
-    source: Text | None = None
-    mask: Text | None = None
+    matlab: Annotated[Text | None, "A .mat with its calibration, instead of the figures."] = None
+    model: Annotated[Model | None, "`brown` for frame cameras (default), `fisheye` equidistant."] = None
+    focal_px: Annotated[FocalLength | None, "Focal length in pixels."] = None
+    focal_readings_px: Annotated[tuple[FocalLength, ...], "Other focal lengths that its source may mean."] = ()
+    principal_point_px: Annotated[PrincipalPoint | None, "Principal point."] = None
+    radial: Annotated[Radial | None, "k1, k2, and k3, k4 where there are; default 0."] = None
+    tangential: Annotated[Tangential | None, "p1, p2; default 0."] = None
+    affinity: Annotated[Affinity | None, "b1, b2 in px; default 0."] = None
+    readout_s: Annotated[ReadoutTime | None, "Rolling shutter: from the first row to the last, s."] = None
+    pixel_origin: Annotated[PixelOrigin | None, "Where the centre of the top-left pixel is."] = None
+    sigmas: Annotated[CameraSigmas, "How far each parameter may move; default: all fixed."] = CameraSigmas()
+    calibration: Annotated[Calibration, "`given`: estimate as the sigmas say; `auto`: where the block supports it."] = (
+        "given"
+    )
+    per_flight: Annotated[bool, "Whether each flight has a calibration of its own."] = False
+    source: Annotated[Text | None, "Where the figures come from, for the report."] = None
+    mask: Annotated[Text | None, "A mask for all its photographs."] = None
 
 
 class Attitude(Entry):
@@ -231,33 +257,33 @@ class PhotographEntry(Entry):
     """One photograph."""
 
     name: Annotated[Text | None, Needed("the photograph's file name")] = None
-    camera: Text | None = None
-    gnss_m: Position | None = None
-    gnss: MapPosition | None = None
-    gnss_sigma_m: Sigma3 | None = None
-    attitude_deg: Attitude | None = None
-    attitude_sigma_deg: AngleSigma | None = None
-    height_above_ground_m: FlyingHeight | None = None
-    flight: Text = "1"
+    camera: Annotated[Text | None, "Its name under cameras."] = None
+    gnss_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
+    gnss: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
+    gnss_sigma_m: Annotated[Sigma3 | None, "Standard deviations of its position, m."] = None
+    attitude_deg: Annotated[Attitude | None, "The gimbal's angles."] = None
+    attitude_sigma_deg: Annotated[AngleSigma | None, "Standard deviation of the attitude."] = None
+    height_above_ground_m: Annotated[FlyingHeight | None, "Flying height."] = None
+    flight: Annotated[Text, "Photographs of one flight share one GNSS offset."] = "1"
 
 
 class PositionFileEntry(Entry):
     """A file of positions of photographs, and what it does not say itself."""
 
     path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
-    format: Format | None = None
-    position_of: PositionOf | None = None
-    crs: Text | None = None
-    heights: HeightSystem | None = None
-    flight: Text | None = None
-    lever_arms: Text | None = None
+    format: Annotated[Format | None, "Its format, where its name does not tell."] = None
+    position_of: Annotated[PositionOf | None, "Whose positions they are; needed for a table."] = None
+    crs: Annotated[Text | None, "CRS of a table, where that is not the project's."] = None
+    heights: Annotated[HeightSystem | None, "What its heights are counted from."] = None
+    flight: Annotated[Text | None, "The only flight that is meant."] = None
+    lever_arms: Annotated[Text | None, "An MRK with the way from the antenna to the camera at each exposure."] = None
 
 
 class MasksEntry(Entry):
     """The folder of the photographs' masks, and what is masked automatically."""
 
-    folder: Text | None = None
-    auto: Sequence[AutomaticMask] = ()
+    folder: Annotated[Text | None, "Folder of masks; black is left out."] = None
+    auto: Annotated[Sequence[AutomaticMask], "What is masked without a file."] = ()
 
 
 def _masks(value: object) -> object:
@@ -271,33 +297,39 @@ class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
     folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
-    masks: Annotated[MasksEntry | None, BeforeValidator(_masks)] = None
-    camera: Text | None = None
-    positions: Sequence[PositionFileEntry] = ()
-    gnss_sigma_m: Sigma3 | None = None
-    gnss_sigma_assumed: bool = False
-    attitude_sigma_deg: AngleSigma = 2.0
-    height_above_ground_m: FlyingHeight | None = None
-    list: Sequence[PhotographEntry] | None = None
+    masks: Annotated[
+        MasksEntry | None,
+        BeforeValidator(_masks, json_schema_input_type=MasksEntry | Text | None),
+        "Folder of masks, or a block.",
+    ] = None
+    camera: Annotated[Text | None, "The camera of all that name none."] = None
+    positions: Annotated[Sequence[PositionFileEntry], "Positions in other files."] = ()
+    gnss_sigma_m: Annotated[Sigma3 | None, "Standard deviations of all positions that have none, m."] = None
+    gnss_sigma_assumed: Annotated[bool, "Whether nobody has stated it: it is estimated."] = False
+    attitude_sigma_deg: Annotated[AngleSigma, "Standard deviation of attitudes that have none."] = 2.0
+    height_above_ground_m: Annotated[FlyingHeight | None, "Flying height, where tags do not say it."] = None
+    list: Annotated[Sequence[PhotographEntry] | None, "The photographs.", Default("all of the folder")] = None
 
 
 class GnssEntry(Entry):
     """The offset between GNSS and ground control, and the lever arm from the antenna to the camera."""
 
-    offset_sigma_m: OffsetSigma = (0.0, 0.0, 0.0)
-    lever_arm_m: LeverArm | None = None
-    lever_arm_axes: LeverArmAxes = "body"
-    lever_arm_per_flight_m: dict[str, LeverArm] = Field(default_factory=dict)
+    offset_sigma_m: Annotated[
+        OffsetSigma, "Prior of the offset between GNSS and control, one per flight; default 0, none."
+    ] = (0.0, 0.0, 0.0)
+    lever_arm_m: Annotated[LeverArm | None, "From the antenna to the camera: forward, right, down."] = None
+    lever_arm_axes: Annotated[LeverArmAxes, "Axes of the aircraft, or of the camera."] = "body"
+    lever_arm_per_flight_m: Annotated[dict[str, LeverArm], "Instead of it, by flight."] = Field(default_factory=dict)
 
 
 class HeightsEntry(Entry):
     """What heights are counted from: those of all results, and of what comes in."""
 
-    output: HeightSystem | None = None
-    gnss: HeightSystem | None = None
-    control_points: HeightSystem | None = None
-    geoid: Text | None = None
-    grid: Text | None = None
+    output: Annotated[HeightSystem | None, "Of all results; needed unless the crs is compound."] = None
+    gnss: Annotated[HeightSystem | None, "Of GNSS positions.", Default("as the tags say")] = None
+    control_points: Annotated[HeightSystem | None, "Of ground points."] = None
+    geoid: Annotated[Text | None, "EGM84, EGM96, EGM2008, a vertical CRS, or the path of a grid."] = None
+    grid: Annotated[Text | None, "File of that geoid, where PROJ has none."] = None
 
 
 def _heights(value: object) -> object:
@@ -318,75 +350,78 @@ class ControlPointEntry(Entry):
     """One ground point."""
 
     name: Annotated[Text | None, Needed("the point's name")] = None
-    role: RolesOf = ("control", "control")
-    position_m: Position | None = None
-    position: MapPosition | None = None
-    sigma_m: Sigma3 | None = None
-    mark_sigma_px: MarkSigma | None = None
-    marks: dict[str, Pixel] = Field(default_factory=dict)
+    role: Annotated[RolesOf, "A check point is never used in the adjustment; default control."] = ("control", "control")
+    position_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
+    position: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
+    sigma_m: Annotated[Sigma3 | None, "Standard deviations of its position, m."] = None
+    mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of its marks."] = None
+    marks: Annotated[dict[str, Pixel], "u right and v down, by photograph."] = Field(default_factory=dict)
 
 
 class ControlFileEntry(Entry):
     """A file of ground points, and what it does not say itself."""
 
     path: Annotated[Text | None, Needed("the file with the points, relative to this file")] = None
-    role: RolesOf = ("control", "control")
-    marks: Text | None = None
-    crs: Text | None = None
-    heights: HeightSystem | None = None
-    picture_size_px: PictureSize | None = None
-    sigma_m: Sigma3 | None = None
-    mark_sigma_px: MarkSigma | None = None
+    role: Annotated[RolesOf, "Of points whose file says nothing; default control."] = ("control", "control")
+    marks: Annotated[Text | None, "The file with their marks."] = None
+    crs: Annotated[Text | None, "CRS of the points.", Default("what the file says, else the project's")] = None
+    heights: Annotated[HeightSystem | None, "What its heights are counted from."] = None
+    picture_size_px: Annotated[
+        PictureSize | None, "Of the pictures with the marks.", Default("the photographs' own")
+    ] = None
+    sigma_m: Annotated[Sigma3 | None, "Standard deviations of points that have none, m."] = None
+    mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
 
 
 class ControlPointsEntry(Entry):
     """The ground points and what holds for all of them."""
 
-    sigma_m: Sigma3 | None = None
-    mark_sigma_px: MarkSigma | None = None
-    pixel_origin: PixelOrigin = "photogram"
-    files: Sequence[ControlFileEntry] = ()
-    list: Sequence[ControlPointEntry] = ()
+    sigma_m: Annotated[Sigma3 | None, "Standard deviations of points that have none, m."] = None
+    mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
+    pixel_origin: Annotated[PixelOrigin, "Where the centre of the top-left pixel is, for all marks."] = "photogram"
+    files: Annotated[Sequence[ControlFileEntry], "Ground points in other files."] = ()
+    list: Annotated[Sequence[ControlPointEntry], "The ground points."] = ()
 
 
-class DistanceEntry(Entry):
+class _ConstraintEntry(Entry):
+    """What holds for every observation between points."""
+
+    name: Annotated[Text | None, "What the report calls it."] = None
+    role: Annotated[OneRole, "`check` tests the result and touches nothing of it."] = "control"
+
+
+class DistanceEntry(_ConstraintEntry):
     """A measured distance between two ground points or two photographs."""
 
-    name: Text | None = None
     between: Annotated[tuple[str, str] | None, _ENDS, Needed("the names of its two ends")] = None
     length_m: Annotated[float | None, LENGTH_M, Needed("the measured length in metres")] = None
     sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
-    role: OneRole = "control"
 
 
-class HeightDifferenceEntry(Entry):
+class HeightDifferenceEntry(_ConstraintEntry):
     """A levelled height difference between two ground points."""
 
-    name: Text | None = None
     between: Annotated[tuple[str, str] | None, _POINTS, Needed("the names of its two points, from and to")] = None
     difference_m: Annotated[float | None, RISE_M, Needed("height of the second minus height of the first, m")] = None
     sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
-    role: OneRole = "control"
 
 
-class SurfaceEntry(Entry):
+class SurfaceEntry(_ConstraintEntry):
     """Ground points of one level surface, or of one plane."""
 
-    name: Text | None = None
     points: Annotated[tuple[Text, ...] | None, Needed("the names of its points")] = None
     sigma_m: Annotated[float | None, SIGMA_M, Needed("the standard deviation of a point from it in metres")] = None
-    role: OneRole = "control"
 
 
 class CompanionEntry(Entry):
     """A camera on the body of a rig's master, and what is given of where it sits; without, that is free."""
 
     camera: Annotated[Text | None, Needed("the companion's name under cameras")] = None
-    offset_m: Offset | None = None
-    offset_sigma_m: Annotated[float, SIGMA_M] | None = None
-    rotation_deg: Rotation3 | None = None
-    rotation_sigma_deg: AngleSigma | None = None
-    products: bool = True
+    offset_m: Annotated[Offset | None, "Right, down, forward of the master's projection centre."] = None
+    offset_sigma_m: Annotated[float | None, SIGMA_M, "Standard deviation of the offset."] = None
+    rotation_deg: Annotated[Rotation3 | None, "About x, y, z, from its axes to the master's."] = None
+    rotation_sigma_deg: Annotated[AngleSigma | None, "Standard deviation of the rotation."] = None
+    products: Annotated[bool, "Whether surface and orthophoto use its photographs."] = True
 
 
 class RigEntry(Entry):
@@ -395,49 +430,55 @@ class RigEntry(Entry):
     master: Annotated[Text | None, Needed("the master's name under cameras")] = None
     companions: Annotated[Sequence[CompanionEntry] | None, Needed("the other cameras of the body")] = None
     exposures: Annotated[ExposureGrouping | None, Needed("how photographs are grouped: capture, name or time")] = None
-    name_pattern: Text | None = None
-    tolerance_s: Annotated[float, TOLERANCE_S] | None = None
+    name_pattern: Annotated[Text | None, "Regular expression; its groups are the same for one exposure."] = None
+    tolerance_s: Annotated[float | None, TOLERANCE_S, "Longest time between photographs of one exposure."] = None
     sigma_m: Annotated[float | None, SIGMA_M, Needed("by how much the offset of an exposure scatters, m")] = None
     sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Needed("by how much its rotation scatters, degrees")] = None
 
 
 class StartEntry(Entry):
-    """What another program has found, and what of it the project starts from."""
+    """What another program has determined, and what of it the project starts from."""
 
     solution: Annotated[Text | None, Needed("the file that photogram import has written")] = None
-    tie_points: Whose = "theirs"
-    poses: Whose = "theirs"
+    tie_points: Annotated[Whose, "Its tie points, or own key points and matches."] = "theirs"
+    poses: Annotated[Whose, "Its poses, or an own orientation."] = "theirs"
 
 
 class ComparisonEntry(Entry):
     """What the results are compared with."""
 
-    reference: Text | None = None
-    heights: HeightSystem | None = None
+    reference: Annotated[Text | None, "A surface or a cloud, relative to this file."] = None
+    heights: Annotated[HeightSystem | None, "What its heights are counted from.", Default("as the results")] = None
 
 
 class ProjectFile(Entry):
-    """The whole file; the settings are read by read_settings."""
+    """A survey of photogram; the settings are read by read_settings."""
 
-    photogram: Annotated[int | None, Needed("write photogram: 1, the format of this file")] = None
+    photogram: Annotated[
+        int | None, WithJsonSchema({"const": 1}), Needed("write photogram: 1, the format of this file")
+    ] = None
     crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example, or none")] = None
-    heights: Annotated[HeightsEntry | None, BeforeValidator(_heights)] = None
-    datum_accuracy_m: Annotated[float, SIGMA_M] | None = None
-    datum_grid: Text | None = None
-    world: Literal["tangent", "grid"] = "tangent"
-    quality: Quality = "high"
+    heights: Annotated[
+        HeightsEntry | None,
+        BeforeValidator(_heights, json_schema_input_type=HeightsEntry | Literal["ellipsoidal"] | None),
+        "What heights are counted from: one word, or a block.",
+    ] = None
+    datum_accuracy_m: Annotated[float | None, SIGMA_M, "What is accepted where PROJ lacks a grid."] = None
+    datum_grid: Annotated[Text | None, "The file of the grid between the datums."] = None
+    world: Annotated[Literal["tangent", "grid"], "`grid` takes the map as Cartesian: exercises only."] = "tangent"
+    quality: Annotated[Quality, "Size of the pictures in which key points are found: full, half, quarter."] = "high"
     cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(
         default_factory=dict
     )
-    photographs: PhotographsEntry = PhotographsEntry()
-    gnss: GnssEntry = GnssEntry()
-    control_points: ControlPointsEntry = ControlPointsEntry()
-    distances: Sequence[DistanceEntry] = ()
-    height_differences: Sequence[HeightDifferenceEntry] = ()
-    level_surfaces: Sequence[SurfaceEntry] = ()
-    planes: Sequence[SurfaceEntry] = ()
-    rigs: Sequence[RigEntry] = ()
-    start: StartEntry | None = None
+    photographs: Annotated[PhotographsEntry, "The photographs."] = PhotographsEntry()
+    gnss: Annotated[GnssEntry, "Offset and lever arm of GNSS."] = GnssEntry()
+    control_points: Annotated[ControlPointsEntry, "The ground points."] = ControlPointsEntry()
+    distances: Annotated[Sequence[DistanceEntry], "Measured lengths."] = ()
+    height_differences: Annotated[Sequence[HeightDifferenceEntry], "Levelled height differences."] = ()
+    level_surfaces: Annotated[Sequence[SurfaceEntry], "Points of one unknown height, three or more."] = ()
+    planes: Annotated[Sequence[SurfaceEntry], "Points of one unknown plane, four or more."] = ()
+    rigs: Annotated[Sequence[RigEntry], "Cameras on one body."] = ()
+    start: Annotated[StartEntry | None, "The solution of another program to start from."] = None
     features: Any = None
     pairs: Any = None
     matching: Any = None
@@ -449,7 +490,7 @@ class ProjectFile(Entry):
     terrain: Any = None
     contours: Any = None
     orthophoto: Any = None
-    comparison: ComparisonEntry = ComparisonEntry()
+    comparison: Annotated[ComparisonEntry, "What the results are compared with."] = ComparisonEntry()
     report: Any = None
-    results: Text = "results"
-    work: Text = "work"
+    results: Annotated[Text, "Folder of the deliverables."] = "results"
+    work: Annotated[Text, "Folder of intermediate results."] = "work"

@@ -21,8 +21,6 @@ from pydantic_core import CoreSchema, core_schema
 from photogram.errors import SettingError
 from photogram.wording import shortened
 
-_Json = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class Within:
@@ -41,6 +39,12 @@ class Within:
         zero = "0, or " if self.or_zero else ""
         return f"{zero}from {self.low:.15g} to {self.high:.15g}{f' {self.unit}' if self.unit else ''}"
 
+    @property
+    def limits(self) -> dict[str, object]:
+        """The range in keywords of JSON Schema."""
+        limits: dict[str, object] = {"minimum": self.low, "maximum": self.high}
+        return {"if": {"not": {"const": 0}}, "then": limits} if self.or_zero else limits
+
     def check(self, value: float | None) -> float | None:
         """Return the number, or None where none is given. Raises ValueError where it is out of range."""
         if value is not None and not self.holds(value):
@@ -52,10 +56,9 @@ class Within:
         """Let pydantic check the number once its type is right."""
         return core_schema.no_info_after_validator_function(self.check, handler(source))
 
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, object]:
         """Return the JSON Schema of the number."""
-        limits: _Json = {"minimum": self.low, "maximum": self.high}
-        return {**handler(core), **({"if": {"not": {"const": 0}}, "then": limits} if self.or_zero else limits)}
+        return {**handler(core), **self.limits}
 
 
 @dataclass(frozen=True)
