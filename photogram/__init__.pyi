@@ -5,6 +5,7 @@ from .adjustment.problem import AdjustmentSettings
 from .camera import Camera, Pose, project_points, unproject
 from .change.cloud_change import CloudRequest, compare_clouds
 from .change.m3c2 import M3C2Settings
+from .change.reference_comparison import compare_files_to_reference, write_comparison
 from .change.surface_change import SurfaceRequest, compare_surfaces
 from .change.surfaces import StatedSigma
 from .errors import (
@@ -22,6 +23,9 @@ from .errors import (
     SurfaceError,
     WorkspaceError,
 )
+from .exchange.audit.page import AuditTables
+from .exchange.formats.recognition import read_solution
+from .exchange.solution_audit import audit, write_audit
 from .exchange.solution_export import export_solution
 from .exchange.solution_import import ImportedProject, import_solution
 from .files.clouds.points import read_cloud
@@ -30,22 +34,27 @@ from .files.photographs.depth import Stretch
 from .files.photographs.images import read_photograph
 from .files.photographs.masks import read_mask, write_mask
 from .files.photographs.stretches import find_stretch
+from .files.solutions.solution import ForeignSolution
 from .frames import LocalFrame
 from .local_grids.site_calibration import calibrate_site
 from .marking.mark_export import export_marks
+from .pipeline.finished_report import write_report
 from .pipeline.input_validation import check_project
 from .pipeline.new_project import NewProject, init
 from .pipeline.opened_survey import OpenedSurvey, open_survey
 from .pipeline.view import write_view
 from .project.findings import Findings
+from .project.project import Project
 from .quality.accuracy import check_accuracy
 from .quality.asprs import asprs_accuracy
-from .quality.cloud_comparison import compare_to_reference
-from .quality.diagnosis import diagnose
-from .quality.gross_errors.snooped_adjustment import adjust_with_snooping
+from .quality.cloud_comparison import Comparison, compare_to_reference
+from .quality.diagnosis import Diagnosis, diagnose
+from .quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
+from .report.record.json_schema import report_schema
+from .report.record.report import Report
 from .results import Adjustment
-from .sfm.orientation import OrientationSettings, orient
-from .sfm.resection import resect
+from .sfm.orientation import Orientation, OrientationSettings, orient
+from .sfm.resection import Resection, resect
 from .sfm.sky import find_sky
 from .sfm.tie_points.features import FeatureSettings, find_features
 from .sfm.tie_points.matching import MatchingSettings, match_pair
@@ -55,9 +64,13 @@ from .simulation.planning.prediction import predict_accuracy
 from .simulation.simulated_survey import render_photographs, simulate
 from .simulation.survey_files import write_survey
 from .simulation.survey_plan import SurveyPlan
+from .surface.block_surfaces import MatchedSurface, OrthophotoImage, make_orthophoto, match_surface
 from .surface.contours import ContourSettings, contour_lines
+from .surface.dense.tile_matching import DenseSettings
+from .surface.ortho.orthophoto import OrthophotoSettings
 from .surface.tin_dsm import SurfaceSettings, surface_from_points
-from .survey import Block, ControlPoints, Photograph, PointCloud, Raster, TiePoints
+from .survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
+from .teaching.pair_study import PairStudy, study_pair, write_study
 from .triangulation import intersect
 
 __version__: str
@@ -66,34 +79,49 @@ __all__ = [
     "Adjustment",
     "AdjustmentError",
     "AdjustmentSettings",
+    "AuditTables",
     "Block",
     "Camera",
     "CloudRequest",
+    "Comparison",
     "ContourSettings",
     "ControlPointError",
     "ControlPoints",
     "DamagedStageError",
+    "DenseSettings",
+    "Diagnosis",
     "ExchangeError",
     "FeatureSettings",
+    "Features",
     "Findings",
     "FlightPlan",
+    "ForeignSolution",
     "FrameError",
     "ImageError",
     "ImportedProject",
     "LocalFrame",
     "M3C2Settings",
+    "MatchedSurface",
+    "Matches",
     "MatchingSettings",
     "NewProject",
     "OpenedSurvey",
+    "Orientation",
     "OrientationError",
     "OrientationSettings",
+    "OrthophotoImage",
+    "OrthophotoSettings",
+    "PairStudy",
     "PhotogramError",
     "Photograph",
     "PointCloud",
     "Pose",
+    "Project",
     "ProjectError",
     "Raster",
+    "Report",
     "ReportError",
+    "Resection",
     "SettingError",
     "StatedSigma",
     "Stretch",
@@ -102,15 +130,18 @@ __all__ = [
     "SurfaceSettings",
     "SurveyPlan",
     "TiePoints",
+    "Verdict",
     "WorkspaceError",
     "__version__",
     "adjust",
     "adjust_with_snooping",
     "asprs_accuracy",
+    "audit",
     "calibrate_site",
     "check_accuracy",
     "check_project",
     "compare_clouds",
+    "compare_files_to_reference",
     "compare_surfaces",
     "compare_to_reference",
     "contour_lines",
@@ -124,7 +155,9 @@ __all__ = [
     "init",
     "intersect",
     "join_matches",
+    "make_orthophoto",
     "match_pair",
+    "match_surface",
     "open_survey",
     "orient",
     "predict_accuracy",
@@ -133,13 +166,20 @@ __all__ = [
     "read_mask",
     "read_photograph",
     "read_raster",
+    "read_solution",
     "render_photographs",
+    "report_schema",
     "resect",
     "simulate",
+    "study_pair",
     "surface_from_points",
     "unproject",
+    "write_audit",
+    "write_comparison",
     "write_mask",
     "write_raster",
+    "write_report",
+    "write_study",
     "write_survey",
     "write_view",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.survey import Block, CommonError
-from photogram.wording import html_table, things
+from photogram.verbs import call
+from photogram.wording import html_table, text_table, things
 
 SIGNIFICANCE = 0.01
 """Probability by chance below which a common error is one."""
@@ -465,6 +467,20 @@ class Adjustment:
 
     def _repr_html_(self) -> str:
         return html_table("Joint adjustment", (), self._facts())
+
+    def summary(self) -> str:
+        """Return sigma0, redundancy, residuals and warnings as a table of text."""
+        return text_table(self._facts())
+
+    def plot(self) -> None:
+        """Draw photographs, ground points and the residuals of control points from above, in the current axes of
+        matplotlib."""
+        call("plot_adjustment", self)
+
+    def write(self, path: Path | str) -> None:
+        """Write the exterior orientation of every photograph with its standard deviations as a table (CSV). Raises
+        WorkspaceError where it cannot be written."""
+        call("write_adjustment", Path(path), self)
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,11 @@ from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_s
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
 from photogram.constraints.rigs import Companion, give_scale
+from photogram.crs import NO_CRS
 from photogram.frames import LocalFrame
 from photogram.projection import OrientedCameras
-from photogram.wording import html_table, things
+from photogram.verbs import call
+from photogram.wording import html_table, text_table, things
 
 Role = Literal["control", "check"]
 Roles = tuple[Role, Role]
@@ -455,6 +457,30 @@ class PointCloud:
         more = [word for word, value in (("colour", self.colour), ("sigma", self.sigma_m)) if value is not None]
         return f"<PointCloud: {things(len(self), 'point')}{', with ' if more else ''}{' and '.join(more)}>"
 
+    def summary(self) -> str:
+        """Return count, extent and median standard deviations as a table of text."""
+        rows = [("points", str(len(self)))]
+        if len(self):
+            low, high = self.position_map_m.min(axis=0), self.position_map_m.max(axis=0)
+            axes = zip(("easting", "northing", "height"), low, high, strict=True)
+            rows += [(name, f"{first:.3f} to {last:.3f} m") for name, first, last in axes]
+        if len(self) and self.sigma_m is not None:
+            east, north, up = np.median(self.sigma_m, axis=0)
+            rows.append(("sigma, median east, north, up", f"{east:.4f}, {north:.4f}, {up:.4f} m"))
+        return text_table(rows)
+
+    def plot(self) -> None:
+        """Draw it from above in the current axes of matplotlib, in its colours or by height."""
+        call("plot_cloud", self)
+
+    def write(self, path: Path | str, crs: str = NO_CRS) -> None:
+        """Write it in ``crs`` as .laz, or as .xyz, .txt or .csv with a line for a point.
+
+        Raises ProjectError for another suffix, FrameError where ``crs`` is no map grid, WorkspaceError where the file
+        cannot be written.
+        """
+        call("write_cloud", Path(path), self, crs)
+
     @classmethod
     def from_world(
         cls, frame: LocalFrame, position_world_m: FloatArray, colour: ByteArray, sigma_m: FloatArray | None = None
@@ -487,6 +513,33 @@ class Raster:
         rows, columns = self.values.shape
         known = np.isfinite(self.values).mean() if self.values.size else 0.0
         return f"<Raster: {rows} × {columns} cells of {self.cell_m:g} m, {known:.0%} with data>"
+
+    def summary(self) -> str:
+        """Return size, place and values as a table of text."""
+        rows, columns = self.values.shape
+        known = self.values[np.isfinite(self.values)]
+        facts = [
+            ("cells", f"{rows} × {columns} of {self.cell_m:g} m"),
+            ("easting", f"{self.west_map_m:.3f} to {self.west_map_m + columns * self.cell_m:.3f} m"),
+            ("northing", f"{self.north_map_m - rows * self.cell_m:.3f} to {self.north_map_m:.3f} m"),
+            ("with data", f"{known.size / max(self.values.size, 1):.1%}"),
+        ]
+        if known.size:
+            facts.append(
+                ("values: least, median, largest", f"{known.min():.3f}, {np.median(known):.3f}, {known.max():.3f}")
+            )
+        return text_table(facts)
+
+    def plot(self) -> None:
+        """Draw it in the current axes of matplotlib, as a picture in the map with a bar of its values."""
+        call("plot_raster", self)
+
+    def write(self, path: Path | str, crs: str) -> None:
+        """Write it in ``crs`` as a Cloud Optimized GeoTIFF.
+
+        Raises FrameError where ``crs`` is no map grid, WorkspaceError where the file cannot be written.
+        """
+        call("write_raster", Path(path), self, crs)
 
 
 INDEX_EVERY = 5

@@ -79,3 +79,10 @@ def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]])
     lines = [row(head, "th")] if any(head) else []
     lines += [row(cells, "td") for cells in rows]
     return f"<table><caption>{escape(printable(caption))}</caption>" + "".join(lines) + "</table>"
+
+
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as text, its columns side by side."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(printable(line.rstrip()) for line in lines)

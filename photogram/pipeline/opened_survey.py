@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photogram.crs import crs_label
 from photogram.errors import ProjectError, WorkspaceError
+from photogram.files.atomic import make_folder
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.report_files import NUMBERS
@@ -26,7 +27,7 @@ from photogram.report.record.report import Report
 from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.survey import Block, Features, PointCloud, Raster, TiePoints
-from photogram.wording import html_table, things
+from photogram.wording import html_table, text_table, things
 
 ResultT = TypeVar("ResultT")
 
@@ -182,6 +183,23 @@ class OpenedSurvey:
 
     def _repr_html_(self) -> str:
         return html_table(str(self.project.path), (), self._facts())
+
+    def summary(self) -> str:
+        """Return what the survey is made of as a table of text."""
+        return text_table(self._facts())
+
+    def plot(self) -> None:
+        """Draw its adjustment from above in the current axes of matplotlib. Needs the stage `adjustment`."""
+        self.adjustment().plot()
+
+    def write(self, folder: Path | str) -> None:
+        """Write the adjustment's table of exterior orientation (``photographs.csv``), its cloud of tie points
+        (``tie_points.laz``) and the DSM (``dsm.tif``) into a folder. Needs the stage `surface`."""
+        target, crs = Path(folder), self.project.crs
+        make_folder(target)
+        self.adjustment().write(target / "photographs.csv")
+        self.cloud("adjusted").write(target / "tie_points.laz", crs)
+        self.surface().write(target / "dsm.tif", crs)
 
 
 def open_survey(project: Path | str, photographs: Path | str | None = None) -> OpenedSurvey:

@@ -12,19 +12,13 @@ from rich.table import Table
 
 from photogram.change.cloud_change import CloudRequest, compare_clouds
 from photogram.change.m3c2 import M3C2Settings
+from photogram.change.reference_comparison import compare_files_to_reference, write_comparison
 from photogram.change.stable_ground import Motion
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.change.surfaces import StatedSigma
 from photogram.change.work.tables import show_cloud_change, show_surface_change
 from photogram.errors import ProjectError
-from photogram.files.atomic import make_folder
-from photogram.files.clouds.points import read_cloud
-from photogram.files.npz_json import write_json
-from photogram.pipeline.stages.comparison import read_reference
-from photogram.quality.cloud_comparison import Comparison, triangulate
-from photogram.quality.cloud_comparison import compare_to_reference as compare_cloud
-from photogram.report.figures.style import comparison_picture
-from photogram.survey import PointCloud
+from photogram.quality.cloud_comparison import Comparison
 from photogram.terminal.console import console, steps
 
 FIGURES: dict[str, Callable[[Comparison], str]] = {
@@ -125,20 +119,8 @@ def _say_written(output: Path, names: tuple[str, ...], volumes: bool) -> None:
 
 
 def _against_reference(clouds: list[Path], reference: Path, output: Path, sor: bool) -> None:
-    titles = [path.stem for path in clouds]
-    if len(set(titles)) < len(titles):
-        raise ProjectError(f"two clouds have the name {max(titles, key=titles.count)!r}: rename one")
     with steps("Comparison") as progress:
-        total = len(clouds) + 2
-        progress(0, total, f"reading {reference.name}")
-        given = read_reference(reference)
-        progress(1, total, f"triangulating {reference.name}" if isinstance(given, PointCloud) else "")
-        surface = triangulate(given) if isinstance(given, PointCloud) else given
-        results = {}
-        for number, path in enumerate(clouds, 2):
-            progress(number, total, path.name)
-            results[path.stem] = compare_cloud(read_cloud(path), surface, sor)
-        progress(total, total, "")
+        results = compare_files_to_reference(clouds, reference, sor=sor, progress=progress)
     table = Table(title=f"Differences from {escape(reference.name)}")
     table.add_column("figure")
     for name in results:
@@ -146,14 +128,5 @@ def _against_reference(clouds: list[Path], reference: Path, output: Path, sor: b
     for title, figure in FIGURES.items():
         table.add_row(title, *(figure(result) for result in results.values()))
     console.print(table)
-    make_folder(output)
-    write_json(
-        output / "comparison.json",
-        {
-            name: {"removed": r.removed, "cloud_to_surface": r.cloud_to_surface, "cloud_to_cloud": r.cloud_to_cloud}
-            for name, r in results.items()
-        },
-    )
-    comparison_picture(output / "comparison.png", results)
-    written = f"{output / 'comparison.json'}, {output / 'comparison.png'}"
+    written = ", ".join(map(str, write_comparison(output, results)))
     console.print(f"Written: {escape(written)}", soft_wrap=True)

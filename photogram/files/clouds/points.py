@@ -106,6 +106,20 @@ def write_xyz(path: Path, cloud: PointCloud, decimals: int = 3, crs: str = NO_CR
         np.savetxt(stream, position, fmt=f"%.{decimals}f", delimiter=",")
 
 
+def write_cloud(path: Path, cloud: PointCloud, crs: str) -> None:
+    """Write a cloud by the suffix of its file: .laz, or .xyz, .txt or .csv with a line for a point.
+
+    Raises ProjectError for another suffix, and as ``write_laz`` and ``write_xyz`` do.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".laz":
+        write_laz(path, cloud, crs)
+    elif suffix in (".xyz", ".txt", ".csv"):
+        write_xyz(path, cloud, crs=crs)
+    else:
+        raise ProjectError(f"{path}: clouds are written as .laz, .xyz, .txt or .csv: choose one of these endings")
+
+
 def las_header(crs: str, created: date, *, colour: bool) -> laspy.LasHeader:
     """Return the header of a LAS 1.4 file in ``crs``, to the thousandth of its unit; of one in a local frame without a
     CRS, to LOCAL_SCALE. Raises FrameError where ``crs`` is no map grid."""
