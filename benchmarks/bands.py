@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.camera import Pose
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.simulation.rigs.band_survey import BandSurvey, write_band_survey
 from photogram.simulation.rigs.bands import on_terrain

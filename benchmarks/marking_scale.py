@@ -56,7 +56,7 @@ from PIL import Image
 
 from photogram.arrays import ByteArray
 from photogram.files.photographs.images import PhotographTags, write_photograph
-from photogram.frames import geodetic_from_map
+from photogram.geodesy.frames import geodetic_from_map
 from photogram.marking.page.server import scale_for
 from photogram.report.printing import browser_options, find_browser
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 from pyproj import Transformer
 
-from photogram.frames import map_from_crs
+from photogram.geodesy.frames import map_from_crs
 from photogram.local_grids.calibration import (
     CalibrationSettings,
     SiteCalibration,

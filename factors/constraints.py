@@ -22,7 +22,7 @@ from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
 from photogram.constraints.rigs import give_scale
 from photogram.factors.variables import CONTROL_POINT, POSE, key
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block
 
 EARTH_RADIUS_M = 6_371_000.0

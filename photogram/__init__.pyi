@@ -35,7 +35,7 @@ from .files.photographs.images import read_photograph
 from .files.photographs.masks import read_mask, write_mask
 from .files.photographs.stretches import find_stretch
 from .files.solutions.solution import ForeignSolution
-from .frames import LocalFrame
+from .geodesy.frames import LocalFrame
 from .local_grids.site_calibration import calibrate_site
 from .marking.mark_export import export_marks
 from .pipeline.finished_report import write_report

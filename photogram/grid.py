@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Raster
 
 LATTICE_CELLS = 32

@@ -20,8 +20,8 @@ from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_s
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
 from photogram.constraints.rigs import Companion, give_scale
-from photogram.crs import NO_CRS
-from photogram.frames import LocalFrame
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.frames import LocalFrame
 from photogram.projection import OrientedCameras
 from photogram.verbs import call
 from photogram.wording import html_table, text_table, things

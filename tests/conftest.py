@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.cli.main import main
 from photogram.files import npz_json
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages import report_files

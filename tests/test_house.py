@@ -37,7 +37,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.byte_distances"),
     "pyogrio": ("files.maps", "change.files"),
-    "pyproj": ("crs", "frames", "height_systems", "local_grids.definition"),
+    "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),
     "rich": COMMANDS,
     "typer": COMMANDS,

@@ -135,4 +135,4 @@ def test_of_this_house_a_wing_reaches_its_own_tests_and_the_core_whole_surveys()
     assert adjusting is not None
     assert {"tests/surveys/test_resume.py", "tests/adjustment/test_adjustment.py"} <= set(adjusting)
     assert suite.reached_by(["pyproject.toml"]) is None
-    assert "photogram.errors" in imported["photogram.frames"]
+    assert "photogram.errors" in imported["photogram.geodesy.frames"]

@@ -24,7 +24,7 @@ from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int
 from photogram.camera import Camera, Pose, image_plane
 from photogram.compilation import njit
 from photogram.files.photographs.images import read_grey
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.projection import AFFINITY
 from photogram.survey import Block, Raster

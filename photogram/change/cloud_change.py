@@ -19,11 +19,11 @@ from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
 from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
-from photogram.crs import NO_CRS, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.maps.rasters import RasterFile, open_raster, read_raster
 from photogram.files.npz_json import write_json
+from photogram.geodesy.crs import NO_CRS, plan_of, same_plan
 from photogram.grid import MapGrid, Window
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
 from photogram.survey import PointCloud, Raster

@@ -9,8 +9,8 @@ import numpy as np
 from photogram.arrays import BoolArray, ByteArray, FloatArray
 from photogram.change.correlation import gathered, reach_cells
 from photogram.change.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
-from photogram.crs import crs_label, height_system_of, same_plan
 from photogram.errors import FrameError
+from photogram.geodesy.crs import crs_label, height_system_of, same_plan
 from photogram.grid import MapGrid, Window
 
 LEVEL = 1.959964

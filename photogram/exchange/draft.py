@@ -11,10 +11,10 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
-from photogram.crs import NO_CRS, is_geographic, short_name
 from photogram.errors import ProjectError
 from photogram.files.solutions.solution import ForeignSolution, with_checks
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
+from photogram.geodesy.crs import NO_CRS, is_geographic, short_name
 from photogram.gnss import Sigma3
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, flights_of, named
 from photogram.project.draft.positions import AUTONOMOUS_M, Gnss, gnss_of, offset_prior

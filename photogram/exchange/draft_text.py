@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from photogram.camera import Camera
-from photogram.crs import NO_CRS
 from photogram.exchange.draft import ImportedDraft, ImportedPhotograph
+from photogram.geodesy.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.text import DEFAULT_CONTROL_SIGMA_M, DEFAULT_MARK_SIGMA_PX
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3

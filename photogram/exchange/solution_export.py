@@ -10,7 +10,6 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, Similarity
-from photogram.crs import crs_in_metres
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.names import SolutionFormat
 from photogram.exchange.formats.nearest_cameras import with_nearest_cameras, without_fields
@@ -18,7 +17,8 @@ from photogram.exchange.formats.table import WRITERS
 from photogram.exchange.formats.undistorted import write_undistorted
 from photogram.files.atomic import make_folder
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
-from photogram.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
+from photogram.geodesy.crs import crs_in_metres
+from photogram.geodesy.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity

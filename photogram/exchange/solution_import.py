@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from photogram.camera import Camera
-from photogram.crs import NO_CRS, is_geographic
 from photogram.errors import ExchangeError, ImageError, ProjectError, WorkspaceError
 from photogram.exchange.draft import ImportedDraft, draft_import
 from photogram.exchange.draft_text import MARKS, POINTS, POSITIONS, SOLUTION, ImportedFiles, imported_text
@@ -25,6 +24,7 @@ from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolutio
 from photogram.files.solutions.stored_solutions import write_stored
 from photogram.files.tables.point_tables import write_point_table
 from photogram.files.tables.position_tables import write_positions
+from photogram.geodesy.crs import NO_CRS, is_geographic
 from photogram.machine import cores
 from photogram.pipeline.new_project import read_back
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph

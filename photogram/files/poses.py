@@ -13,10 +13,10 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, gimbal_from_rotation, image_plane, omega_phi_kappa_deg
-from photogram.crs import MapUnits, esri_wkt
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.frames import geodetic_from_map
+from photogram.geodesy.crs import MapUnits, esri_wkt
+from photogram.geodesy.frames import geodetic_from_map
 from photogram.results import Adjustment
 from photogram.survey import Photograph
 from photogram.wording import table_cell

@@ -17,9 +17,9 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from photogram.arrays import FloatArray
-from photogram.crs import MapUnits, metric_crs
 from photogram.errors import FrameError
-from photogram.height_systems import geographic_crs
+from photogram.geodesy.crs import MapUnits, metric_crs
+from photogram.geodesy.height_systems import geographic_crs
 from photogram.local_grids.calibration import HeightFit, PlaneSimilarity
 
 _ARC_SECOND = 4.84813681109536e-06

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.crs import WGS84, MapUnits, crs_label, height_system_of, is_on_gnss_ellipsoid, map_units, plan_of
 from photogram.errors import ControlPointError, FrameError, WorkspaceError
-from photogram.frames import CombinedScale, LocalFrame, degrees_of, geodetic_of, map_from_crs
+from photogram.geodesy.crs import WGS84, MapUnits, crs_label, height_system_of, is_on_gnss_ellipsoid, map_units, plan_of
+from photogram.geodesy.frames import CombinedScale, LocalFrame, degrees_of, geodetic_of, map_from_crs
 from photogram.local_grids.calibration import (
     CalibrationSettings,
     HeightModel,

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from photogram.adjustment.reliability import minimal_detectable_blunder
 from photogram.arrays import FloatArray
-from photogram.crs import MapUnits
+from photogram.geodesy.crs import MapUnits
 from photogram.local_grids.calibration import HeightModel, SiteCalibration, Suspicion
 from photogram.local_grids.site_calibration import CalibratedSite
 from photogram.local_grids.site_calibration import calibrate_site as calibrated

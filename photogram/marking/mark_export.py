@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.crs import crs_in_words, plan_of, product_crs, written_crs
 from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.formats import MapCrs, MarkFormat, format_of, write_points_and_marks, written_files
 from photogram.files.marks.mark_table import MARKS, text_of_marks
 from photogram.files.tables.surveyed_points import Mark, Place, PointRole, SurveyedPoint
-from photogram.frames import map_from_crs, unit_from_map
-from photogram.height_systems import first_wkt
+from photogram.geodesy.crs import crs_in_words, plan_of, product_crs, written_crs
+from photogram.geodesy.frames import map_from_crs, unit_from_map
+from photogram.geodesy.height_systems import first_wkt
 from photogram.marking.files.actions import MarkState, state_of, touched_places
 from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL

@@ -19,7 +19,7 @@ from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks, is_called_mask
 from photogram.files.photographs.names import PNG, SUFFIXES, deep_twins, without_raw_twins
 from photogram.files.tables.position_files import read_mrk
-from photogram.height_systems import HeightSystem
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import (

@@ -11,9 +11,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.crs import crs_label
 from photogram.errors import ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder
+from photogram.geodesy.crs import crs_label
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.report_files import NUMBERS

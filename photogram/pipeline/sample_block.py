@@ -11,7 +11,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
 STRIPS, IN_STRIP = 2, 4

@@ -18,7 +18,7 @@ from photogram.constraints.between_points import (
     HeightDifference,
     SurfaceKind,
 )
-from photogram.crs import NO_CRS
+from photogram.geodesy.crs import NO_CRS
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.schema import DistanceEntry, HeightDifferenceEntry, ProjectFile, SurfaceEntry
 

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray, IntArray, check_shape
-from photogram.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
-from photogram.frames import map_from_crs, map_from_unit
-from photogram.height_systems import DeclaredHeights, HeightSystem
+from photogram.geodesy.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
+from photogram.geodesy.frames import map_from_crs, map_from_unit
+from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, crs_label, projected_crs
 from photogram.errors import FrameError
 from photogram.files.photographs.names import SUFFIXES, without_raw_twins
-from photogram.frames import map_from_geodetic
+from photogram.geodesy.crs import NO_CRS, crs_label, projected_crs
+from photogram.geodesy.frames import map_from_geodetic
 from photogram.project.constraints import check_constraints, used_points
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.misplaced import other_reading

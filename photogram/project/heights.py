@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import (
+from photogram.errors import FrameError
+from photogram.geodesy.crs import (
     NO_CRS,
     DeclaredDatum,
     changes_datum,
@@ -25,9 +26,8 @@ from photogram.crs import (
     projected_crs,
     vertical_of,
 )
-from photogram.errors import FrameError
-from photogram.frames import LocalFrame, map_from_crs, map_from_unit, map_heights
-from photogram.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
+from photogram.geodesy.frames import LocalFrame, map_from_crs, map_from_unit, map_heights
+from photogram.geodesy.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
 from photogram.project.schema import HeightsEntry, ProjectFile

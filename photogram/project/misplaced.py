@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
-from photogram.crs import neighbouring_zones, plan_of
 from photogram.errors import FrameError
-from photogram.frames import geodetic_from_map, map_from_crs, map_from_geodetic
+from photogram.geodesy.crs import neighbouring_zones, plan_of
+from photogram.geodesy.frames import geodetic_from_map, map_from_crs, map_from_geodetic
 
 AMONG_M = 2000.0
 """Positions whose median is nearer than this to a survey's lie among its own."""

@@ -19,11 +19,11 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.constraints.between_points import Constraint
-from photogram.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.errors import PhotogramError
 from photogram.files.maps.seam_files import read_seams
-from photogram.frames import LocalFrame, WorldKind
-from photogram.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
+from photogram.geodesy.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
+from photogram.geodesy.frames import LocalFrame, WorldKind
+from photogram.geodesy.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.project.constraints import constraints_of, controlling_points
 from photogram.project.control_points import ProjectControlPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of

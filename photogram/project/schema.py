@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, create_model
 
 from photogram.files.tables.position_files import Format
-from photogram.height_systems import HeightSystem
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.project.document import Entry, Needed, found, suggestion
 from photogram.project.ranges import (
     ANGLE_DEG,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.report.record.ground import AxisRole, GroundPointRecord
 from photogram.report.record.surfaces import AxesRecord, PlaneFileRecord, PlaneFrameRecord, PlaneRecord
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import scipy
 
-from photogram.crs import proj_version
+from photogram.geodesy.crs import proj_version
 
 
 def versions() -> dict[str, str | None]:

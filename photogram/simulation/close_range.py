@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.constraints.between_points import Distance
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.projection import PARAMETERS, READOUT
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity

@@ -18,7 +18,7 @@ from scipy.ndimage import map_coordinates
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.cover.leaves import Cover
 from photogram.survey import Raster
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from photogram.arrays import ByteArray
 from photogram.camera import Camera
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.covered_site import make_covered_scene
 from photogram.simulation.flight import (
     Truth,

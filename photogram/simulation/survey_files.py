@@ -14,7 +14,7 @@ from photogram.camera import gimbal_from_rotation
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import fingerprint, write_json
 from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
-from photogram.frames import geodetic_from_map
+from photogram.geodesy.frames import geodetic_from_map
 from photogram.simulation.simulated_survey import SimulatedSurvey
 from photogram.survey import Photograph, Role
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.projection import READOUT, Model
 from photogram.simulation.cover.leaves import CoverPlan
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from photogram.arrays import NMAD_FACTOR, FloatArray
 from photogram.camera import Pose
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block
 
 LEVEL_DEG = 10.0

@@ -31,7 +31,7 @@ from scipy.stats import poisson
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane_or_nan
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.survey import Features
 

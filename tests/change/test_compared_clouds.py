@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from photogram.change.files.compared_clouds import read_compared, write_distances
-from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.clouds.points import write_laz, write_xyz
+from photogram.geodesy.crs import NO_CRS
 from photogram.survey import PointCloud
 
 POINTS = np.array(

@@ -12,8 +12,8 @@ import shapely
 from changed_surveys import write_polygons
 
 from photogram.change.files.polygon_files import read_polygons
-from photogram.crs import NO_CRS
 from photogram.errors import FrameError, ProjectError
+from photogram.geodesy.crs import NO_CRS
 
 CRS = "EPSG:25832"
 SQUARE = shapely.box(500_000, 6_000_000, 500_010, 6_000_010)

@@ -24,7 +24,7 @@ from photogram.cli.commands import adjust, init
 from photogram.cli.commands import check as commands_check
 from photogram.cli.work import check as run_check
 from photogram.errors import ProjectError
-from photogram.height_systems import HeightSystem
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.pipeline.pipeline import STAGES
 from photogram.pipeline.stage_names import StageName
 from photogram.simulation.commands import plan

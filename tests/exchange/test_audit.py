@@ -17,7 +17,7 @@ from photogram.exchange.audit.fits import fit_of_solution
 from photogram.exchange.audit.foreign_block import foreign_block, with_their_model
 from photogram.exchange.audit.tables import tables
 from photogram.files.solutions.solution import StatedAdjustment, with_checks
-from photogram.frames import geodetic_from_map, map_from_crs
+from photogram.geodesy.frames import geodetic_from_map, map_from_crs
 
 
 @cache

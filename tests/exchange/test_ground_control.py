@@ -11,7 +11,7 @@ from foreign import assert_refuses, small_solution
 
 from photogram.exchange.formats.opensfm.reconstructions import read_opensfm, write_opensfm
 from photogram.files.solutions.solution import ForeignSolution
-from photogram.frames import map_from_geodetic
+from photogram.geodesy.frames import map_from_geodetic
 from photogram.survey import ControlPoints
 
 CRS = "EPSG:25832"

@@ -29,7 +29,7 @@ from photogram.factors.rigs.exposures import (
     taking_part,
 )
 from photogram.factors.variables import POSE, RIG, key
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.rigs.two_cameras import TRUE, TwoCameras, simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 

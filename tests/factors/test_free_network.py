@@ -20,7 +20,7 @@ from photogram.factors.free_network import RelativeCovariances, minimal_datum, r
 from photogram.factors.graph import Problem, ground_values
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, POSE, TIE_POINT, key
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 

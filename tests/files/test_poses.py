@@ -28,7 +28,7 @@ from photogram.files.poses import (
     write_pose_geojson,
     write_pose_table,
 )
-from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, map_from_geodetic
 from photogram.results import Adjustment, Reliability, VarianceComponents
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 

@@ -14,12 +14,12 @@ from pyproj.crs import ProjectedCRS
 from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 from rio_cogeo import cog_validate
 
-from photogram.crs import height_system_of, plan_of, product_crs
 from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
 from photogram.files.maps.geo_keys import set_vertical_key
 from photogram.files.maps.rasters import picture_on_grid, read_raster
+from photogram.geodesy.crs import height_system_of, plan_of, product_crs
+from photogram.geodesy.height_systems import DeclaredHeights, Geoid
 from photogram.grid import MapGrid, Window
-from photogram.height_systems import DeclaredHeights, Geoid
 from photogram.local_grids.calibration import HeightFit, PlaneSimilarity
 from photogram.local_grids.definition import UNITS, local_grid
 from photogram.local_grids.tested_fit import fit

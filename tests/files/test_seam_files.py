@@ -10,9 +10,9 @@ import pyogrio
 import pytest
 import shapely
 
-from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
+from photogram.geodesy.crs import NO_CRS
 
 MAP = "EPSG:25832"
 NAMES = ("DJI_0001.JPG", "DJI_0002.JPG", "other.tif")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from photogram.arrays import check_shape
 from photogram.camera import Camera
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
 
 

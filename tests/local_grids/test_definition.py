@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pyproj import CRS, Transformer
 
-from photogram.crs import crs_label, height_system_of, map_units, plan_of, vertical_of
 from photogram.errors import FrameError
-from photogram.frames import LocalFrame, map_from_crs
-from photogram.height_systems import Geoid
+from photogram.geodesy.crs import crs_label, height_system_of, map_units, plan_of, vertical_of
+from photogram.geodesy.frames import LocalFrame, map_from_crs
+from photogram.geodesy.height_systems import Geoid
 from photogram.local_grids.calibration import HeightFit, PlaneSimilarity
 from photogram.local_grids.definition import UNITS, local_grid, site_map
 from photogram.local_grids.tested_fit import fit

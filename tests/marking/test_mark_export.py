@@ -183,7 +183,7 @@ def test_points_and_roles_of_marking_are_exported(survey: Path) -> None:
 
 def test_coordinates_of_another_crs_come_to_the_map(survey: Path) -> None:
     project = load_project(survey / "project.yaml")
-    from photogram.frames import geodetic_from_map
+    from photogram.geodesy.frames import geodetic_from_map
 
     known = project.control_points[0].position_map_m
     longitude, latitude, height = geodetic_from_map(project.crs, known[None])[0].tolist()

@@ -9,7 +9,7 @@ import pytest
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, rotation_from_gimbal
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.measures.ground_sampling import ground_sampling_m, photographs_ground_sampling_m
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 

@@ -20,8 +20,8 @@ from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader, equal_files, read_headers
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
-from photogram.frames import LocalFrame, geodetic_from_map
-from photogram.height_systems import DeclaredHeights
+from photogram.geodesy.frames import LocalFrame, geodetic_from_map
+from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.project import Project, ProjectPhotograph

@@ -11,7 +11,7 @@ from makers import SharedData, no_matlab
 from photogram.errors import FrameError, ProjectError
 from photogram.files.marks.mark_table import write_marks, write_proposals
 from photogram.files.tables.surveyed_points import Mark, Proposal
-from photogram.frames import map_from_crs, map_from_geodetic
+from photogram.geodesy.frames import map_from_crs, map_from_geodetic
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.project import Project, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings

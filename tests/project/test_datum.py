@@ -10,7 +10,7 @@ from makers import no_matlab
 
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import geodetic_from_map, map_from_geodetic
+from photogram.geodesy.frames import geodetic_from_map, map_from_geodetic
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_block import measured_block, photograph_note
 from photogram.project.measured.measured_positions import measured_position, positions_map_m

@@ -14,7 +14,7 @@ from makers import SharedData, no_matlab
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.images import PhotographTags, read_tags
-from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_block import PhotographNote, measured_block

@@ -19,7 +19,7 @@ from photogram.camera import Camera
 from photogram.errors import ImageError, ProjectError
 from photogram.files.maps.seam_files import NamedPolygon, write_seams
 from photogram.files.tables.control_files import read_marks, read_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.project.project import Project, read_project
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.tie_points.features import FeatureSettings

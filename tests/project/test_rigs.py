@@ -15,7 +15,7 @@ from photogram.constraints.rigs import Companion, RelativePose
 from photogram.errors import ProjectError
 from photogram.files.photographs.images import read_tags, write_photograph
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.project.draft.draft import TaggedPhotograph, flights_of
 from photogram.project.draft.rigs import DraftRig, draft_rigs, rig_lines
 from photogram.project.measured.measured_block import MeasuredPhotographs, block_of, companions_of

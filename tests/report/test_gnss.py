@@ -16,7 +16,7 @@ from photogram.adjustment.gnss_offsets import SIGNIFICANCE
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.errors import ProjectError
 from photogram.files.photographs.images import read_tags
-from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.record.report import oriented

@@ -23,7 +23,7 @@ from photogram.adjustment.oriented_subset import registered_block, with_all_phot
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
-from photogram.frames import LocalFrame, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, map_from_geodetic
 from photogram.report.identity import VOLATILE
 from photogram.report.numbers.numbers import NOT_ADJUSTED, camera_numbers, gnss_residual_m, report_numbers
 from photogram.report.numbers.overlap import ground_overlap

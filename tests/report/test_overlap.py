@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap
 from photogram.results import Adjustment, Reliability, VarianceComponents
 from photogram.survey import Block, ControlPoints, Photograph, Raster, TiePoints

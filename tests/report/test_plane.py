@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from makers import ground_point
 
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.report.plane import plane_file, plane_numbers, points_on_plane
 from photogram.simulation.facade import upright_rotation
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, image_plane, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.sfm.orientation import Orientation, OrientationSettings, orient, resections_of
 from photogram.sfm.resection import Resection
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from photogram.camera import Camera, Pose, image_plane, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project
 from photogram.projection import project_point_jacobians
 from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect

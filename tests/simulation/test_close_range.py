@@ -16,7 +16,7 @@ from photogram.constraints.between_points import Distance
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import IndeterminateError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.results import Adjustment
 from photogram.simulation.close_range import CloseRange, simulate_close_range
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.scene import (
     BLOCK_CELLS,
     Material,

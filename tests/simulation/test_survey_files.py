@@ -12,7 +12,7 @@ import pytest
 from photogram.files.npz_json import fingerprint
 from photogram.files.photographs.images import read_photograph, read_tags
 from photogram.files.tables.control_files import read_marks, read_points
-from photogram.frames import map_from_geodetic
+from photogram.geodesy.frames import map_from_geodetic
 from photogram.simulation.simulated_survey import (
     SimulatedSurvey,
     SurveyPlan,

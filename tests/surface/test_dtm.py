@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photogram.errors import PhotogramError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.scene import Material, Scene, make_scene, surface_raster, terrain_height
 from photogram.surface.dtm import Terrain, TerrainSettings, terrain_from_surface
 from photogram.survey import Raster

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from photogram.camera import Camera, Pose, project_points, unproject
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.surface.ortho.marked_targets import (
     FoundTarget,
     Mark,

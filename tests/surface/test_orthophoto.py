@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import BoolArray, ByteArray
 from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import PhotogramError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stages import orthophoto as orthophoto_stage

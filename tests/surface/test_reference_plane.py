@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.simulation.close_range import simulate_close_range
 from photogram.simulation.facade import upright_rotation
 from photogram.surface.reference_plane import (

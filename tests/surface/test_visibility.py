@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene, make_scene, surface_raster

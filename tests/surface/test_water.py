@@ -10,7 +10,7 @@ import pytest
 
 from photogram.arrays import BoolArray
 from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.surface.water import (
     CELLS,

@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.ndimage import map_coordinates
 
 from photogram.camera import project_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.input_validation import validate_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline

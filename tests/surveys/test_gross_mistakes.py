@@ -23,7 +23,7 @@ from PIL import Image
 from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.files.photographs.images import read_photograph, read_tags, write_photograph
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame, geodetic_from_map, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.pipeline.input_validation import check_project
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.project.findings import Finding

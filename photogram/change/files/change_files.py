@@ -16,10 +16,10 @@ from photogram.change.figure import DifferencePicture, difference_picture, volum
 from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.stable_ground import Registration
 from photogram.change.volumes import Volume
-from photogram.crs import plan_of
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.npz_json import write_json
+from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics

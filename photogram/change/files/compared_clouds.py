@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, map_units
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.dense_points import SIGMA
@@ -25,6 +24,7 @@ from photogram.files.clouds.points import (
     read_cloud,
     read_las,
 )
+from photogram.geodesy.crs import NO_CRS, map_units
 from photogram.survey import PointCloud
 
 

@@ -12,9 +12,9 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import NO_CRS, map_units, plan_of, same_plan
 from photogram.errors import FrameError, ProjectError
 from photogram.files.reading import check_size
+from photogram.geodesy.crs import NO_CRS, map_units, plan_of, same_plan
 
 SUFFIXES = (".gpkg", ".geojson", ".json")
 NAME_FIELDS = ("name", "label", "title", "id", "fid")

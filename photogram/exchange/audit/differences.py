@@ -16,7 +16,7 @@ from photogram.camera import Camera, Pose
 from photogram.errors import OrientationError
 from photogram.exchange.audit.foreign_block import ForeignBlock, similarity_of_poses
 from photogram.files.solutions.solution import ForeignSolution
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.projection import PARAMETERS
 from photogram.results import Adjustment
 from photogram.survey import Block

@@ -12,11 +12,11 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Pose, Similarity
-from photogram.crs import NO_CRS, is_geographic, metric_only
 from photogram.errors import AdjustmentError, ExchangeError, FrameError, OrientationError
 from photogram.exchange.draft import freed
 from photogram.files.solutions.solution import ForeignSolution
-from photogram.frames import (
+from photogram.geodesy.crs import NO_CRS, is_geographic, metric_only
+from photogram.geodesy.frames import (
     LocalFrame,
     geodetic_from_geocentric,
     geodetic_from_topocentric,

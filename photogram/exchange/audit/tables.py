@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.crs import crs_label
 from photogram.exchange.audit.audit import Audit
 from photogram.exchange.audit.beside import Beside
 from photogram.exchange.audit.differences import PoseDifference
@@ -14,6 +13,7 @@ from photogram.exchange.audit.fits import Fit
 from photogram.exchange.audit.page import AuditTables, CalibrationRow, FigureRow, PoseRow
 from photogram.exchange.audit.precision import exterior_sigmas, ground_sigmas
 from photogram.files.solutions.solution import ForeignSolution, StatedAdjustment
+from photogram.geodesy.crs import crs_label
 from photogram.projection import CAMERA_PARAMETERS, CameraParameter
 from photogram.quality.accuracy import CheckAccuracy
 from photogram.survey import Block, ControlPoints

@@ -18,12 +18,12 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, rotation_from_omega_phi_kappa
-from photogram.crs import crs_of_wkt, metric_only
 from photogram.errors import ExchangeError, FrameError
 from photogram.exchange.formats.assembly import camera_of, check_names, index_in, no_tie_points, pose_of, tie_points_of
 from photogram.files.solutions.parsing import bytes_of, check_finite, file_of, number_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.xml_elements import Element, elements_of
+from photogram.geodesy.crs import crs_of_wkt, metric_only
 from photogram.survey import ControlPoints, Role, TiePoints
 from photogram.wording import printable, shortened, things
 

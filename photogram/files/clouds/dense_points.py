@@ -12,7 +12,6 @@ import laspy
 import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shape
-from photogram.crs import MapUnits, map_units
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
@@ -23,6 +22,7 @@ from photogram.files.clouds.points import (
     described,
     las_header,
 )
+from photogram.geodesy.crs import MapUnits, map_units
 from photogram.grid import MapGrid, Window
 
 CHUNK_CELLS = 512

@@ -16,12 +16,12 @@ from laspy.errors import LaspyException
 from laspy.vlrs.known import WktCoordinateSystemVlr
 
 from photogram.arrays import ByteArray, FloatArray
-from photogram.crs import METRES, NO_CRS, MapUnits, map_units, written_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
 from photogram.files.reading import check_size
-from photogram.height_systems import first_wkt
+from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units, written_crs
+from photogram.geodesy.height_systems import first_wkt
 from photogram.survey import PointCloud
 from photogram.wording import is_number
 

@@ -23,11 +23,11 @@ from rasterio.crs import CRS
 from rasterio.transform import Affine
 
 from photogram.arrays import ByteArray, Float32Array
-from photogram.crs import MapUnits, map_units, written_crs
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
+from photogram.geodesy.crs import MapUnits, map_units, written_crs
+from photogram.geodesy.height_systems import beside_geotiff, gdal_wkt, geotiff_crs
 from photogram.grid import MapGrid, Window
-from photogram.height_systems import beside_geotiff, gdal_wkt, geotiff_crs
 
 NODATA = -9999.0
 """Stands for NaN in the files; other programs expect a number."""

@@ -10,8 +10,8 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import map_units, plan_of, written_crs
 from photogram.files.atomic import replacing, scratch_folder
+from photogram.geodesy.crs import map_units, plan_of, written_crs
 from photogram.survey import Contours
 
 LAYER = "contours"

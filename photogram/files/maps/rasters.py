@@ -21,10 +21,10 @@ from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
 from photogram.arrays import Float32Array
-from photogram.crs import METRES, NO_CRS, MapUnits, map_units
 from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
+from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
 

@@ -17,10 +17,10 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from photogram.crs import crs_label, map_units, plan_of, same_plan, written_crs
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.contour_files import NO_TIME
+from photogram.geodesy.crs import crs_label, map_units, plan_of, same_plan, written_crs
 
 OUTLINE, SEAMS, PHOTOGRAPH = "outline", "seams", "photograph"
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
-from photogram.crs import crs_of_wkt
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
@@ -20,6 +19,7 @@ from photogram.files.tables.control_files import PointFile, check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource, Sigma3, SurveyedPoint
 from photogram.files.text_lines import SIGMA_M, Faults, text_of
 from photogram.files.xml_elements import Element, elements_of
+from photogram.geodesy.crs import crs_of_wkt
 from photogram.survey import Roles
 from photogram.wording import shortened, some
 

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from photogram.arrays import ByteArray
 from photogram.camera import Camera, Pose, oriented_by, rotation_from_gimbal
 from photogram.compilation import kernels
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.sfm.tie_points.features import FeatureSettings, find_features

@@ -15,7 +15,7 @@ from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.files.npz_json import write_json
 from photogram.files.records import write_record
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.stages.tie_points import orientation_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.crs import NO_CRS
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import write_json
 from photogram.files.records import write_record
-from photogram.frames import map_heights
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.frames import map_heights
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project

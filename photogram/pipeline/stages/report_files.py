@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from photogram.crs import crs_title
 from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
+from photogram.geodesy.crs import crs_title
 from photogram.pipeline.stages.tie_points import MASKED
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run

@@ -17,7 +17,6 @@ import numpy as np
 
 from photogram import __version__
 from photogram.adjustment.oriented_subset import of_surveyed_points
-from photogram.crs import NO_CRS, crs_in_words
 from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
@@ -25,6 +24,7 @@ from photogram.files.npz_json import read_json
 from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.records import write_record
+from photogram.geodesy.crs import NO_CRS, crs_in_words
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.stages.bands.band_orthophoto import band_records
 from photogram.pipeline.stages.mark_pictures import mark_pictures

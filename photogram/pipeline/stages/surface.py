@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.crs import plan_of
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_raster
 from photogram.files.npz_json import read_json, write_arrays, write_json
+from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.pipeline.stages.dense import heights_folder

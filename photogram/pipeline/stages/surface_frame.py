@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.crs import NO_CRS, plan_of
 from photogram.files.npz_json import read_json_as, write_json
+from photogram.geodesy.crs import NO_CRS, plan_of
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.no_surface import reason_of
 from photogram.pipeline.store.run import PLANE, Run

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from photogram.files.npz_json import file_fingerprint, fingerprint, read_json
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.store.run import FRAME, PLACED_BY, Run
 from photogram.project.measured.measured_block import is_amid
 from photogram.project.project import Project

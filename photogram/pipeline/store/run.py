@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.crs import NO_CRS
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as
 from photogram.files.photographs.depth import Stretch
@@ -24,7 +23,8 @@ from photogram.files.photographs.images import read_grey, read_photograph
 from photogram.files.photographs.masks import read_mask, read_masks
 from photogram.files.records import read_record
 from photogram.files.solutions.stored_solutions import read_stored
-from photogram.height_systems import HeightSystem
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.stored_results import (

@@ -20,7 +20,7 @@ from photogram.camera import Camera, LensField, Pose, calibration_sigmas, calibr
 from photogram.constraints.rigs import Companion, RelativePose
 from photogram.files.npz_json import read_arrays, read_json_as, write_arrays
 from photogram.files.records import read_record, write_record
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.project.measured.measured_block import MeasuredPhotographs
 from photogram.project.project import Project
 from photogram.projection import PARAMETERS

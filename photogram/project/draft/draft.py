@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.crs import NO_CRS, height_system_of, projected_crs, vertical_of
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.files.tables.position_files import PositionRow
-from photogram.frames import map_from_geodetic
+from photogram.geodesy.crs import NO_CRS, height_system_of, projected_crs, vertical_of
+from photogram.geodesy.frames import map_from_geodetic
+from photogram.geodesy.height_systems import HeightSystem, is_gnss_ellipsoid
 from photogram.gnss import Sigma3
-from photogram.height_systems import HeightSystem, is_gnss_ellipsoid
 from photogram.project.draft.cameras import (
     CameraKey,
     TaggedCamera,

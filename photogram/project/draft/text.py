@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from photogram.crs import NO_CRS
+from photogram.geodesy.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft

@@ -14,10 +14,10 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import rotation_from_gimbal
 from photogram.constraints.rigs import Companion
-from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.frames import LocalFrame
 from photogram.project.measured.measured_positions import MeasuredPosition, PositionNote, position_note
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.rigs.grouping import Grouped, grouped, measured_by_master

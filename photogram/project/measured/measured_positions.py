@@ -16,10 +16,10 @@ from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
-from photogram.crs import NO_CRS
 from photogram.errors import ProjectError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import map_from_geodetic, map_heights
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.frames import map_from_geodetic, map_heights
 from photogram.gnss import FLOOR_M, Sigma3, Solution, at_least, solution_of_rtk_flag
 from photogram.project.project import Project, ProjectPhotograph
 

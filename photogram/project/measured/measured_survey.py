@@ -10,7 +10,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.measured.measured_block import measured_block, photograph_note, survey_frame
 from photogram.project.measured.measured_positions import known_position, positions_map_m

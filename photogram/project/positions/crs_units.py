@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.crs import NO_CRS, MapUnits, map_units, product_crs
 from photogram.errors import FrameError
-from photogram.height_systems import DeclaredHeights
+from photogram.geodesy.crs import NO_CRS, MapUnits, map_units, product_crs
+from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.document import Document, Key
 from photogram.project.schema import ProjectFile
 from photogram.wording import shortened

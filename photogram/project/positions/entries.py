@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, product_crs, projected_crs
 from photogram.errors import FrameError, ProjectError
 from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
 from photogram.files.tables.position_tables import read_positions
-from photogram.frames import map_from_crs, map_from_unit
+from photogram.geodesy.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, product_crs, projected_crs
+from photogram.geodesy.frames import map_from_crs, map_from_unit
+from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
 from photogram.gnss import Sigma3, Solution
-from photogram.height_systems import DeclaredHeights, HeightSystem
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
 from photogram.project.heights import in_map

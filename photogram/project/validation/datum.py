@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogram.crs import WGS84, changes_datum, datum_change, middle_deg
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
+from photogram.geodesy.crs import WGS84, changes_datum, datum_change, middle_deg
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_positions import FROM_TAGS, sigmas_of, source_of
 from photogram.project.project import Project

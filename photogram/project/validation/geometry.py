@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, unproject
 from photogram.constraints.between_points import gives_scale
-from photogram.crs import NO_CRS
 from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
+from photogram.geodesy.crs import NO_CRS
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.draft.sites import gap_between_sites_m, group_sites
 from photogram.project.findings import Finding

@@ -15,8 +15,8 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError, ImageError, ProjectError
 from photogram.files.photographs.tags import PhotographTags
-from photogram.frames import LocalFrame
-from photogram.height_systems import Geoid, HeightSystem
+from photogram.geodesy.frames import LocalFrame
+from photogram.geodesy.height_systems import Geoid, HeightSystem
 from photogram.project.findings import Finding, Severity
 from photogram.project.measured.measured_block import PhotographNote
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey

@@ -12,8 +12,8 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.crs import NO_CRS
 from photogram.files.photographs.tags import PhotographTags
+from photogram.geodesy.crs import NO_CRS
 from photogram.gnss import Solution
 from photogram.project.findings import Finding, Severity
 from photogram.project.measured.measured_positions import (

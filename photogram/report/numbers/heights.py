@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogram.crs import product_crs, written_crs
-from photogram.frames import LocalFrame
-from photogram.height_systems import DeclaredHeights, HeightSystem
+from photogram.geodesy.crs import product_crs, written_crs
+from photogram.geodesy.frames import LocalFrame
+from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
 from photogram.report.record.positions import HeightCountsRecord, HeightInputsRecord, HeightsRecord
 
 _WORDS: dict[HeightSystem | None, str] = {

@@ -13,7 +13,7 @@ from photogram.adjustment.reliability import CRITICAL, minimal_detectable_blunde
 from photogram.arrays import FloatArray
 from photogram.camera import Pose, omega_phi_kappa_deg
 from photogram.factors.common_errors import common_shifts
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects

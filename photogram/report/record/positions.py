@@ -7,8 +7,8 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.gnss import Solution
-from photogram.height_systems import HeightSystem
 from photogram.report.record.units import AxisFigures, AxisMetres, Count, Metres, Probability
 from photogram.survey import CommonErrorKind
 

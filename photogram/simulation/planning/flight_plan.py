@@ -16,7 +16,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import check_range
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, READOUT
 from photogram.quality.flight_lines import Course, flown

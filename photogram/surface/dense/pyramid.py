@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SurfaceError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.measures.round_lengths import CELL_STEPS, round_near

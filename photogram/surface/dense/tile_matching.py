@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
 from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, IntArray
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.surface.ortho.colour_balance import Places, colours_in
 from photogram.surface.ortho.masked_cells import Masks

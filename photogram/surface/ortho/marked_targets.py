@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, project_points
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 
 GreyImage = NDArray[np.float32]
 TEMPLATE_CELLS = 7

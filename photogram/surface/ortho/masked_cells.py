@@ -9,7 +9,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.sfm.tie_points.masked import clear_px

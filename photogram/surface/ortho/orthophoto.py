@@ -21,7 +21,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.errors import SurfaceError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.surface.ortho.labelling import DIFFERENCE_UNIT, chosen_labels

@@ -20,7 +20,7 @@ import shapely
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.errors import SurfaceError
-from photogram.frames import LocalFrame
+from photogram.geodesy.frames import LocalFrame
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
 from photogram.surface.views import Views

@@ -13,7 +13,6 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Similarity
-from photogram.crs import written_crs
 from photogram.errors import ExchangeError, PhotogramError
 from photogram.exchange.formats.assembly import HALF_PIXEL, no_tie_points
 from photogram.exchange.formats.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, read_chunk
@@ -22,7 +21,8 @@ from photogram.files.atomic import replacing
 from photogram.files.solutions.parsing import bytes_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, StatedAdjustment
 from photogram.files.xml_elements import elements_of
-from photogram.frames import geocentric_from_topocentric
+from photogram.geodesy.crs import written_crs
+from photogram.geodesy.frames import geocentric_from_topocentric
 from photogram.wording import shortened, things
 
 _WGS_84 = (

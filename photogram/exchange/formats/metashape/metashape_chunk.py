@@ -16,12 +16,12 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, Similarity
-from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, pose_of
 from photogram.files.solutions.parsing import file_of, number_of, numbers_of
 from photogram.files.solutions.solution import ForeignPhotograph, Frame
 from photogram.files.xml_elements import Element
+from photogram.geodesy.crs import crs_of_wkt
 from photogram.projection import PARAMETERS, Model
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import BoolArray
-from photogram.crs import NO_CRS, is_geographic
 from photogram.errors import ControlPointError, ExchangeError, FrameError
 from photogram.files.marks.formats import read_points
 from photogram.files.marks.gcp_list import write_gcp_list
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
-from photogram.frames import map_from_crs
+from photogram.geodesy.crs import NO_CRS, is_geographic
+from photogram.geodesy.frames import map_from_crs
 from photogram.survey import ControlPoints, Role
 from photogram.wording import things
 

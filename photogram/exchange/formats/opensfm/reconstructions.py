@@ -44,7 +44,7 @@ from photogram.exchange.formats.writing import (
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.solutions.parsing import file_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
-from photogram.frames import geodetic_from_topocentric, topocentric_from_geodetic
+from photogram.geodesy.frames import geodetic_from_topocentric, topocentric_from_geodetic
 from photogram.projection import Model
 from photogram.survey import TiePoints
 from photogram.wording import printable, shortened, things

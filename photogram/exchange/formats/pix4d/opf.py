@@ -19,7 +19,6 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, omega_phi_kappa_deg, rotation_from_omega_phi_kappa
-from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, no_tie_points, pose_of
 from photogram.exchange.formats.json_nodes import Node, read_json
@@ -28,6 +27,7 @@ from photogram.exchange.formats.writing import check_writable
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.solutions.parsing import file_of, part_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
+from photogram.geodesy.crs import crs_of_wkt
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
-from photogram.crs import crs_of_wkt
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, no_tie_points, pose_of
 from photogram.files.solutions.parsing import file_of, number_of, numbers_of, text_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
+from photogram.geodesy.crs import crs_of_wkt
 from photogram.wording import printable, shortened
 
 PARAMETERS = "_calibrated_camera_parameters.txt"

@@ -16,12 +16,12 @@ from pyproj import CRS, Transformer
 from pyproj.transformer import TransformerGroup
 
 from photogram.arrays import FloatArray
-from photogram.crs import product_crs, written_crs
 from photogram.errors import FrameError
 from photogram.files.clouds.points import write_laz
 from photogram.files.maps.rasters import read_raster, write_raster
-from photogram.frames import LocalFrame, map_heights
-from photogram.height_systems import (
+from photogram.geodesy.crs import product_crs, written_crs
+from photogram.geodesy.frames import LocalFrame, map_heights
+from photogram.geodesy.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,

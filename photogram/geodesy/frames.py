@@ -25,7 +25,8 @@ from pyproj import CRS, Geod, Transformer
 from pyproj.exceptions import ProjError
 
 from photogram.arrays import FloatArray
-from photogram.crs import (
+from photogram.errors import FrameError
+from photogram.geodesy.crs import (
     NO_CRS,
     WGS84,
     MapUnits,
@@ -38,8 +39,7 @@ from photogram.crs import (
     plan_of,
     plan_with_grid,
 )
-from photogram.errors import FrameError
-from photogram.height_systems import (
+from photogram.geodesy.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.crs import (
+from photogram.errors import FrameError
+from photogram.geodesy.crs import (
     WGS84,
     changes_datum,
     crs_in_metres,
@@ -24,9 +25,8 @@ from photogram.crs import (
     product_crs,
     same_plan,
 )
-from photogram.errors import FrameError
-from photogram.frames import LocalFrame, geodetic_from_map, map_from_crs, map_from_geodetic
-from photogram.height_systems import DeclaredHeights, Geoid
+from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_crs, map_from_geodetic
+from photogram.geodesy.height_systems import DeclaredHeights, Geoid
 
 GRID = str(Path(__file__).parents[1] / "data/BETA2007.gsb")
 
@@ -94,7 +94,9 @@ def test_a_grid_brings_a_published_point_to_2_mm_and_back() -> None:
 def test_a_grid_in_the_folder_of_proj_is_used(tmp_path: Path) -> None:
     shutil.copy(GRID, tmp_path / "BETA2007.gsb")
     code = (
-        "import numpy as np; from photogram.crs import *; from photogram.frames import map_from_geodetic\n"
+        "import numpy as np\n"
+        "from photogram.geodesy.crs import *\n"
+        "from photogram.geodesy.frames import map_from_geodetic\n"
         f"print(datum_change(WGS84, 'EPSG:31467', {SITES['EPSG:31467']}).missing,"
         f" *map_from_geodetic('EPSG:31467', np.array([[*{ETRS89_DEG}, 0.0]]))[0])"
     )

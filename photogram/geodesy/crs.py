@@ -24,7 +24,7 @@ from pyproj.transformer import TransformerGroup
 
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError
-from photogram.height_systems import (
+from photogram.geodesy.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,

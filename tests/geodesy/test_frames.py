@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import CRS, Proj, Transformer
 
-from photogram.crs import projected_crs
 from photogram.errors import FrameError
-from photogram.frames import (
+from photogram.geodesy.crs import projected_crs
+from photogram.geodesy.frames import (
     LocalFrame,
     geocentric_from_geodetic,
     geocentric_from_topocentric,
