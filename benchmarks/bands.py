@@ -19,12 +19,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from lib.simulated.band_survey import BandSurvey, write_band_survey
+from lib.simulated.bands import on_terrain
 
 from photogram.camera import Pose
 from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.simulation.rigs.band_survey import BandSurvey, write_band_survey
-from photogram.simulation.rigs.bands import on_terrain
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from lib.simulated.close_range import CloseRange, simulate_close_range
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -28,7 +29,6 @@ from photogram.adjustment.reliability import minimal_detectable_blunder
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
-from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
 

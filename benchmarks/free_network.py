@@ -12,12 +12,12 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
+from lib.simulated.close_range import simulate_close_range
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
-from photogram.simulation.close_range import simulate_close_range
 
 BAR_SIGMA_M = 0.002
 SETTINGS = AdjustmentSettings(robust_loss="none", outlier_threshold=20.0)

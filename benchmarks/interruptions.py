@@ -1,7 +1,7 @@
 """Kills, full disks and damaged files: a run that goes on after them writes the same bytes as one that nothing
 happened to.
 
-    python benchmarks/interruptions.py FOLDER [--kills 60] [--full-disks 20] [--damages 200] [--seed 1]
+    python tests/chaos/interruptions.py FOLDER [--kills 60] [--full-disks 20] [--damages 200] [--seed 1]
 
 A survey of four photographs is run once undisturbed. Then it is killed at random, at the moment when a file is about to
 take its name or at any other, gone on with and killed again, until it comes to its end; and its work or its results are

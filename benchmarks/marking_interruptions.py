@@ -1,6 +1,6 @@
 """Kills of `photogram mark`: every mark that was answered is there afterwards, at its pixel, and no file is half.
 
-    python benchmarks/marking_interruptions.py [RUNS] [--seed 1]       default: 50
+    python tests/chaos/marking_interruptions.py [RUNS] [--seed 1]       default: 50
 
 The command works on a small survey of 12 points in 4 photographs. Two tabs mark, move and remove marks as fast as they
 are answered, each at places of its own, until the process is killed (SIGKILL) at random, up to 0.6 s after the first

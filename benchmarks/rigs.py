@@ -23,6 +23,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from lib.simulated.bands import simulate_bands
+from lib.simulated.two_cameras import simulate_two_cameras
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
@@ -30,8 +32,6 @@ from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.rig_poses import carried_by_masters
-from photogram.simulation.rigs.bands import simulate_bands
-from photogram.simulation.rigs.two_cameras import simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(

@@ -25,12 +25,12 @@ import yaml
 from lib.canopy_scores import map_cover
 from lib.dense_scores import on_grid
 from lib.dense_truth import simulated_survey, simulated_truth
+from lib.simulated.cover_truth import Kind
 
 from photogram.arrays import ByteArray
 from photogram.files.maps.rasters import read_codes, read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.simulation.cover_truth import Kind
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import canopy_plan
 from photogram.surface.dsm import WATER

@@ -1,7 +1,7 @@
 """Surveys with one to three wrong inputs: what is named, what is rejected beside it, and what the check points lose.
 
-    python benchmarks/wrong_inputs.py [SURVEYS]                 default: 200, a quarter of an hour on two cores
-    python benchmarks/wrong_inputs.py 100 --suspects     one wrong input of each kind, and pairs (RTK), eight minutes
+    python tests/chaos/wrong_inputs.py [SURVEYS]                 default: 200, a quarter of an hour on two cores
+    python tests/chaos/wrong_inputs.py 100 --suspects     one wrong input of each kind, and pairs (RTK), eight minutes
 
 Simulated observations of 15 to 40 photographs with RTK, with GNSS of 2 m, and without, 6 to 10 control points, 2 % of
 mismatches, no start given: each survey is oriented from its tie points, adjusted and judged as it is, and with

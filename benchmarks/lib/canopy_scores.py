@@ -7,7 +7,7 @@ the ground where it is open, the highest leaf in canopy.
 `clear of canopy` is what lies off canopy, rims, building edges and water, all of it together.
 
 Where an error counts, its truth is that of the level: open ground and roofs have one height; a crown or hedge has the
-envelope of its window (photogram/simulation/cover_truth.py), the highest leaf of the cell at the finest level.
+envelope of its window (benchmarks/lib/simulated/cover_truth.py), the highest leaf of the cell at the finest level.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from scipy.ndimage import binary_dilation, maximum_filter
 
 from lib.dense_scores import PHOTOGRAPHS, Edges, edge_displacement, on_grid
 from lib.dense_truth import Truth, centres_map_m
+from lib.simulated.cover_truth import WINDOWS_CELLS, CoverTruth, Kind, cover_truth
 from photogram.arrays import BoolArray, ByteArray, FloatArray, nmad
 from photogram.grid import MapGrid
-from photogram.simulation.cover_truth import WINDOWS_CELLS, CoverTruth, Kind, cover_truth
 from photogram.simulation.simulated_survey import SimulatedSurvey
 from photogram.survey import Raster
 

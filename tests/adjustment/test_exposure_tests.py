@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.two_cameras import EXPOSURE_SIGMA, TwoCameras, simulate_two_cameras
 from makers import LEAST_SQUARES
 from scipy.stats import chi2
 
@@ -18,7 +19,6 @@ from photogram.arrays import FloatArray
 from photogram.constraints.rigs import exposure_names, rejecting_exposures, relative_poses
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
-from photogram.simulation.rigs.two_cameras import EXPOSURE_SIGMA, TwoCameras, simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from lib.canopy_scores import CANOPY, GROUND, CanopyScores, MapCover, canopy_scores, map_cover, table
 from lib.dense_truth import simulated_truth
+from lib.simulated.cover_truth import Kind
 
 from photogram.grid import MapGrid
 from photogram.simulation.cover.leaves import CoverPlan
-from photogram.simulation.cover_truth import Kind
 from photogram.simulation.simulated_survey import canopy_plan, simulate
 from photogram.survey import Raster
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.close_range import CloseRange, simulate_close_range
 from makers import simulated
 
 from photogram.adjustment.adjustment import adjust
@@ -18,7 +19,6 @@ from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.report.local_frame import constraint_numbers, distance_numbers
-from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 

@@ -8,6 +8,7 @@ from typing import Literal
 import gtsam
 import numpy as np
 import pytest
+from lib.simulated.two_cameras import TRUE, TwoCameras, simulate_two_cameras
 from makers import LEAST_SQUARES, whole_covariance
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +31,6 @@ from photogram.factors.rigs.exposures import (
 )
 from photogram.factors.variables import POSE, RIG, key
 from photogram.geodesy.frames import LocalFrame
-from photogram.simulation.rigs.two_cameras import TRUE, TwoCameras, simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=2)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lib.simulated.two_cameras import simulate_two_cameras
 from makers import LEAST_SQUARES, simulated
 
 from photogram.adjustment.adjustment import adjust
@@ -17,7 +18,6 @@ from photogram.pipeline.store.stored_results import ADJUSTED, adjusted_block_fro
 from photogram.projection import PARAMETERS
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
 from photogram.results import LensFieldDecision
-from photogram.simulation.rigs.two_cameras import simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(strips=2, photographs_per_strip=4, control_points=5, check_points=2)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lib.simulated.facade import upright_rotation
 from makers import ground_point
 
 from photogram.geodesy.frames import LocalFrame
 from photogram.report.plane import plane_file, plane_numbers, points_on_plane
-from photogram.simulation.facade import upright_rotation
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane
 
 UTM = LocalFrame("EPSG:25832", (602340.0, 5794120.0, 120.0))

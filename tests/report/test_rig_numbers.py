@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from jinja2 import StrictUndefined
+from lib.simulated.two_cameras import simulate_two_cameras
 from makers import LEAST_SQUARES
 from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,6 @@ from photogram.report.page import templates
 from photogram.report.record.rigs import BandRecord, RigRecord
 from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
-from photogram.simulation.rigs.two_cameras import simulate_two_cameras
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.close_range import CloseRange, simulate_close_range
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
@@ -13,7 +14,6 @@ from photogram.camera import rotation_from_gimbal
 from photogram.constraints.between_points import Distance
 from photogram.errors import OrientationError
 from photogram.sfm.local_frame import Vertical, local_similarity, vertical_by_view
-from photogram.simulation.close_range import CloseRange, simulate_close_range
 from photogram.survey import Block
 
 UP = np.array([0.0, 0.0, 1.0])

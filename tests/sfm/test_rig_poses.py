@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.bands import NOMINAL_SIGMA, Bands, simulate_bands
 from scipy.stats import chi2
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.rig_poses import carried_by_masters
-from photogram.simulation.rigs.bands import NOMINAL_SIGMA, Bands, simulate_bands
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lib.simulated.close_range import simulate_close_range
+from lib.simulated.facade import upright_rotation
 from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, project_points
 from photogram.geodesy.frames import LocalFrame
-from photogram.simulation.close_range import simulate_close_range
-from photogram.simulation.facade import upright_rotation
 from photogram.surface.reference_plane import (
     LEVEL_DEG,
     PlaneFit,

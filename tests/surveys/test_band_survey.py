@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from lib.simulated.band_survey import write_band_survey
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.simulation.rigs.band_survey import write_band_survey
 from photogram.simulation.survey_plan import SurveyPlan
 
 PLAN = SurveyPlan(

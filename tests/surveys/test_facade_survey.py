@@ -13,6 +13,7 @@ import laspy
 import numpy as np
 import pytest
 import rasterio
+from lib.simulated.facade import turned_survey, upright_rotation
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
@@ -22,7 +23,6 @@ from photogram.pipeline.input_validation import validate_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.similarity import fit_similarity
-from photogram.simulation.facade import turned_survey, upright_rotation
 from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey
 

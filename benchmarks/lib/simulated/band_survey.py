@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from lib.simulated.bands import FOCAL, NOMINAL_M, NOMINAL_SIGMA, SYNCHRONOUS
+from lib.simulated.two_cameras import companion_camera, rigid_poses
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
@@ -14,8 +16,6 @@ from photogram.constraints.rigs import RelativePose
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.photographs.images import write_photograph
 from photogram.simulation.rendering import render
-from photogram.simulation.rigs.bands import FOCAL, NOMINAL_M, NOMINAL_SIGMA, SYNCHRONOUS
-from photogram.simulation.rigs.two_cameras import companion_camera, rigid_poses
 from photogram.simulation.simulated_survey import SimulatedSurvey, simulate
 from photogram.simulation.survey_files import photograph_tags, write_control_list
 from photogram.simulation.survey_plan import SurveyPlan

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from lib.simulated.two_cameras import companion_camera, companion_flight, ground_of
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
@@ -14,7 +15,6 @@ from photogram.camera import Camera, Pose, image_plane, project_points
 from photogram.constraints.rigs import Companion, RelativePose
 from photogram.results import Adjustment
 from photogram.simulation.flight import Flight, fly, observe
-from photogram.simulation.rigs.two_cameras import companion_camera, companion_flight, ground_of
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block, TiePoints
 

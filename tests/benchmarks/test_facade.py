@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.facade import turned_survey, upright_rotation
 
 from photogram.camera import gimbal_from_rotation, project_points
-from photogram.simulation.facade import turned_survey, upright_rotation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate
 
 

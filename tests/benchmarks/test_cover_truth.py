@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lib.simulated.cover_truth import SAMPLES, WINDOWS_CELLS, CoverTruth, Kind, cover_truth, windowed
 
 from photogram.simulation.cover.leaves import CoverPlan
-from photogram.simulation.cover_truth import SAMPLES, WINDOWS_CELLS, CoverTruth, Kind, cover_truth, windowed
 from photogram.simulation.covered_site import make_covered_scene
 from photogram.simulation.scene import Scene, make_scene
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lib.simulated.close_range import CloseRange, simulate_close_range
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -18,7 +19,6 @@ from photogram.factors.covariance import covariances
 from photogram.factors.graph import IndeterminateError
 from photogram.geodesy.frames import LocalFrame
 from photogram.results import Adjustment
-from photogram.simulation.close_range import CloseRange, simulate_close_range
 
 SEEDS = 12
 BAR_SIGMA_M = 0.002
