@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs tables fuzz clean
+.PHONY: help demo test lint docs tables fuzz chaos clean
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -15,6 +15,7 @@ help:
 	@echo "make tables write the tables of settings in docs/ anew from the code"
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
+	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
 
 $(BIN)/python:
@@ -56,6 +57,11 @@ docs: $(VENV)/installed-docs
 
 fuzz: $(VENV)/installed-test
 	$(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
+
+chaos: $(VENV)/installed-test
+	folder=$$(mktemp -d) && $(BIN)/python tests/chaos/interruptions.py "$$folder/survey" && rm -rf "$$folder"
+	PYTHONPATH=benchmarks $(BIN)/python tests/chaos/marking_interruptions.py
+	$(BIN)/python tests/chaos/wrong_inputs.py
 
 clean:
 	rm -rf $(VENV) demo fuzz-failures build dist *.egg-info

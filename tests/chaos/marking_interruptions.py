@@ -1,6 +1,6 @@
 """Kills of `photogram mark`: every mark that was answered is there afterwards, at its pixel, and no file is half.
 
-    python tests/chaos/marking_interruptions.py [RUNS] [--seed 1]       default: 50
+    PYTHONPATH=benchmarks python tests/chaos/marking_interruptions.py [RUNS] [--seed 1]       default: 50
 
 The command works on a small survey of 12 points in 4 photographs. Two tabs mark, move and remove marks as fast as they
 are answered, each at places of its own, until the process is killed (SIGKILL) at random, up to 0.6 s after the first
@@ -24,6 +24,7 @@ import argparse
 import http.client
 import random
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -325,6 +326,7 @@ def main() -> None:
         f"{sums.torn:4}  {sums.left_over:9}  {sums.undo:4}  {seconds:7.0f}"
     )
     print(f"{'held' if sums.is_held else 'not held'}: nothing that was answered is lost, no file is half or left over")
+    sys.exit(not sums.is_held)
 
 
 if __name__ == "__main__":

@@ -248,12 +248,14 @@ def main() -> None:
     kills, wrong = killed(pristine, folder, given.kills, expected, random.Random(given.seed))
     print(f"{kills} kills: {wrong} chains ended differently", flush=True)
     if given.full_disks and os.geteuid() == 0:
-        wrong = on_full_disks(pristine, folder, given.full_disks, expected, needs)
-        print(f"{given.full_disks} full disks: {wrong} went wrong")
+        unmended = on_full_disks(pristine, folder, given.full_disks, expected, needs)
+        print(f"{given.full_disks} full disks: {unmended} went wrong")
+        wrong += unmended
     elif given.full_disks:
         print("full disks: not tried, the superuser alone may mount them")
-    wrong = damaged(whole, given.damages, expected, random.Random(given.seed))
-    print(f"{given.damages} damaged files: {wrong} not found, named and mended by their stage alone")
+    unnamed = damaged(whole, given.damages, expected, random.Random(given.seed))
+    print(f"{given.damages} damaged files: {unnamed} not found, named and mended by their stage alone")
+    sys.exit(wrong + unnamed > 0)
 
 
 if __name__ == "__main__":
