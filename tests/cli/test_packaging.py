@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -115,3 +117,11 @@ def test_wheel_runs_outside_the_repository(wheel: Path, tmp_path: Path) -> None:
     command = str(site / "bin" / "photogram")
     assert run(sys.executable, command, "--version") == f"photogram {photogram.__version__}\n"
     assert "adjust" in run(sys.executable, command, "--help")
+
+
+def test_the_version_is_that_of_the_head_of_the_changelog() -> None:
+    """Fingerprints of stages contain it: two states of the program with different results must not share one."""
+    head = re.search(r"^## \[([\d.]+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert head is not None
+    assert head[1] == photogram.__version__ == project["version"]
