@@ -24,7 +24,8 @@ import numpy as np
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.stage_names import STAGE_NAMES
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.stages.surface_frame import GridSummary
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import whole_survey_plan
@@ -32,7 +33,12 @@ from photogram.simulation.simulated_survey import whole_survey_plan
 LONGER = 8 / 3
 """Photographs of a strip over the number of strips: surveys of any size have one shape."""
 
-Summaries = dict[str, StageSummary]
+
+class AreaSummary(StageNote, GridSummary, total=False):
+    """What is read of a stage: its costs, and its cells where it has any."""
+
+
+Summaries = dict[str, AreaSummary]
 
 
 def survey(folder: Path, photographs: int, seed: int) -> Path:
@@ -57,10 +63,10 @@ def processed(path: Path) -> Summaries:
     if process.exitcode != 0:
         raise SystemExit(f"{path}: ended with exit code {process.exitcode}")
     workspace = Workspace(load_project(path).work)
-    return {name: workspace.summary(name) for name in STAGE_NAMES}
+    return {name: workspace.summary(name, AreaSummary) for name in STAGE_NAMES}
 
 
-def seconds(summary: StageSummary) -> float:
+def seconds(summary: AreaSummary) -> float:
     """Return the seconds of a stage without compilation."""
     return float(summary["seconds"] - summary["compilation_seconds"])
 

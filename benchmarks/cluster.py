@@ -29,10 +29,10 @@ from pathlib import Path
 
 from photogram.machine import cores
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
+from photogram.pipeline.stage import Stage
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
-from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import Summary
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.survey_plan import SurveyPlan
 
@@ -58,7 +58,7 @@ class Seconds:
             self.killed.add(stage.name)
             self.kill()
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         """Note the seconds of a stage."""
         self.of_stage[stage.name] = seconds or 0.0
 

@@ -33,10 +33,10 @@ from photogram.pipeline.costs.rates import predicted_seconds
 from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.workload import workload
 from photogram.pipeline.input_validation import tags_of
-from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
+from photogram.pipeline.stage import Silent, Stage
 from photogram.pipeline.stage_names import STAGE_NAMES
-from photogram.pipeline.store.stage import Silent, Stage
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import StageNote, Summary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
@@ -67,7 +67,7 @@ class ProcessorTime(Silent):
         """Start a stage."""
         self.seconds[stage.name] = -time.process_time()
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         """End a stage."""
         self.seconds[stage.name] += time.process_time()
 
@@ -80,11 +80,11 @@ def _measure(path: Path, folder: Path, workers: int) -> None:
     """Predict a survey, process it, and write both figures beside it; in a process of its own."""
     project = _project(path, folder)
     tags, speed = tags_of(project), measured_speed(workers)
-    predicted = forecast(project, tags, speed, workers)
+    predicted = forecast(STAGES, project, tags, speed, workers)
     watcher = ProcessorTime()
     with ThreadPoolExecutor(workers) as executor:
         run_pipeline(project, watcher=watcher, executor=executor)
-    plain = predicted_seconds(workload(project, tags), Speed(), 1)
+    plain = predicted_seconds(STAGES, workload(project, tags), Speed(), 1)
     note = {
         "processor": {stage: (plain[stage], watcher.seconds[stage]) for stage in STAGE_NAMES},
         "speed": asdict(speed),
@@ -119,7 +119,7 @@ def show(title: str, folder: Path) -> float:
     print(" " * 14 + "  ".join(f"{heading:>18}{'factor':>7}" for heading in headings))
     rows = []
     for stage in STAGE_NAMES:
-        said, told = workspace.summary(stage), predicted[stage]
+        said, told = workspace.summary(stage, StageNote), predicted[stage]
         compiling = said.get("compilation_seconds", 0.0)
         place = folder / "results" if stage == "results" else workspace.stage(stage)
         seconds = (told["seconds"] - told["compilation_seconds"], said["seconds"] - compiling)

@@ -30,7 +30,7 @@ from photogram.files import npz_json
 from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, cell_steps, verticals
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.pipeline.stages import report_files
+from photogram.pipeline.stages.publishing import report_files
 from photogram.project.document import Document
 from photogram.project.json_schema import project_schema
 from photogram.quality.asprs import ReportSettings

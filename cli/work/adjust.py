@@ -11,7 +11,7 @@ from rich.markup import escape
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.precompilation import compiling_early
-from photogram.pipeline.stages.report_files import print_report
+from photogram.pipeline.stages.publishing.report_files import print_report
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
 from photogram.project.project import Project

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.stages.report_files import print_report, remake_report
+from photogram.pipeline.stages.publishing.report_files import print_report, remake_report
 
 
 def write_report(project: Path | str, *, photographs: Path | str | None = None, pdf: bool = False) -> tuple[Path, ...]:

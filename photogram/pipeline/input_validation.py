@@ -24,6 +24,7 @@ from photogram.files.stage_folders import earlier_folders
 from photogram.machine import cores, free_memory_bytes
 from photogram.pipeline.costs.forecast import Forecast, forecast
 from photogram.pipeline.costs.self_test import Speed, measured_speed
+from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
@@ -31,9 +32,6 @@ from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
-
-TESTED = frozenset({"features", "matches", "dense", "orthophoto"})
-"""Stages whose time depends on the machine so much that it is tested before."""
 
 
 def _free_disk_bytes(folder: Path) -> int:
@@ -126,7 +124,8 @@ def checked_project(project: Project) -> CheckedProject:
         headers = read_headers(paths, executor)
         copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
-    survey = check_survey(project, headers, copies, free_disk_bytes, free_memory_bytes(), cores())
+    needs = machine_needs(STAGES, project, [header.tags for header in headers], cores())
+    survey = check_survey(project, headers, needs, copies, free_disk_bytes, free_memory_bytes())
     findings = Findings(by_severity([*folder_findings(project), *masks_as_found(project), *survey]))
     return CheckedProject(findings, tuple(header.tags for header in headers))
 
@@ -154,8 +153,9 @@ def predicted_costs(
     is no such stage.
     """
     remaining = remaining_stages(project, start, until)
-    speed = measured_speed() if test and TESTED.intersection(remaining) else Speed()
-    return forecast(project, tags, speed, cores(), remaining)
+    tested = any(stage.costs.is_tested for stage in STAGES if stage.name in remaining)
+    speed = measured_speed() if test and tested else Speed()
+    return forecast(STAGES, project, tags, speed, cores(), remaining)
 
 
 def check_project(project: Path | str, photographs: Path | str | None = None) -> Findings:

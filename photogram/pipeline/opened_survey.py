@@ -15,11 +15,11 @@ from photogram.errors import ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.geodesy.crs import crs_label
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
+from photogram.pipeline.stage import Stage
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
-from photogram.pipeline.stages.report_files import NUMBERS
+from photogram.pipeline.stages.publishing.report_files import NUMBERS
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import Summary
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
@@ -44,7 +44,7 @@ class _Lines:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         """End a stage."""
         self.say(f"{stage.title}: {'up to date' if seconds is None else f'{seconds:.1f} s'}")
 

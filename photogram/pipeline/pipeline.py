@@ -30,193 +30,31 @@ from photogram.compilation import compile_time
 from photogram.errors import DamagedStageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
-from photogram.files.npz_json import file_fingerprint, fingerprint
+from photogram.files.npz_json import fingerprint
 from photogram.machine import cores
-from photogram.pipeline.stages.adjustment import adjust_block
-from photogram.pipeline.stages.comparison import compare_clouds
-from photogram.pipeline.stages.dense import match_surface
-from photogram.pipeline.stages.orientation import intersect_clouds, orient_photographs, transfer_tie_points
-from photogram.pipeline.stages.orthophoto import make_orthophoto
-from photogram.pipeline.stages.photographs import read_photographs
-from photogram.pipeline.stages.report_files import NUMBERS
-from photogram.pipeline.stages.results import publish
-from photogram.pipeline.stages.surface import model_surface, trace_relief
-from photogram.pipeline.stages.tie_points import choose_pairs, detect_features, join_tie_points, match_photographs
-from photogram.pipeline.store.dependence import (
-    automatic_masks,
-    control_fingerprint,
-    given_masks,
-    orientation_as_made,
-    orientation_settings,
-    photographs_as_made,
-    photographs_settings,
-    starts_from_tie_points,
-    stretches,
-    surface_settings,
-    tie_points_settings,
-)
+from photogram.pipeline.stage import Silent, Stage, Watcher
+from photogram.pipeline.stages.order import BEFORE_RESULTS
+from photogram.pipeline.stages.publishing.report_files import NUMBERS
+from photogram.pipeline.stages.publishing.results import RESULTS
 from photogram.pipeline.store.memory import give_back_free_memory, peak_memory
 from photogram.pipeline.store.pools import Pool
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage import Silent, Stage, Watcher
 from photogram.pipeline.store.stage_files import journalled
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.work_orders import check_pool, ordered
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
-from photogram.report.titles import STAGE_TITLES
 from photogram.wording import some
 
 _LOG = logging.getLogger(__name__)
 
 
-def _seams_fingerprint(project: Project) -> str | None:
-    """Return the fingerprint of the edited seams, None without such."""
-    seams = project.orthophoto.seams
-    return None if seams is None else file_fingerprint(Path(seams))
-
-
-STAGES = (
-    Stage(
-        "photographs",
-        STAGE_TITLES["photographs"],
-        (),
-        photographs_settings,
-        read_photographs,
-        photographs_as_made,
-    ),
-    Stage(
-        "features",
-        STAGE_TITLES["features"],
-        (),
-        lambda run: [
-            run.photograph_fingerprints,
-            run.project.features,
-            run.project.quality,
-            *(["not needed"] if starts_from_tie_points(run.project) else []),
-            *given_masks(run),
-            *stretches(run),
-        ],
-        detect_features,
-    ),
-    Stage(
-        "pairs",
-        STAGE_TITLES["pairs"],
-        ("photographs", "features"),
-        lambda run: [run.project.pairs, run.project.matching, run.project.cameras],
-        choose_pairs,
-    ),
-    Stage(
-        "matches",
-        STAGE_TITLES["matches"],
-        ("features",),
-        lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
-        match_photographs,
-    ),
-    Stage(
-        "tie_points",
-        STAGE_TITLES["tie_points"],
-        ("features", "matches"),
-        tie_points_settings,
-        join_tie_points,
-    ),
-    Stage(
-        "orientation",
-        STAGE_TITLES["orientation"],
-        ("photographs", "tie_points"),
-        orientation_settings,
-        orient_photographs,
-        orientation_as_made,
-    ),
-    Stage(
-        "transfer",
-        STAGE_TITLES["transfer"],
-        ("photographs", "tie_points", "orientation"),
-        lambda run: [
-            run.project.transfer,
-            run.project.adjustment.tie_point_sigma_px,
-            *automatic_masks(run.project),
-        ],
-        transfer_tie_points,
-    ),
-    Stage("intersection", STAGE_TITLES["intersection"], ("orientation", "transfer"), lambda _: None, intersect_clouds),
-    Stage(
-        "adjustment",
-        STAGE_TITLES["adjustment"],
-        ("orientation", "transfer"),
-        lambda run: [
-            run.project.adjustment,
-            run.project.common_gnss_sigma_m,
-            run.project.datum_sigma_m,
-            run.project.constraints,
-            run.project.rigs,
-            run.project.calibration,
-            run.project.focal_readings_px,
-            control_fingerprint(run.project),
-        ],
-        adjust_block,
-    ),
-    Stage(
-        "dense",
-        STAGE_TITLES["dense"],
-        ("adjustment",),
-        lambda run: [
-            run.photograph_fingerprints,
-            run.project.dense,
-            run.project.surface.cell_m,
-            run.project.surface.in_plan,
-            run.project.surface.plane,
-            *stretches(run),
-        ],
-        match_surface,
-    ),
-    Stage("surface", STAGE_TITLES["surface"], ("adjustment", "dense"), surface_settings, model_surface),
-    Stage(
-        "relief",
-        STAGE_TITLES["relief"],
-        ("surface",),
-        lambda run: [run.project.terrain, run.project.contours],
-        trace_relief,
-    ),
-    Stage(
-        "orthophoto",
-        STAGE_TITLES["orthophoto"],
-        ("adjustment", "surface"),
-        lambda run: [
-            run.photograph_fingerprints,
-            run.project.orthophoto,
-            _seams_fingerprint(run.project),
-            *stretches(run),
-        ],
-        make_orthophoto,
-    ),
-    Stage(
-        "comparison",
-        STAGE_TITLES["comparison"],
-        ("intersection", "adjustment"),
-        lambda run: (
-            None
-            if run.project.reference is None
-            else [file_fingerprint(run.project.reference), run.project.heights.reference]
-        ),
-        compare_clouds,
-    ),
-    Stage(
-        "results",
-        STAGE_TITLES["results"],
-        ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
-        lambda run: [
-            str(run.project.results),
-            run.project.report,
-            [point.mark_kind for point in run.project.surveyed.control_points],
-        ],
-        publish,
-    ),
-)
+STAGES: tuple[Stage, ...] = (*BEFORE_RESULTS, RESULTS)
+"""In their order."""
 
 
 def load_project(path: Path, photographs: Path | None = None) -> Project:
@@ -261,7 +99,7 @@ def fingerprints(run: Run) -> dict[str, str]:
 def _present(run: Run, stage: Stage, mark: str) -> bool:
     if not run.workspace.is_complete(stage.name, mark):
         return False
-    products = run.workspace.summary(stage.name).get("products", [])
+    products = run.workspace.summary(stage.name, StageNote).get("products", [])
     return all((run.project.results / name).is_file() for name in products)
 
 
@@ -430,7 +268,7 @@ class _Progress:
         _LOG.debug("stage %s: %.12s, there is %.12s", stage.name, mark, self.run.workspace.mark(stage.name))
         self.watcher.begin(stage)
         if number < self.first and _present(self.run, stage, mark):
-            self.watcher.end(stage, None, self.run.workspace.summary(stage.name))
+            self.watcher.end(stage, None, self.run.workspace.stored(stage.name))
         else:
             _run_stage(self.run, stage, mark, self.watcher, fresh=number >= self.first and not done)
         if number == 0 and self.last > 0:  # before hours of work, and in every run: control may have changed since
@@ -461,7 +299,7 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
     highest = None if peak.bytes is None else max(peak.bytes, run.taken_memory())
-    measured: StageSummary = {
+    measured: StageNote = {
         "seconds": round(seconds, 3),
         "compilation_seconds": round(compiled.seconds, 3),
         "peak_memory_bytes": highest,

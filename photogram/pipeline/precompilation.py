@@ -26,6 +26,7 @@ from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import compiled_share
 from photogram.pipeline.sample_block import sample_block
+from photogram.pipeline.stages.adjustment import ADJUSTMENT
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.surface.ortho.closed_surface import close_surface
@@ -50,7 +51,7 @@ KEPT = 0.5
 def compiling_early() -> Iterator[None]:
     """Let another process compile during the block, where there are two cores and little is compiled yet; it ends with
     the block at the latest."""
-    process = None if cores() < 2 or compiled_share()["adjustment"] >= KEPT else _started()
+    process = None if cores() < 2 or compiled_share([ADJUSTMENT])["adjustment"] >= KEPT else _started()
     try:
         yield
     finally:

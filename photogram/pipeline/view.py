@@ -14,7 +14,7 @@ from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.stages.report_files import NUMBERS, VIEW
+from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
 from photogram.pipeline.store.results_record import recorded
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented

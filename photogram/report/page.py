@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
@@ -40,7 +41,7 @@ from photogram.report.record.photographs import OrientedPhotograph
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
 from photogram.report.record.verdict import LightRecord
-from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES, STAGE_TITLES
+from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES
 
 Row = dict[str, object]
 """What a table of the page shows in one row, by the names that the template uses."""
@@ -79,8 +80,11 @@ def templates(undefined: type[Undefined]) -> Environment:
     )
 
 
-def report_page(report: Report, figures: Sequence[Mapping[str, str]]) -> str:
-    """Return the page of a completed report with its figures, as `page_figures` drew them."""
+def report_page(
+    report: Report, figures: Sequence[Mapping[str, str]], stage_titles: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return the page of a completed report with its figures, as `page_figures` drew them; a stage is called by its
+    name where it has no title."""
     environment = templates(ChainableUndefined)
     environment.filters.update(
         fixed=fixed,
@@ -122,7 +126,7 @@ def report_page(report: Report, figures: Sequence[Mapping[str, str]]) -> str:
         marks_total=sum(len(p["marks"]) for p in report["control_points"]),
         photographs=_photographs(report),
         calibration=_calibration(report),
-        stages=_stages(report),
+        stages=_stages(report, stage_titles),
         surface_checks=_surface_checks(report),
         lights=_lights(report),
         deliverables=_deliverables(report),
@@ -318,9 +322,9 @@ def _correlation(diagnosed: CalibrationRecord) -> Row | None:
     return {"names": [name.removesuffix("_px") for name in names], "rows": rows}
 
 
-def _stages(report: Report) -> list[Row]:
+def _stages(report: Report, titles: Mapping[str, str]) -> list[Row]:
     peak = report["peak_memory_bytes"]
     return [
-        {"title": STAGE_TITLES.get(name, name.replace("_", " ")), "seconds": seconds, "bytes": peak.get(name)}
+        {"title": titles.get(name, name.replace("_", " ")), "seconds": seconds, "bytes": peak.get(name)}
         for name, seconds in report["seconds"].items()
     ]

@@ -1,30 +1,9 @@
-"""What stages and point clouds are called wherever they are shown."""
+"""What standard deviations and point clouds are called wherever they are shown."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-
-STAGE_TITLES: Mapping[str, str] = MappingProxyType(
-    {
-        "photographs": "Photographs",
-        "features": "Features",
-        "pairs": "Pairs",
-        "matches": "Matching",
-        "tie_points": "Tie points",
-        "orientation": "Orientation",
-        "transfer": "Tie point transfer",
-        "intersection": "Linear intersection",
-        "adjustment": "Joint adjustment",
-        "dense": "Dense matching",
-        "surface": "Surface model",
-        "relief": "Terrain and contours",
-        "orthophoto": "Orthophoto",
-        "comparison": "Comparison",
-        "results": "Report",
-    }
-)
-"""By the name of the stage."""
 
 SIGMA_TITLES: Mapping[str, str] = MappingProxyType(
     {

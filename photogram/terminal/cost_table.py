@@ -6,7 +6,6 @@ from rich.table import Table
 
 from photogram.pipeline.costs.forecast import Forecast
 from photogram.project.validation.resources import gigabytes
-from photogram.report.titles import STAGE_TITLES
 from photogram.terminal.time_left import duration
 from photogram.wording import things
 
@@ -35,7 +34,7 @@ def cost_table(predicted: Forecast, workers: int) -> Table:
     for cost in predicted.stages:
         if cost.seconds > 0:
             time = "under 1 s" if cost.seconds < 1 else duration(cost.seconds)
-            table.add_row(STAGE_TITLES[cost.stage], time, _disk(cost.disk_bytes), gigabytes(int(cost.memory_bytes)))
+            table.add_row(cost.title, time, _disk(cost.disk_bytes), gigabytes(int(cost.memory_bytes)))
     table.add_section()
     whole = duration(predicted.seconds), _disk(predicted.disk_bytes), gigabytes(int(predicted.memory_bytes))
     table.add_row("together; disk and memory at most", *whole)

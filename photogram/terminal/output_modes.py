@@ -11,8 +11,8 @@ from typing import Protocol
 from rich.markup import escape
 
 from photogram.pipeline.costs.forecast import Forecast
-from photogram.pipeline.stages.report_files import PAGE
-from photogram.pipeline.store.stage import Watcher
+from photogram.pipeline.stage import Watcher
+from photogram.pipeline.stages.publishing.report_files import PAGE
 from photogram.project.findings import Finding
 from photogram.project.project import Project
 from photogram.report.record.report import Report

@@ -5,24 +5,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import cast
 
 from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from photogram.pipeline.stage import Stage
 from photogram.pipeline.stage_names import StageName
-from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import Summary
 from photogram.terminal.console import console
 from photogram.terminal.events import EventLines
 from photogram.terminal.interruption import raise_if_interrupted
-from photogram.terminal.stage_lines import sentence
 from photogram.terminal.time_left import TimeLeft
-
-PREPARED = ("dense", "results")
-"""Stages whose first pieces tell nothing of the rest: pictures are made smaller before heights are matched, and the
-steps of the report are as unlike as a table and all its figures."""
 
 LEAST_PAUSE_S = 0.5
 """Between two events of progress."""
@@ -35,7 +29,7 @@ class Terminal:
 
     def __init__(self, progress: Progress, predicted: Mapping[str, float]) -> None:
         self._progress = progress
-        self._left = TimeLeft(predicted, prepared=PREPARED)
+        self._left = TimeLeft(predicted)
         self._task: TaskID | None = None
 
     def begin(self, stage: Stage) -> None:
@@ -43,7 +37,7 @@ class Terminal:
         raise_if_interrupted()
         if self._task is not None:  # of a stage that has to wait until another is made again
             self._progress.remove_task(self._task)
-        self._left.begin(stage.name)
+        self._left.begin(stage.name, is_uneven=stage.is_uneven)
         self._task = self._progress.add_task(stage.title, total=None, text="", left=self._left.words)
 
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
@@ -54,7 +48,7 @@ class Terminal:
             shown = escape(text)
             self._progress.update(self._task, description=stage.title, completed=done, total=total or None, text=shown)
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
         """End a stage."""
         self._left.end(stage.name, seconds)
         if self._task is not None:
@@ -65,7 +59,7 @@ class Terminal:
         line.add_column(style="bold", width=20)
         line.add_column(justify="right", width=11)
         line.add_column(style="dim")
-        line.add_row(stage.title, took, escape(sentence(stage.name, summary)))
+        line.add_row(stage.title, took, escape(stage.line(summary)))
         self._progress.console.print(line)
 
     def warn(self, text: str) -> None:
@@ -90,7 +84,7 @@ class Quiet:
         """Report progress within a stage."""
         raise_if_interrupted()
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
         """End a stage."""
 
     def warn(self, text: str) -> None:
@@ -105,7 +99,7 @@ class Told:
         self, lines: EventLines, predicted: Mapping[str, float], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._lines, self._clock = lines, clock
-        self._left = TimeLeft(predicted, clock, PREPARED)
+        self._left = TimeLeft(predicted, clock)
         self._said = -LEAST_PAUSE_S
         self._stage: StageName | None = None
         self._done, self._total = 0, 0
@@ -117,8 +111,8 @@ class Told:
     def begin(self, stage: Stage) -> None:
         """Start a stage."""
         raise_if_interrupted()
-        self._stage, self._done, self._total = cast(StageName, stage.name), 0, 0
-        self._left.begin(stage.name)
+        self._stage, self._done, self._total = stage.name, 0, 0
+        self._left.begin(stage.name, is_uneven=stage.is_uneven)
         self._lines.say("begin", stage.title, stage=self._stage, seconds_left=self._seconds_left())
         self._said = self._clock()
 
@@ -130,17 +124,16 @@ class Told:
         if self._clock() - self._said < LEAST_PAUSE_S and not 0 < total == done:
             return
         self._said = self._clock()
-        name = cast(StageName, stage.name)
         left_s = self._seconds_left()
-        self._lines.say("advance", text, stage=name, done=done, total=total or None, seconds_left=left_s)
+        self._lines.say("advance", text, stage=stage.name, done=done, total=total or None, seconds_left=left_s)
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
         """End a stage."""
         self._left.end(stage.name, seconds)
-        said = sentence(stage.name, summary)
+        said = stage.line(summary)
         text = said if seconds is not None else f"{UP_TO_DATE}: {said}" if said else UP_TO_DATE
-        name, total = cast(StageName, stage.name), self._total or None
-        self._lines.say("end", text, stage=name, done=self._done, total=total, seconds_left=self._seconds_left())
+        total = self._total or None
+        self._lines.say("end", text, stage=stage.name, done=self._done, total=total, seconds_left=self._seconds_left())
         self._stage = None
 
     def warn(self, text: str) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 PRIOR_SHARE = 0.05
@@ -53,19 +53,16 @@ class TimeLeft:
     """Estimates the time left of a command.
 
     ``predicted`` are the seconds that each stage is expected to take, in the order of the stages; empty where nothing
-    is known. ``clock`` returns seconds. ``prepared`` are stages whose first pieces tell nothing
-    of the rest.
+    is known. ``clock`` returns seconds.
     """
 
     def __init__(
         self,
         predicted: Mapping[str, float],
         clock: Callable[[], float] = time.monotonic,
-        prepared: Collection[str] = (),
     ) -> None:
         self._predicted = dict(predicted)
         self._clock = clock
-        self._prepared = prepared
         self._start = self._looked = clock()
         self._stage: str | None = None
         self._began = self._phase_began = self._noted = 0.0
@@ -78,10 +75,10 @@ class TimeLeft:
         self._share = 0.0
         self._said_s, self._said_total_s = math.inf, 0.0
 
-    def begin(self, stage: str) -> None:
-        """Start a stage."""
+    def begin(self, stage: str, *, is_uneven: bool = False) -> None:
+        """Start a stage; the first pieces of one that is uneven tell nothing of the rest."""
         self._stage, self._done, self._of, self._first, self._kept = stage, 0, 0, 0, 0.0
-        self._preparing = stage in self._prepared
+        self._preparing = is_uneven
         self._began = self._phase_began = self._noted = self._clock()
 
     def advance(self, done: int, of: int) -> None:

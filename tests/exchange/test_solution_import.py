@@ -199,7 +199,7 @@ def test_another_start_is_read_again_and_a_deleted_one_named(adjusted_survey: Pa
     run_pipeline(load_project(project), until="tie_points")
     with open_run(load_project(project)) as run:
         first, matched = run.workspace.mark("tie_points"), run.workspace.mark("matches")
-        assert all("not_needed" in run.workspace.summary(stage) for stage in ("features", "pairs", "matches"))
+        assert all("not_needed" in run.workspace.stored(stage) for stage in ("features", "pairs", "matches"))
         assert (list(run.selected_pairs()), list(run.matches())) == ([], [])
         assert not run.workspace.has("features", "00000.npz")
     with pytest.raises(ProjectError, match=r"project.yaml: no pair of photographs was matched"):

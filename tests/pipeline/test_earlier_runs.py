@@ -15,7 +15,7 @@ def stored(folder: Path, name: str, seconds: float, compiling: float = 0.0) -> N
     workspace = Workspace(folder)
     workspace.begin(name, "mark")
     summary = {"seconds": seconds, "compilation_seconds": compiling, "peak_memory_bytes": 7}
-    workspace.finish(name, "mark", summary)  # type: ignore[arg-type]
+    workspace.finish(name, "mark", summary)
 
 
 def test_whole_stages_tell_what_they_took_without_compilation(tmp_path: Path) -> None:

@@ -13,19 +13,18 @@ import pytest
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.costs.earlier_runs import MOST_FACTOR
 from photogram.pipeline.costs.forecast import Forecast, compiled_share, forecast
-from photogram.pipeline.costs.rates import COMPILATION_S
 from photogram.pipeline.costs.self_test import Speed
 from photogram.pipeline.input_validation import predicted_costs
-from photogram.pipeline.pipeline import load_project, remaining_stages
+from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.project.project import Project
 
-WARM, COLD = (dict.fromkeys(COMPILATION_S, share) for share in (1.0, 0.0))
+WARM, COLD = (dict.fromkeys(STAGE_NAMES, share) for share in (1.0, 0.0))
 
 
 def of(project: Project, speed: Speed | None = None, **more: Any) -> Forecast:
     tags = [read_tags(p.path) for p in project.photographs]
-    return forecast(project, tags, speed or Speed(), 2, **{"compiled": WARM, **more})
+    return forecast(STAGES, project, tags, speed or Speed(), 2, **{"compiled": WARM, **more})
 
 
 def test_nothing_is_there_so_everything_remains(survey: Path) -> None:
@@ -44,9 +43,9 @@ def test_a_first_run_compiles_and_a_slow_machine_takes_longer(survey: Path) -> N
     warm, cold, slow = of(project), of(project, compiled=COLD), of(project, Speed(2.0, 2.0, 2.0, 2.0))
     assert warm.compilation_seconds == 0.0
     assert cold.seconds - warm.seconds == pytest.approx(cold.compilation_seconds)
-    assert cold.compilation_seconds == pytest.approx(sum(seconds for seconds, _ in COMPILATION_S.values()))
+    assert cold.compilation_seconds == pytest.approx(sum(stage.costs.compilation_s for stage in STAGES))
     assert slow.seconds == pytest.approx(2 * warm.seconds)
-    assert all(0.0 <= share <= 1.0 for share in compiled_share().values())
+    assert all(0.0 <= share <= 1.0 for share in compiled_share(STAGES).values())
 
 
 def test_what_remains_is_what_a_run_would_do(
@@ -74,7 +73,7 @@ def test_a_stage_is_thought_to_take_what_it_took(adjusted_survey: Path) -> None:
     learnt = of(project).seconds_by_stage["results"]
     believed = fresh / MOST_FACTOR <= took <= MOST_FACTOR * fresh  # not on a machine that was busy when it was made
     assert learnt == pytest.approx(took if believed else fresh)
-    only = of(project, stages=("results",))
+    only = of(project, remaining=("results",))
     assert [cost.stage for cost in only.stages] == ["results"]
     assert only.seconds == pytest.approx(learnt)
     assert only.disk_bytes < of(project).disk_bytes

@@ -15,8 +15,8 @@ from photogram.errors import ImageError
 from photogram.files.photographs.images import read_patches, read_photograph
 from photogram.files.tables.surveyed_points import IMPORTED
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.pipeline.stages import mark_pictures as module
-from photogram.pipeline.stages.mark_pictures import FINEST_PX, HALF_PX, MOST_HALF_PX, mark_pictures
+from photogram.pipeline.stages.publishing import mark_pictures as module
+from photogram.pipeline.stages.publishing.mark_pictures import FINEST_PX, HALF_PX, MOST_HALF_PX, mark_pictures
 from photogram.report.figures.mark_patches import PhotographPatch, figure_key, mark_figure
 from photogram.report.record.ground import GroundPointRecord
 

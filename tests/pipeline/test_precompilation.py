@@ -12,6 +12,7 @@ import pytest
 
 from photogram.pipeline import precompilation as early_kernels
 from photogram.pipeline.costs.forecast import compiled_share
+from photogram.pipeline.pipeline import STAGES
 
 ASLEEP = (sys.executable, "-c", "import time; time.sleep(600)")
 
@@ -28,7 +29,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
 
     monkeypatch.setattr(early_kernels, "COMMAND", ASLEEP)
     monkeypatch.setattr(early_kernels, "cores", lambda: 2)
-    monkeypatch.setattr(early_kernels, "compiled_share", lambda: {"adjustment": 0.0})
+    monkeypatch.setattr(early_kernels, "compiled_share", lambda _: {"adjustment": 0.0})
     monkeypatch.setattr(subprocess, "Popen", watched)
     return processes
 
@@ -78,7 +79,7 @@ def test_one_core_or_kept_kernels_need_none(
     with early_kernels.compiling_early():
         pass
     monkeypatch.setattr(early_kernels, "cores", lambda: 2)
-    monkeypatch.setattr(early_kernels, "compiled_share", lambda: {"adjustment": 1.0})
+    monkeypatch.setattr(early_kernels, "compiled_share", lambda _: {"adjustment": 1.0})
     with early_kernels.compiling_early():
         pass
     assert started == []
@@ -88,7 +89,7 @@ def test_it_compiles_what_orientation_adjustment_and_orthophoto_need() -> None:
     """Most kernels of these stages; the others are those of surveys with more than positions, control and ties, and of
     orthophotos with masks or several bands."""
     early_kernels.compile_all()
-    share = compiled_share()
+    share = compiled_share(STAGES)
     assert share["adjustment"] > early_kernels.KEPT
     assert share["orientation"] > early_kernels.KEPT
     assert share["orthophoto"] > early_kernels.KEPT

@@ -6,16 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from photogram.pipeline.costs.rates import (
-    COMPILATION_S,
-    CONSTANT_S,
-    RATES,
-    amounts,
-    compilation_seconds,
-    predicted_seconds,
-)
+from photogram.pipeline.costs.rates import amounts, compilation_seconds, predicted_seconds
 from photogram.pipeline.costs.self_test import Speed
-from photogram.pipeline.costs.workload import Workload
+from photogram.pipeline.pipeline import STAGES, stage_named
+from photogram.pipeline.stage_costs import Workload
 from photogram.pipeline.stage_names import STAGE_NAMES
 
 WORK = Workload(
@@ -25,24 +19,24 @@ WORK = Workload(
 
 
 def rate(stage: str, part: str) -> float:
-    """Return the seconds of a unit in the table."""
-    (found,) = [r.seconds for r in RATES if (r.stage, r.part) == (stage, part)]
+    """Return the seconds of a unit as the stage states them."""
+    (found,) = [r.seconds for r in stage_named(stage).costs.rates if r.part == part]
     return found
 
 
 def test_every_stage_costs_something() -> None:
-    assert tuple(CONSTANT_S) == STAGE_NAMES
-    assert {r.stage for r in RATES} == set(STAGE_NAMES)
-    assert all(r.seconds > 0 for r in RATES)
-    assert set(COMPILATION_S) <= set(STAGE_NAMES)
+    assert tuple(stage.name for stage in STAGES) == STAGE_NAMES
+    assert all(stage.costs.rates for stage in STAGES)
+    assert all(r.seconds > 0 for stage in STAGES for r in stage.costs.rates)
+    assert all(bool(stage.costs.kernels) == (stage.costs.compilation_s > 0) for stage in STAGES)
 
 
 def test_seconds_are_rate_times_amount_shared_among_the_workers() -> None:
     for workers in (1, 2, 8):
-        dense = predicted_seconds(WORK, Speed(), workers)["dense"] - CONSTANT_S["dense"]
+        dense = predicted_seconds(STAGES, WORK, Speed(), workers)["dense"] - stage_named("dense").costs.constant_s
         expected = (8.0 * rate("dense", "dense_mcells") + 240.0 * rate("dense", "megapixels")) / workers
         assert dense == pytest.approx(expected)
-    one, eight = (predicted_seconds(WORK, Speed(), workers)["adjustment"] for workers in (1, 8))
+    one, eight = (predicted_seconds(STAGES, WORK, Speed(), workers)["adjustment"] for workers in (1, 8))
     assert one == eight  # of one block
 
 
@@ -53,20 +47,20 @@ def test_twice_the_pairs_of_twice_the_key_points_are_eight_times_the_products() 
 
 
 def test_a_slower_part_of_the_machine_slows_what_resembles_it() -> None:
-    usual, slow = (predicted_seconds(WORK, speed, 2) for speed in (Speed(), Speed(dense=3.0)))
+    usual, slow = (predicted_seconds(STAGES, WORK, speed, 2) for speed in (Speed(), Speed(dense=3.0)))
     assert slow["dense"] > 2.5 * usual["dense"]
     assert all(slow[stage] == usual[stage] for stage in STAGE_NAMES if stage != "dense")
-    slow = predicted_seconds(WORK, Speed(2.0, 2.0, 2.0, 2.0), 2)
+    slow = predicted_seconds(STAGES, WORK, Speed(2.0, 2.0, 2.0, 2.0), 2)
     assert all(slow[stage] == pytest.approx(2 * usual[stage]) for stage in STAGE_NAMES)
 
 
 def test_what_is_not_asked_for_takes_no_time_and_is_not_compiled() -> None:
     bare = replace(WORK, dense_mcells=0.0, orthophoto_mpx=0.0, comparison=False, contours=False)
-    seconds = predicted_seconds(bare, Speed(), 2)
+    seconds = predicted_seconds(STAGES, bare, Speed(), 2)
     assert [stage for stage in STAGE_NAMES if not seconds[stage]] == ["dense", "relief", "orthophoto", "comparison"]
-    nothing = dict.fromkeys(COMPILATION_S, 0.0)
-    assert "dense" not in compilation_seconds(bare, nothing, Speed())
-    assert compilation_seconds(WORK, nothing, Speed())["dense"] == COMPILATION_S["dense"][0]
-    half = compilation_seconds(WORK, dict.fromkeys(COMPILATION_S, 0.5), Speed(plain=2.0))
-    assert half["dense"] == pytest.approx(COMPILATION_S["dense"][0])
-    assert sum(compilation_seconds(WORK, dict.fromkeys(COMPILATION_S, 1.0), Speed()).values()) == 0.0
+    nothing, whole = dict.fromkeys(STAGE_NAMES, 0.0), stage_named("dense").costs.compilation_s
+    assert "dense" not in compilation_seconds(STAGES, bare, nothing, Speed())
+    assert compilation_seconds(STAGES, WORK, nothing, Speed())["dense"] == whole
+    half = compilation_seconds(STAGES, WORK, dict.fromkeys(STAGE_NAMES, 0.5), Speed(plain=2.0))
+    assert half["dense"] == pytest.approx(whole)
+    assert sum(compilation_seconds(STAGES, WORK, dict.fromkeys(STAGE_NAMES, 1.0), Speed()).values()) == 0.0

@@ -14,6 +14,7 @@ from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.workload import expected_pairs, workload
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.dense import DenseSummary
 from photogram.project.project import Project
 
 Survey = tuple[Project, tuple[PhotographTags | None, ...]]
@@ -47,7 +48,7 @@ def test_cells_are_those_of_the_surface_that_is_made(finished_survey: Path) -> N
     project = load_project(finished_survey / "project.yaml")
     work = workload(project, [read_tags(p.path) for p in project.photographs])
     with open_run(project) as run:
-        made = run.workspace.summary("dense")
+        made = run.workspace.summary("dense", DenseSummary)
     assert work.raster_mcells == pytest.approx(made["rows"] * made["columns"] / 1e6, rel=0.5)
     assert 0.3 * work.raster_mcells < work.dense_mcells <= work.raster_mcells
 

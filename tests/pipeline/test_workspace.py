@@ -19,7 +19,9 @@ from photogram.errors import DamagedStageError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, fingerprint, read_arrays, read_json, write_arrays, write_json
 from photogram.files.records import read_record, write_record
+from photogram.pipeline.stages.matches import MatchesSummary
 from photogram.pipeline.store.stage_files import journalled
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
 from photogram.sfm.tie_points.features import FeatureSettings
 from photogram.survey import Features
@@ -287,8 +289,9 @@ def test_a_stage_is_complete_once_finished_and_only_under_its_fingerprint(tmp_pa
         "stage.json",
     ]
     assert not partial.exists()
-    summary = workspace.summary("matches")
-    assert (summary["stage"], summary["seconds"], summary["pairs"]) == ("matches", 1.5, 3)
+    note = workspace.summary("matches", StageNote)
+    assert (note["stage"], note["seconds"]) == ("matches", 1.5)
+    assert workspace.summary("matches", MatchesSummary) == {"pairs": 3}
 
 
 def test_an_interrupted_stage_goes_on_with_its_files(tmp_path: Path) -> None:
@@ -344,6 +347,8 @@ def test_a_discarded_stage_is_gone(tmp_path: Path) -> None:
 HOLDER = """
 import sys
 from pathlib import Path
+from photogram.pipeline.store.stage_summary import StageNote
+from photogram.pipeline.stages.matches import MatchesSummary
 from photogram.pipeline.store.workspace import Workspace
 with Workspace(Path(sys.argv[1])).locked():
     print("held", flush=True)

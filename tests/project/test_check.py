@@ -22,11 +22,12 @@ from photogram.files.photographs.headers import PhotographHeader, equal_files, r
 from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
 from photogram.geodesy.frames import LocalFrame, geodetic_from_map
 from photogram.geodesy.height_systems import DeclaredHeights
+from photogram.pipeline.costs.space import machine_needs
+from photogram.pipeline.pipeline import STAGES
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.check import check_survey, header_findings, project_faults, survey_findings
-from photogram.project.validation.resources import machine_needs
 from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import FeatureSettings
 from photogram.sfm.tie_points.guided_matching import TransferSettings
@@ -117,7 +118,8 @@ def headers(survey: Survey) -> list[PhotographHeader]:
 
 
 def found(survey: Survey, **more: Any) -> list[Finding]:
-    return check_survey(survey[0], headers(survey), **more)
+    needs = machine_needs(STAGES, *survey)
+    return check_survey(survey[0], headers(survey), needs, **more)
 
 
 def with_points(survey: Survey, change: Callable[[ProjectControlPoint], ProjectControlPoint]) -> Survey:
@@ -506,7 +508,7 @@ def test_twins_disk_and_memory() -> None:
         ("warning", "memory"),
     ]
     assert found(survey, free_disk_bytes=10**12, memory=10**12)[0].severity == "note"
-    nearly_full = found(survey, free_disk_bytes=int(1.2 * machine_needs(*survey).disk_bytes))
+    nearly_full = found(survey, free_disk_bytes=int(1.2 * machine_needs(STAGES, *survey).disk_bytes))
     assert (nearly_full[0].severity, nearly_full[0].where) == ("warning", "disk")
 
 

@@ -13,20 +13,11 @@ import pytest
 
 from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
-from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.costs.space import kept_disk_bytes, machine_needs, sparse_disk_bytes, surface_disk_bytes
+from photogram.pipeline.pipeline import STAGES, load_project
+from photogram.pipeline.stage_costs import LAYER_BYTES, MATCHED_BYTES, RASTER_BYTES, Extent
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.resources import (
-    LAYER_BYTES,
-    MATCHED_BYTES,
-    RASTER_BYTES,
-    SurfaceSize,
-    kept_disk_bytes,
-    machine_findings,
-    machine_needs,
-    sparse_disk_bytes,
-    surface_disk_bytes,
-    surface_size,
-)
+from photogram.project.validation.resources import SurfaceSize, machine_findings, surface_size
 from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
@@ -102,14 +93,18 @@ def test_stages_that_are_switched_off_need_nothing(strip: Project) -> None:
     )  # fmt: skip
     size = surface_size(off, NO_TAGS)
     assert (size.surface_cells, size.orthophoto_cells) == (0.0, 0.0)
-    kept = kept_disk_bytes(off, size)
+    kept = kept_disk_bytes(STAGES, Extent(off, size))
     assert kept["dense"] == kept["surface"] == kept["relief"] == kept["orthophoto"] == 0.0
-    assert machine_needs(off, NO_TAGS).disk_bytes == int(max(sparse_disk_bytes(off), sum(kept.values())))
-    assert all(kept[stage] <= more for stage, more in kept_disk_bytes(strip, surface_size(strip, NO_TAGS)).items())
-    whole, matched = (surface_disk_bytes(p, surface_size(p, NO_TAGS)) for p in (strip, replace(off, dense=strip.dense)))
-    assert 0 < matched < whole
+    assert machine_needs(STAGES, off, NO_TAGS).disk_bytes == int(
+        max(sparse_disk_bytes(Extent(off, size)), sum(kept.values()))
+    )
+    whole = kept_disk_bytes(STAGES, Extent(strip, surface_size(strip, NO_TAGS)))
+    assert all(kept[stage] <= more for stage, more in whole.items())
+    both = (strip, replace(off, dense=strip.dense))
+    most, matched = (surface_disk_bytes(Extent(p, surface_size(p, NO_TAGS))) for p in both)
+    assert 0 < matched < most
     with_terrain = replace(strip, terrain=TerrainSettings(enabled=True))
-    assert surface_disk_bytes(with_terrain, surface_size(strip, NO_TAGS)) > whole
+    assert surface_disk_bytes(Extent(with_terrain, surface_size(strip, NO_TAGS))) > most
 
 
 def test_reduced_pictures_fill_the_disk_while_heights_of_coarse_cells_are_matched(strip: Project) -> None:
@@ -118,7 +113,7 @@ def test_reduced_pictures_fill_the_disk_while_heights_of_coarse_cells_are_matche
     size = SurfaceSize(1000.0, 0.0, 8.0)
     off = replace(strip, orthophoto=OrthophotoSettings(enabled=False))
     expected = 4 * 400 * 300 * 2 / 16 * 4 / 3 + 1000 * MATCHED_BYTES
-    assert surface_disk_bytes(off, size) == pytest.approx(expected, rel=2e-3)
+    assert surface_disk_bytes(Extent(off, size)) == pytest.approx(expected, rel=2e-3)
 
 
 def test_estimate_agrees_with_what_a_run_has_written(finished_survey: Path) -> None:
@@ -140,7 +135,7 @@ def test_estimate_agrees_with_what_a_run_has_written(finished_survey: Path) -> N
 
 def test_memory_grows_with_photographs_picture_size_cells_and_workers(strip: Project) -> None:
     def memory_bytes(project: Project, workers: int = 1) -> int:
-        return machine_needs(project, [None] * len(project.photographs), workers).memory_bytes
+        return machine_needs(STAGES, project, [None] * len(project.photographs), workers).memory_bytes
 
     sparse = replace(
         strip, dense=DenseSettings(enabled=False), surface=SurfaceSettings(),
@@ -165,10 +160,10 @@ def test_remedies_fit_what_fills_disk_and_memory(strip: Project) -> None:
         (fine, "surface.cell_m", "surface.cell_m"),
         (replace(strip, features=replace(strip.features, maximum=10_000_000)), "features.maximum", "features.maximum"),
     ):
-        needs = machine_needs(project, NO_TAGS)
+        needs = machine_needs(STAGES, project, NO_TAGS)
         found = machine_findings(project, needs, needs.disk_bytes - 1, needs.memory_bytes - 1)
         assert [(f.severity, f.where) for f in found] == [("warning", "disk"), ("warning", "memory")]
         assert disk in found[0].remedy
         assert memory in found[1].remedy
         assert machine_findings(project, needs, 2 * needs.disk_bytes, needs.memory_bytes) == []
-    assert machine_findings(strip, machine_needs(strip, NO_TAGS), None, None) == []
+    assert machine_findings(strip, machine_needs(STAGES, strip, NO_TAGS), None, None) == []

@@ -12,7 +12,7 @@ import pytest
 from makers import Json, read_json
 
 from photogram.files.atomic import replacing
-from photogram.pipeline.stages.report_files import deliverables
+from photogram.pipeline.stages.publishing.report_files import deliverables
 from photogram.pipeline.store.results_record import recorded
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id

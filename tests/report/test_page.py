@@ -20,14 +20,13 @@ from makers import Json, read_json
 from PIL import Image
 
 from photogram.errors import ReportError
-from photogram.pipeline.pipeline import STAGES
+from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.quality.asprs import ReportSettings
 from photogram.report.figures.page_figures import standard_ellipses
 from photogram.report.numbers.completion import complete, discarded
 from photogram.report.numbers.wording import fixed, plain, probability, rich, share, signed, small
 from photogram.report.page import report_page
 from photogram.report.printing import find_browser, print_pdf
-from photogram.report.titles import STAGE_TITLES
 
 VOID = {"meta", "link", "img", "br"}
 FIGURES, MARKED_POINTS = 14, 12
@@ -99,8 +98,12 @@ def test_page_holds_every_section_table_and_figure(full_report: Json, figures: l
     assert all(page.alternatives)
 
 
-def test_every_stage_has_a_title() -> None:
-    assert [(stage.name, stage.title) for stage in STAGES] == list(STAGE_TITLES.items())
+def test_stages_are_called_by_their_titles(full_report: Json) -> None:
+    titles: dict[str, str] = {stage.name: stage.title for stage in BEFORE_RESULTS}
+    assert set(full_report["seconds"]) == set(titles)
+    text = report_page(full_report, [], titles)
+    assert all(f">{title}<" in text for title in titles.values())
+    assert ">Tie point transfer<" not in report_page(full_report, [])
 
 
 def test_page_asks_for_nothing_but_itself(full_report: Json, figures: list[dict[str, str]]) -> None:

@@ -17,13 +17,13 @@ from makers import undrawing
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
-from photogram.pipeline.store.stage import Stage
+from photogram.pipeline.stage import Stage
 from photogram.pipeline.store.stage_files import Checksum, checksum, journalled
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import Summary
 from photogram.pipeline.store.workspace import Workspace
 
 Run = Callable[..., Any]
-NAMES = [stage.name for stage in STAGES]
+NAMES: list[str] = [stage.name for stage in STAGES]
 RUNS_DIFFER = {"stage.json", "report.json", "report.html", "checksums.sha256", "photogram.lock"}
 
 
@@ -40,7 +40,7 @@ class Witness:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         pass
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         if seconds is not None:
             self.ran.append(stage.name)
 
@@ -142,7 +142,7 @@ def test_damage_that_comes_back_ends_the_run(adjusted_survey: Path, monkeypatch:
     path = adjusted_survey / "work/tie_points.stage/tie_points.npz"
     finish = Workspace.finish
 
-    def damaging(self: Workspace, name: str, mark: str, summary: StageSummary) -> None:
+    def damaging(self: Workspace, name: str, mark: str, summary: Summary) -> None:
         finish(self, name, mark, summary)
         if name == "tie_points":
             path.write_bytes(b"nothing")
@@ -218,7 +218,7 @@ def test_every_file_stands_in_the_note_with_its_checksum(tmp_path: Path) -> None
     for name, path in files.items():
         assert note["files"][name]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
         assert note["files"][name]["bytes"] == path.stat().st_size
-    assert workspace.summary("features") == {"stage": "features", "fingerprint": "m", "format": FORMAT, "pairs": 3}
+    assert workspace.stored("features") == {"stage": "features", "fingerprint": "m", "format": FORMAT, "pairs": 3}
     assert workspace.file("features", "inner", "deep.json") == files["inner/deep.json"]
     with pytest.raises(DamagedStageError, match=r"other\.json: was not written by the stage"):
         workspace.file("features", "other.json")

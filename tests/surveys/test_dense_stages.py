@@ -23,7 +23,7 @@ from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages import dense as dense_stages
 from photogram.pipeline.stages import surface as surface_stages
 from photogram.pipeline.stages.dense import match_surface
-from photogram.pipeline.stages.products import CLOUD, write_dense_cloud
+from photogram.pipeline.stages.publishing.products import CLOUD, write_dense_cloud
 from photogram.pipeline.stages.surface import model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.workspace import Workspace

@@ -22,8 +22,8 @@ import pytest
 import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
-from photogram.pipeline.store.stage import Stage
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.stage import Stage
+from photogram.pipeline.store.stage_summary import Summary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
 from photogram.survey import Block
@@ -152,7 +152,7 @@ class Witness:
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         pass
 
-    def end(self, stage: Stage, seconds: float | None, summary: StageSummary) -> None:  # noqa: ARG002
+    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         (self.done if seconds is None else self.ran).append(stage.name)
 
     def warn(self, text: str) -> None:

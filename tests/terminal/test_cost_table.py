@@ -13,10 +13,10 @@ from photogram.terminal.cost_table import cost_line, cost_table
 
 COSTS = Forecast(
     (
-        StageCost("features", 80.0, 0.0, 3e7, 9e8),
-        StageCost("tie_points", 0.3, 0.0, 5e5, 8e8),
-        StageCost("dense", 260.0, 25.0, 1.1e9, 7e8),
-        StageCost("comparison", 0.0, 0.0, 0.0, 7e8),
+        StageCost("features", "Features", 80.0, 0.0, 3e7, 9e8),
+        StageCost("tie_points", "Tie points", 0.3, 0.0, 5e5, 8e8),
+        StageCost("dense", "Dense matching", 260.0, 25.0, 1.1e9, 7e8),
+        StageCost("comparison", "Comparison", 0.0, 0.0, 0.0, 7e8),
     ),
     1.2e9,
 )
@@ -26,7 +26,7 @@ def test_one_line_says_time_disk_and_memory() -> None:
     assert cost_line(COSTS) == (
         "About 5 min 40 s (25 s of it for kernels, compiled once), 1.2 GB of disk, 0.9 GB of memory."
     )
-    warm = Forecast((StageCost("features", 80.0, 1.0, 3e7, 9e8),), 3e7)
+    warm = Forecast((StageCost("features", "Features", 80.0, 1.0, 3e7, 9e8),), 3e7)
     assert cost_line(warm) == "About 1 min 20 s, 30 MB of disk, 0.9 GB of memory."
 
 

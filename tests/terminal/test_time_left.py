@@ -136,8 +136,8 @@ def test_pieces_of_an_interrupted_run_are_no_measure() -> None:
 def test_preparations_do_not_count_as_the_stage() -> None:
     """Pictures are made smaller in two seconds, then heights are matched for a hundred."""
     now = 0.0
-    left = TimeLeft({"dense": 100.0}, lambda: now, prepared={"dense"})
-    left.begin("dense")
+    left = TimeLeft({"dense": 100.0}, lambda: now)
+    left.begin("dense", is_uneven=True)
     for piece in range(1, 21):
         now += 0.1
         left.advance(piece, 20)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from photogram.errors import PhotogramError
 from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
 
 LEAST_SECONDS = 0.5
@@ -29,7 +30,7 @@ def measured_stages(workspace: Workspace) -> dict[str, StageMeasured]:
     found = {}
     for name in STAGE_NAMES:
         try:
-            summary = workspace.summary(name) if workspace.mark(name) else {}
+            summary = workspace.summary(name, StageNote) if workspace.mark(name) else StageNote()
         except PhotogramError:
             continue  # the run says so, and makes it again
         if "seconds" in summary:

@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from photogram.compilation import kernels
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.earlier_runs import corrected, measured_stages
-from photogram.pipeline.costs.rates import COMPILATION_S, compilation_seconds, predicted_seconds
+from photogram.pipeline.costs.rates import compilation_seconds, predicted_seconds
 from photogram.pipeline.costs.self_test import Speed
+from photogram.pipeline.costs.space import kept_disk_bytes, machine_needs, stage_memory_bytes
 from photogram.pipeline.costs.workload import workload
-from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage_costs import Extent
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
-from photogram.project.validation.resources import kept_disk_bytes, machine_needs, stage_memory_bytes, surface_size
+from photogram.project.validation.resources import surface_size
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class StageCost:
     """
 
     stage: str
+    title: str
     seconds: float
     compilation_seconds: float
     disk_bytes: float
@@ -67,37 +70,41 @@ class Forecast:
 
 
 def forecast(
+    stages: Sequence[Stage],
     project: Project,
     tags: Sequence[PhotographTags | None],
     speed: Speed,
     workers: int,
-    stages: Collection[str] = STAGE_NAMES,
+    remaining: Collection[str] | None = None,
     compiled: dict[str, float] | None = None,
 ) -> Forecast:
-    """Return what the ``stages`` of a survey take on a machine of such a ``speed`` with so many ``workers``.
+    """Return what all ``stages`` of a survey, or those that are ``remaining``, by name, take on a machine of such a
+    ``speed`` with so many ``workers``.
 
     ``tags`` are those of ``project.photographs``; ``compiled`` is the share of each stage's kernels that need not be
     compiled, by what is kept on this machine where it is not given.
     """
     work, size = workload(project, tags), surface_size(project, tags)
-    seconds = corrected(predicted_seconds(work, speed, workers), measured_stages(Workspace(project.work)))
-    compiling = compilation_seconds(work, compiled_share() if compiled is None else compiled, speed)
-    disk, memory = kept_disk_bytes(project, size), stage_memory_bytes(project, size, workers)
+    seconds = corrected(predicted_seconds(stages, work, speed, workers), measured_stages(Workspace(project.work)))
+    compiling = compilation_seconds(stages, work, compiled_share(stages) if compiled is None else compiled, speed)
+    extent = Extent(project, size, workers)
+    disk, memory = kept_disk_bytes(stages, extent), stage_memory_bytes(stages, extent)
     costs = list[StageCost]()
-    for stage in STAGE_NAMES:
-        if stage in stages:
-            own = compiling.get(stage, 0.0)
-            costs.append(StageCost(stage, seconds[stage] + own, own, disk.get(stage, 0.0), memory[stage][0]))
-    whole = machine_needs(project, tags, workers).disk_bytes
-    left = sum(disk.get(stage, 0.0) for stage in STAGE_NAMES)
-    remaining = sum(cost.disk_bytes for cost in costs)
-    return Forecast(tuple(costs), max(remaining, min(whole, remaining * whole / left if left else 0.0)))
+    for stage in stages:
+        name = stage.name
+        if remaining is None or name in remaining:
+            own = compiling.get(name, 0.0)
+            costs.append(StageCost(name, stage.title, seconds[name] + own, own, disk[name], memory[name][0]))
+    whole = machine_needs(stages, project, tags, workers).disk_bytes
+    left = sum(disk.values())
+    kept = sum(cost.disk_bytes for cost in costs)
+    return Forecast(tuple(costs), max(kept, min(whole, kept * whole / left if left else 0.0)))
 
 
-def compiled_share() -> dict[str, float]:
+def compiled_share(stages: Sequence[Stage]) -> dict[str, float]:
     """Return which share of each stage's kernels is compiled for this machine."""
-    found = {}
-    for stage, (_, rooms) in COMPILATION_S.items():
-        compiled, there = kernels(rooms)
-        found[stage] = compiled / there if there else 1.0
+    found = dict[str, float]()
+    for stage in stages:
+        compiled, there = kernels(stage.costs.kernels)
+        found[stage.name] = compiled / there if there else 1.0
     return found

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from photogram.errors import PhotogramError
 from photogram.files.photographs.tags import PhotographTags
+from photogram.pipeline.stage_costs import Workload
 from photogram.project.measured.measured_block import measured_block, photograph_note, survey_frame
 from photogram.project.measured.measured_positions import known_position
 from photogram.project.measured.measured_survey import gnss_positions
@@ -36,25 +36,6 @@ TIE_POINTS_PER_OBSERVATION = 0.3
 
 TRANSFERRED_PER_KNOWN = 1.5
 """Observations after the transfer for each of tie points that the project starts from."""
-
-
-@dataclass(frozen=True)
-class Workload:
-    """How much there is to do; megapixels, megacells of the surface that photographs show, and megapixels of the
-    orthophoto; ``raster_mcells`` are those of the rectangle around the surface."""
-
-    photographs: int
-    megapixels: float
-    searched_megapixels: float
-    key_points: float
-    pairs: float
-    observations: float
-    dense_mcells: float
-    raster_mcells: float
-    orthophoto_mpx: float
-    terrain: bool = False
-    contours: bool = True
-    comparison: bool = False
 
 
 def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workload:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
@@ -16,10 +18,11 @@ from photogram.arrays import FloatArray
 from photogram.files.npz_json import write_json
 from photogram.files.records import write_record
 from photogram.geodesy.frames import LocalFrame
-from photogram.pipeline.stages.tie_points import orientation_thresholds
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import ADJUSTED_BYTES, LIBRARIES_BYTES, Costs, Memory, Rate
+from photogram.pipeline.stages.features import orientation_thresholds
 from photogram.pipeline.store.dependence import control_fingerprint
 from photogram.pipeline.store.run import RESECTIONS, Run
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import StoredResections, verdict_to, write_adjustment
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
@@ -29,7 +32,24 @@ from photogram.quality.model_error import with_model_error
 from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, PointCloud
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class AdjustmentSummary(TypedDict, total=False):
+    """What the stage says of itself."""
+
+    sigma0: float | None
+    """A-posteriori standard deviation of unit weight; without redundancy NaN, as stored None."""
+    converged: bool
+    """Whether the adjustment converged."""
+    blunders: int
+    """Number of blunders rejected."""
+    iterations: int
+    """Number of iterations."""
+    disbelieved_headings: int
+    """Number of headings of the gimbal not used."""
+    disbelieved_attitudes: int
+    """Number of attitudes of the gimbal not used."""
 
 
 def _sigma_map_m(
@@ -48,7 +68,7 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
     return tuple(found.get(i) for i in range(len(block.photographs)))
 
 
-def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummary:
     """Adjust the block jointly."""
     orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
@@ -92,3 +112,42 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> StageSummary:
             for m, p in zip(measured.photographs, block.photographs, strict=True)
         ),
     }
+
+
+def _words(summary: AdjustmentSummary) -> str:
+    iterations = things(summary["iterations"], "iteration")
+    parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
+    sigma0 = summary["sigma0"]
+    parts.append(f"sigma0 {nan if sigma0 is None else sigma0:.3f}")
+    if summary.get("blunders"):
+        parts.append(f"{things(summary['blunders'], 'blunder')} rejected")
+    headings, attitudes = summary.get("disbelieved_headings", 0), summary.get("disbelieved_attitudes", 0)
+    parts += [f"{things(n, what)} not used" for n, what in ((headings, "heading"), (attitudes, "attitude")) if n]
+    return ", ".join(parts)
+
+
+ADJUSTMENT: Stage = Stage(
+    "adjustment",
+    "Joint adjustment",
+    ("orientation", "transfer"),
+    lambda run: [
+        run.project.adjustment,
+        run.project.common_gnss_sigma_m,
+        run.project.datum_sigma_m,
+        run.project.constraints,
+        run.project.rigs,
+        run.project.calibration,
+        run.project.focal_readings_px,
+        control_fingerprint(run.project),
+    ],
+    adjust_block,
+    line_of(AdjustmentSummary, _words),
+    Costs(
+        0.3,
+        (Rate("observations", 1.3e-4, pieces=False), Rate("photographs", 0.03, pieces=False)),
+        1.0,
+        ("photogram.factors",),
+        disk_bytes=lambda extent: ADJUSTED_BYTES * extent.key_points,
+        memory=lambda extent: Memory(LIBRARIES_BYTES + extent.block_bytes),
+    ),
+)

@@ -6,19 +6,28 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import file_fingerprint, write_json
 from photogram.files.records import write_record
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import map_heights
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import Costs, Rate
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import compare_to_reference, triangulate
 from photogram.survey import PointCloud, Raster
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class ComparisonSummary(TypedDict):
+    """What the stage says of itself."""
+
+    clouds: int
+    """Number of clouds compared."""
 
 
 def read_reference(path: Path, crs: str = NO_CRS) -> Raster | PointCloud:
@@ -43,7 +52,7 @@ def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raste
     return replace(reference, values=values)
 
 
-def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSummary:
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
     if run.project.reference is not None:
@@ -59,3 +68,28 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)
     return {"clouds": len(statistics)}
+
+
+def _words(summary: ComparisonSummary) -> str:
+    clouds = summary["clouds"]
+    return f"{things(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
+
+
+def _settings(run: Run) -> object:
+    reference = run.project.reference
+    return None if reference is None else [file_fingerprint(reference), run.project.heights.reference]
+
+
+COMPARISON: Stage = Stage(
+    "comparison",
+    "Comparison",
+    ("intersection", "adjustment"),
+    _settings,
+    compare_clouds,
+    line_of(ComparisonSummary, _words),
+    Costs(
+        0.0,
+        (Rate("comparison", 0.5, pieces=False), Rate("observations", 1e-5, pieces=False)),
+        is_asked_for=lambda work: work.comparison,
+    ),
+)

@@ -15,10 +15,20 @@ from photogram.arrays import BoolArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
-from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import (
+    BYTES_PER_PX,
+    LIBRARIES_BYTES,
+    MATCHED_CELL_BYTES,
+    Costs,
+    Extent,
+    Memory,
+    Rate,
+)
+from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame
+from photogram.pipeline.store.dependence import stretches
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
@@ -35,7 +45,15 @@ from photogram.surface.dense.pyramid import (
 )
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
 from photogram.surface.views import Views
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class DenseSummary(GridSummary, total=False):
+    """What the stage says of itself, nothing where no heights were matched."""
+
+    levels: int
+    """Number of levels of the pyramid."""
+
 
 ALL_USED = 1.0 - 1e-3
 """Share of what a reduced pixel is the mean of that a mask must leave; the least weight in it is 1/256."""
@@ -93,7 +111,7 @@ def heights_folder(cells: int) -> str:
     return f"heights{cells}"
 
 
-def match_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def match_surface(run: Run, folder: Path, progress: Progress) -> DenseSummary:
     """Match heights for every cell of the surface, level by level; blocks that an interrupted run has finished are
     kept."""
     settings: DenseSettings = run.project.dense
@@ -194,3 +212,47 @@ def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Pri
     at = coarser.grid.around_window(half, AROUND_CELLS + 3)
     height, correlation = coarser.read(at, "start_m", "agreement")
     return finer_prior(height, correlation, at, level, outer, first, widely=widely)
+
+
+def _words(summary: DenseSummary) -> str:
+    if "columns" not in summary:
+        return "not requested"
+    return f"{cells_in_words(summary)}, {things(summary['levels'], 'level')}"
+
+
+MATCHING_BYTES = 200e6
+"""In memory for one worker that matches heights, the photographs apart, measured at 150 to 200 MB."""
+
+
+def _memory(extent: Extent) -> Memory:
+    matching = min(extent.workers * MATCHING_BYTES, MATCHED_CELL_BYTES * extent.cells)
+    matching += BYTES_PER_PX * extent.workers * extent.largest_px
+    return Memory(LIBRARIES_BYTES + matching * extent.project.dense.enabled, remedy="set dense.enabled to false")
+
+
+DENSE: Stage = Stage(
+    "dense",
+    "Dense matching",
+    ("adjustment",),
+    lambda run: [
+        run.photograph_fingerprints,
+        run.project.dense,
+        run.project.surface.cell_m,
+        run.project.surface.in_plan,
+        run.project.surface.plane,
+        *stretches(run),
+    ],
+    match_surface,
+    line_of(DenseSummary, _words),
+    Costs(
+        0.1,
+        (Rate("megapixels", 0.03), Rate("dense_mcells", 22.0, "dense")),
+        23.0,
+        ("photogram.surface.dense",),
+        is_asked_for=lambda work: work.dense_mcells > 0,
+        is_tested=True,
+        disk_bytes=lambda extent: extent.matched_bytes,
+        memory=_memory,
+    ),
+    is_uneven=True,
+)

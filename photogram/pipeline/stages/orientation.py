@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.arrays import BoolArray
@@ -16,11 +17,17 @@ from photogram.files.atomic import make_folder
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.files.records import read_record, write_record
-from photogram.pipeline.stages.tie_points import orientation_thresholds, transfer_thresholds
-from photogram.pipeline.store.dependence import control_fingerprint
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import LIBRARIES_BYTES, TIE_POINT_BYTES, Costs, Memory, Rate
+from photogram.pipeline.stages.features import orientation_thresholds, transfer_thresholds
+from photogram.pipeline.store.dependence import (
+    automatic_masks,
+    control_fingerprint,
+    orientation_as_made,
+    orientation_settings,
+)
 from photogram.pipeline.store.pieces import Kind, each
-from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION, PLACED_BY, Run, mask_file
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION_FILE, PLACED_BY, Run, mask_file
 from photogram.pipeline.store.stored_results import PlacedBy, starting_poses
 from photogram.project.rigs.entries import bands_of
 from photogram.projection import CX
@@ -33,7 +40,40 @@ from photogram.sfm.tie_points.band_matching import found_in_band
 from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
 from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class OrientationSummary(TypedDict):
+    """What the stage `orientation` says of itself."""
+
+    method: str
+    """Method that found the starting poses."""
+    registered: int
+    """Number of photographs oriented."""
+    resected: int
+    """Number of photographs resected from control points."""
+
+
+class TransferSummary(TypedDict, total=False):
+    """What the stage `transfer` says of itself."""
+
+    tie_points: int
+    """Number of tie points."""
+    disagreeing: int
+    """Number of observations that disagree with the oriented block."""
+    transferred: int
+    """Number of further observations."""
+    sky: int
+    """Number of photographs in which sky is masked, where that is asked for."""
+
+
+class IntersectionSummary(TypedDict):
+    """What the stage `intersection` says of itself."""
+
+    linear_2view: int
+    """Number of points from two views."""
+    linear_3view: int
+    """Number of points from three views."""
 
 
 def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
@@ -59,7 +99,7 @@ def _known_poses(run: Run, block: Block) -> KnownPoses | None:
     return KnownPoses(run.start.poses, run.start.calibrated(block.cameras))
 
 
-def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def orient_photographs(run: Run, folder: Path, progress: Progress) -> OrientationSummary:
     """Find a starting pose for every photograph that can be joined to the block, by its tie points or by its rig."""
     block = replace(run.block(), tie_points=run.tie_points())
     copies = [note.get("copy_of") for note in run.notes()]
@@ -71,7 +111,7 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> StageSumma
     if part.rigs:
         found = carried_by_masters(part, found)
     orientation = _with_copies(found, kept.tolist(), copies)
-    write_record(folder / ORIENTATION, orientation)
+    write_record(folder / ORIENTATION_FILE, orientation)
     write_json(folder / "poses.json", starting_poses(orientation, run.names))
     write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
@@ -181,7 +221,7 @@ def _search(transfer: _Transfer, index: int) -> Found:
 _SEARCHED = Kind(_Transfer.read, _search)
 
 
-def mask_sky(run: Run, folder: Path, orientation: Orientation, progress: Progress) -> StageSummary:
+def mask_sky(run: Run, folder: Path, orientation: Orientation, progress: Progress) -> TransferSummary:
     """Find sky in the oriented photographs, and write its masks and the share of each photograph that they leave out;
     without a vertical nothing is known to lie above the horizon."""
     block, tie_points = run.block(), _oriented_tie_points(run, orientation)
@@ -211,13 +251,13 @@ def mask_sky(run: Run, folder: Path, orientation: Orientation, progress: Progres
     return {"sky": len(shares)}
 
 
-def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> TransferSummary:
     """Find automatic masks, and measure tie points in the further photographs that show them.
 
     Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
     """
     project, orientation, joined = run.project, run.orientation(), run.tie_points()
-    masked: StageSummary = mask_sky(run, folder, orientation, progress) if "sky" in project.masks.auto else {}
+    masked: TransferSummary = mask_sky(run, folder, orientation, progress) if "sky" in project.masks.auto else {}
     if orientation.method == "control" or project.transfer.correlation == 1.0:
         write_record(folder / "tie_points.npz", joined)
         return {"tie_points": len(joined), "transferred": 0, **masked}
@@ -242,7 +282,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> StageSumm
     }
 
 
-def intersect_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def intersect_clouds(run: Run, folder: Path, progress: Progress) -> IntersectionSummary:
     """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
     block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
     camera_of = block.camera_of
@@ -256,3 +296,77 @@ def intersect_clouds(run: Run, folder: Path, progress: Progress) -> StageSummary
         counts.append(len(cloud))
         progress(rays - 1, 2, f"{len(cloud)} points from {rays} views")
     return {"linear_2view": counts[0], "linear_3view": counts[1]}
+
+
+def _transfer_words(summary: TransferSummary) -> str:
+    sky = f", sky masked in {things(summary['sky'], 'photograph')}" if "sky" in summary else ""
+    if not summary["transferred"]:
+        return f"{things(summary['tie_points'], 'tie point')}, no further observations{sky}"
+    further = things(summary["transferred"], "further observation")
+    return f"{further} of {things(summary['tie_points'], 'tie point')}{sky}"
+
+
+_METHODS = {
+    "control": "from control points",
+    "attitude": "from measured positions and attitudes",
+    "growth": "from a first pair, photograph by photograph",
+    "start": "from the solution that the project starts from",
+}
+
+
+def _orientation_words(summary: OrientationSummary) -> str:
+    how = _METHODS.get(summary["method"], f"by {summary['method']}")
+    return f"{things(summary['registered'], 'photograph')} oriented, {how}"
+
+
+def _intersection_words(summary: IntersectionSummary) -> str:
+    return f"{summary['linear_2view']} points from two views, {summary['linear_3view']} from three"
+
+
+ORIENTATION: Stage = Stage(
+    "orientation",
+    "Orientation",
+    ("photographs", "tie_points"),
+    orientation_settings,
+    orient_photographs,
+    line_of(OrientationSummary, _orientation_words),
+    Costs(
+        0.1,
+        (Rate("photographs", 0.01, pieces=False), Rate("observations", 3e-5, pieces=False)),
+        12.0,
+        ("photogram.triangulation", "photogram.projection"),
+        memory=lambda extent: Memory(LIBRARIES_BYTES + extent.block_bytes),
+    ),
+    orientation_as_made,
+)
+
+TRANSFER: Stage = Stage(
+    "transfer",
+    "Tie point transfer",
+    ("photographs", "tie_points", "orientation"),
+    lambda run: [
+        run.project.transfer,
+        run.project.adjustment.tie_point_sigma_px,
+        *automatic_masks(run.project),
+    ],
+    transfer_tie_points,
+    line_of(TransferSummary, _transfer_words),
+    Costs(
+        0.02,
+        (Rate("megapixels", 0.025), Rate("observations", 5e-5)),
+        2.6,
+        ("photogram.sfm.tie_points.guided_matching",),
+        disk_bytes=lambda extent: TIE_POINT_BYTES * extent.key_points,
+        memory=lambda extent: Memory(LIBRARIES_BYTES + extent.block_bytes + 4.0 * extent.workers * extent.largest_px),
+    ),
+)
+
+INTERSECTION: Stage = Stage(
+    "intersection",
+    "Linear intersection",
+    ("orientation", "transfer"),
+    lambda _: None,
+    intersect_clouds,
+    line_of(IntersectionSummary, _intersection_words),
+    Costs(0.03, (Rate("observations", 2e-6, pieces=False),)),
+)

@@ -14,9 +14,20 @@ from photogram.errors import ProjectError, SurfaceError
 from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
-from photogram.files.npz_json import read_json, write_json
+from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.stages.bands.band_orthophoto import make_bands
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import (
+    LIBRARIES_BYTES,
+    MATCHED_CELL_BYTES,
+    PICTURE_BYTES,
+    TILE_BYTES,
+    Costs,
+    Extent,
+    Memory,
+    Rate,
+)
+from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE, make_bands
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_HEIGHT,
@@ -28,15 +39,17 @@ from photogram.pipeline.stages.orthophoto_pieces import (
     tiles_of,
 )
 from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
-from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.stages.surface_frame import GridSummary, cells_in_words, made_frame
+from photogram.pipeline.store.dependence import stretches
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
 from photogram.project.rigs.entries import without_products
 from photogram.surface.dsm import MEASURED, WATER
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import (
+    HELD_BYTES,
+    LEAST_HELD,
     ONLY_MASKED,
     TILE_CELLS,
     ForcedOf,
@@ -52,10 +65,29 @@ from photogram.surface.ortho.outline import (
     sides_of,
     views_in_blocks,
 )
+from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
 from photogram.surface.ortho.visibility import Surface
 from photogram.surface.views import Views
 from photogram.survey import Raster
-from photogram.wording import Progress, some
+from photogram.wording import Progress, some, things
+
+
+class OrthophotoSummary(GridSummary, total=False):
+    """What the stage says of itself."""
+
+    cells: int
+    """Number of cells that are shown."""
+    transparent: int
+    """Number of cells within its rim that are not shown."""
+    photographs: int
+    """Number of photographs used."""
+    least_factor: float
+    """Least factor of the brightness of a photograph, mean of the channels."""
+    greatest_factor: float
+    """Greatest factor of the brightness of a photograph, mean of the channels."""
+    left_out: str
+    """Why there is none."""
+
 
 OUTLINE_FILE = "outline.gpkg"
 """The rim with the seams."""
@@ -80,7 +112,7 @@ def left_out_reason(poses: Sequence[Pose | None]) -> str:
     )
 
 
-def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSummary:
     """Make the orthophoto on the closed surface and write it as ``orthophoto.tif``, tile by tile, with its rim and its
     seams as ``outline.gpkg``; of photographs that look sideways none, and why in ``left_out.json``."""
     if not run.project.orthophoto.enabled:
@@ -135,7 +167,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> StageSummary:
     write_json(folder / "grid.json", grid)
     counts = {"cells": inside, "transparent": inside - shown - masked, "masked": masked}
     write_json(folder / RIM_FILE, {**counts, "area_m2": rim.area})
-    size: StageSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
+    size: OrthophotoSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
     return {**size, "cells": shown, "transparent": inside - shown - masked, **summary(orthophoto)}
 
 
@@ -198,7 +230,7 @@ def edited_seams(project: Project, names: Sequence[str], crs: str) -> ForcedOf |
     return lambda blocks: views_in_blocks(seams, blocks)
 
 
-def summary(orthophoto: Orthophoto) -> StageSummary:
+def summary(orthophoto: Orthophoto) -> OrthophotoSummary:
     """Return how many photographs an orthophoto is made of, and by what the brightest and the darkest of them are
     multiplied, as the mean of the channels."""
     label = orthophoto.seams.label
@@ -206,3 +238,49 @@ def summary(orthophoto: Orthophoto) -> StageSummary:
     factor = np.exp(-orthophoto.balance.log_gain[used]).mean(axis=1)
     least, most = (float(factor.min()), float(factor.max())) if len(used) else (1.0, 1.0)
     return {"photographs": len(used), "least_factor": round(least, 4), "greatest_factor": round(most, 4)}
+
+
+def _words(summary: OrthophotoSummary) -> str:
+    if "columns" not in summary:
+        return "not requested"
+    return f"{cells_in_words(summary)} from {things(summary['photographs'], 'photograph')}"
+
+
+def _settings(run: Run) -> object:
+    seams = run.project.orthophoto.seams
+    edited = None if seams is None else file_fingerprint(Path(seams))
+    return [run.photograph_fingerprints, run.project.orthophoto, edited, *stretches(run)]
+
+
+LATTICE_BYTES = 600.0
+"""In memory for a block of the lattice of seams: candidates with their costs, grey values and messages, counted."""
+
+
+def _memory(extent: Extent) -> Memory:
+    picture, largest_px = extent.size.orthophoto_cells, extent.largest_px
+    held = min(3.0 * len(extent.project.photographs) * largest_px, max(3.0 * LEAST_HELD * largest_px, HELD_BYTES))
+    lattice = LATTICE_BYTES * min(picture / SMALLEST_BLOCK**2, LARGEST_LATTICE)
+    tiles = min(extent.workers * TILE_BYTES, MATCHED_CELL_BYTES * (picture + extent.cells))
+    made = (4.0 * extent.cells + lattice + held + tiles) * extent.project.orthophoto.enabled
+    return Memory(LIBRARIES_BYTES + made, remedy="set orthophoto.enabled to false")
+
+
+ORTHOPHOTO: Stage = Stage(
+    "orthophoto",
+    "Orthophoto",
+    ("adjustment", "surface"),
+    _settings,
+    make_orthophoto,
+    line_of(OrthophotoSummary, _words),
+    Costs(
+        0.2,
+        (Rate("orthophoto_mpx", 1.5), Rate("megapixels", 0.02)),
+        1.5,
+        ("photogram.surface.ortho",),
+        is_asked_for=lambda work: work.orthophoto_mpx > 0,
+        is_tested=True,
+        disk_bytes=lambda extent: extent.size.orthophoto_cells * extent.size.covered_share * PICTURE_BYTES,
+        memory=_memory,
+    ),
+    products=("orthophoto.tif", BANDS_FILE, OUTLINE_FILE),
+)

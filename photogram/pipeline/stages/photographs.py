@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.files.npz_json import write_json
@@ -16,10 +17,11 @@ from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import check_photograph, read_tags
 from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
-from photogram.pipeline.store.dependence import placing_fingerprint
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import Costs, Memory, Rate
+from photogram.pipeline.store.dependence import photographs_as_made, photographs_settings, placing_fingerprint
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
-from photogram.pipeline.store.stage_summary import StageSummary
 from photogram.pipeline.store.stored_results import write_measured
 from photogram.project.measured.measured_block import (
     PhotographNote,
@@ -32,7 +34,18 @@ from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.positions import time_findings
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class PhotographsSummary(TypedDict, total=False):
+    """What the stage says of itself."""
+
+    photographs: int
+    """Number of photographs read."""
+    copies: int
+    """Number of copies left out, if any."""
+    frozen_positions: int
+    """Number of positions of a stopped receiver, if any."""
 
 
 def _described(project: Project, photograph: ProjectPhotograph, sha256: str) -> tuple[PhotographNote, PhotographTags]:
@@ -116,7 +129,7 @@ def found_stretches(project: Project, tags: Sequence[PhotographTags], executor: 
     )
 
 
-def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsSummary:
     """Decode every photograph, note its GNSS position and attitude, and store both in the frame of the survey; every
     damaged one is named at once.
 
@@ -144,9 +157,34 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> StageSummary
         write_json(folder / STRETCHES, {name: [own.low, own.high] for name, own in stretches.items()})
     placing = placing_fingerprint(run.project)
     write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
-    summary: StageSummary = {"photographs": len(notes)}
+    summary: PhotographsSummary = {"photographs": len(notes)}
     if copies:
         summary["copies"] = copies
     if frozen:
         summary["frozen_positions"] = frozen
     return summary
+
+
+def _words(summary: PhotographsSummary) -> str:
+    parts = [f"{things(summary['photographs'], 'photograph')} read"]
+    if summary.get("copies"):
+        parts.append(f"{things(summary['copies'], 'copy', 'copies')} left out")
+    if summary.get("frozen_positions"):
+        parts.append(f"{things(summary['frozen_positions'], 'position')} of a stopped receiver not used")
+    return ", ".join(parts)
+
+
+PHOTOGRAPHS: Stage = Stage(
+    "photographs",
+    "Photographs",
+    (),
+    photographs_settings,
+    read_photographs,
+    line_of(PhotographsSummary, _words),
+    Costs(
+        0.05,
+        (Rate("megapixels", 0.012),),
+        memory=lambda extent: Memory(3.0 * extent.workers * extent.largest_px),
+    ),
+    photographs_as_made,
+)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypedDict
 
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
@@ -18,14 +19,26 @@ from photogram.files.npz_json import read_json, write_arrays, write_json
 from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import (
+    COARSER,
+    LAYER_BYTES,
+    LIBRARIES_BYTES,
+    MATCHED_CELL_BYTES,
+    TILE_BYTES,
+    Costs,
+    Extent,
+    Memory,
+    Rate,
+)
 from photogram.pipeline.stages.dense import heights_folder
 from photogram.pipeline.stages.no_surface import LEFT_OUT
-from photogram.pipeline.stages.surface_frame import SurfaceFrame, fitted_frame, made_frame
-from photogram.pipeline.store.dependence import starts_from_tie_points
+from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame, made_frame
+from photogram.pipeline.store.dependence import starts_from_tie_points, surface_settings
 from photogram.pipeline.store.pieces import Kind, each
-from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.run import PLANE, Run
 from photogram.pipeline.store.tiles import BlockFiles
+from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
 from photogram.surface.dsm import (
@@ -57,7 +70,38 @@ from photogram.surface.water import (
     surface_cells,
 )
 from photogram.survey import TRANSFERRED, Raster
-from photogram.wording import Progress
+from photogram.wording import Progress, things
+
+
+class SurfaceSummary(GridSummary, total=False):
+    """What the stage `surface` says of itself."""
+
+    measured_of_grid: int
+    """Number of cells that were matched."""
+    filled_of_grid: int
+    """Number of cells that were filled."""
+    water_of_grid: int
+    """Number of cells that lie on water, where that is asked for."""
+    least_correlation: float
+    """Least correlation of a cell that is kept."""
+    left_out: str
+    """Why there is none."""
+
+
+class ReliefSummary(TypedDict, total=False):
+    """What the stage `relief` says of itself."""
+
+    interpolated: int
+    """Number of cells of the terrain that were interpolated."""
+    contours: int
+    """Number of contour lines."""
+    interval_m: float
+    """Contour interval."""
+    of: str
+    """What the contour lines are of, terrain or surface."""
+    left_out: str
+    """Why there is neither."""
+
 
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
 RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
@@ -171,7 +215,7 @@ def matched(run: Run) -> bool:
     return run.workspace.has("dense", "grid.json")
 
 
-def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
     """Make the DSM, the standard deviations of its heights and its version without holes, tile by tile; from tie points
     alone where nothing was matched, and none where the survey has none: ``left_out.json`` says why."""
     site = fitted_frame(run)
@@ -192,7 +236,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> StageSummary:
     for done, count in enumerate(each(run, folder, _TILES, tiles, state=modelling), 1):
         counts += count
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
-    water: StageSummary = {}
+    water: SurfaceSummary = {}
     wet = "water" in run.project.masks.auto and not starts_from_tie_points(run.project)
     if wet and site.plane is None:
         progress(0, 0, "water")
@@ -347,10 +391,10 @@ def _tile(
     )  # fmt: skip
 
 
-def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
     """Make the terrain model and the contour lines that the project asks for."""
     terrain, contours = run.project.terrain, run.project.contours
-    summary: StageSummary = {}
+    summary: ReliefSummary = {}
     surface: Raster | None = None
     if not run.has_surface():
         return summary
@@ -376,7 +420,7 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> StageSummary:
     return summary
 
 
-def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Progress) -> StageSummary:
+def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Progress) -> SurfaceSummary:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     settings = run.project.surface
     if settings.spike_minimum_m is None:
@@ -395,3 +439,83 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}
+
+
+def _surface_words(summary: SurfaceSummary) -> str:
+    wet = summary.get("water_of_grid")
+    water = "" if wet is None else ", no water found" if not wet else f", {things(wet, 'cell')} on water"
+    return f"{cells_in_words(summary)}{water}"
+
+
+def _relief_words(summary: ReliefSummary) -> str:
+    parts = []
+    if "interpolated" in summary:
+        parts.append(f"terrain with {things(summary['interpolated'], 'interpolated cell')}")
+    if "contours" in summary:
+        lines = things(summary["contours"], "contour line")
+        parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
+    return ", ".join(parts) or "not requested"
+
+
+def _surface_memory(extent: Extent) -> Memory:
+    picture = extent.size.orthophoto_cells
+    tiles = min(extent.workers * TILE_BYTES, MATCHED_CELL_BYTES * (picture + extent.cells))
+    return Memory(LIBRARIES_BYTES + tiles * extent.project.dense.enabled, remedy=COARSER)
+
+
+TERRAIN_BYTES, CONTOUR_BYTES = 30.0, 70.0
+"""In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured.
+Measured on seven million cells, lines included."""
+
+
+def _relief_memory(extent: Extent) -> Memory:
+    cells, project = extent.cells, extent.project
+    contoured = cells / np.ceil(np.sqrt(max(cells, 1.0) / CONTOURED_CELLS)) ** 2  # blocks of cells beyond that
+    terrain = TERRAIN_BYTES * project.terrain.enabled
+    lines = (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled
+    return Memory(LIBRARIES_BYTES, cells * max(terrain, lines), COARSER)
+
+
+SURFACE: Stage = Stage(
+    "surface",
+    "Surface model",
+    ("adjustment", "dense"),
+    surface_settings,
+    model_surface,
+    line_of(SurfaceSummary, _surface_words),
+    Costs(
+        0.15,
+        (Rate("raster_mcells", 1.4),),
+        3.5,
+        ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels"),
+        disk_bytes=lambda extent: extent.raster_bytes + LAYER_BYTES * extent.matched_cells,
+        memory=_surface_memory,
+    ),
+    products=(
+        "dsm.tif",
+        "dsm_sigma.tif",
+        RELATIVE_SIGMA_FILE,
+        OWN_SIGMA_FILE,
+        "dsm_filled.tif",
+        "dsm_source.tif",
+        "dsm_source.tif.aux.xml",
+        PLANE,
+    ),
+)
+
+RELIEF: Stage = Stage(
+    "relief",
+    "Terrain and contours",
+    ("surface",),
+    lambda run: [run.project.terrain, run.project.contours],
+    trace_relief,
+    line_of(ReliefSummary, _relief_words),
+    Costs(
+        0.05,
+        (Rate("contoured_mcells", 0.15, pieces=False), Rate("terrain_mcells", 1.5, pieces=False)),
+        is_asked_for=lambda work: work.contours or work.terrain,
+        disk_bytes=lambda extent: extent.relief_bytes,
+        memory=_relief_memory,
+    ),
+    products=("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
+)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
+from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.files.npz_json import read_json_as, write_json
@@ -26,6 +27,19 @@ from photogram.survey import Block, PointCloud
 
 PLANE_FIT = "plane_fit.json"
 """File of the stage `surface`: what report.json says of the plane, used or not."""
+
+
+class GridSummary(TypedDict, total=False):
+    """What stages say of the grid of their rasters."""
+
+    rows: int
+    columns: int
+    cell_m: float
+
+
+def cells_in_words(grid: GridSummary) -> str:
+    """Return the size of a grid in words."""
+    return f"{grid['columns']} × {grid['rows']} cells of {grid['cell_m']:g} m"
 
 
 @cache

@@ -55,7 +55,7 @@ from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
 
 FRAME, MEASURED, PLACED_BY = "frame.json", "measured.npz", "placed_by.json"
-ORIENTATION, RESECTIONS = "orientation.npz", "resections.npz"
+ORIENTATION_FILE, RESECTIONS = "orientation.npz", "resections.npz"
 
 STRETCHES = "stretches.json"
 """File of the stage `photographs` with the stretch to 8 bits of each camera; not there where none has more."""
@@ -243,7 +243,7 @@ class Run:
 
     def orientation(self) -> Orientation:
         """Return starting poses and resections. Needs the stage `orientation`."""
-        return read_record(self.workspace.file("orientation", ORIENTATION), Orientation)
+        return read_record(self.workspace.file("orientation", ORIENTATION_FILE), Orientation)
 
     def placed_by(self) -> PlacedBy:
         """Return what the orientation owes to control points. Needs the stage `orientation`."""

@@ -39,7 +39,7 @@ from photogram.pipeline.store.stage_files import (
     looks_unchanged,
     remove_all_leftovers,
 )
-from photogram.pipeline.store.stage_summary import StageSummary, summary_from
+from photogram.pipeline.store.stage_summary import StageNote, Summary, SummaryT, summary_from
 
 _MISSING, _CHANGED = "is missing", "was modified since it was written"
 _UNKNOWN = "was not written by the stage"
@@ -49,7 +49,7 @@ _UNKNOWN = "was not written by the stage"
 class _Note:
     """What ``stage.json`` of a complete stage says, and when that file was written."""
 
-    value: StageSummary
+    value: Summary
     files: dict[str, StageFile]
     mtime_ns: int
 
@@ -87,7 +87,7 @@ class Workspace:
                 if value.pop("sha256") != _seal(value):
                     raise DamagedStageError(name, path, _CHANGED)
                 files = {n: StageFile.of(f) for n, f in value.pop("files").items()}
-                known = _Note(summary_from(value), files, mtime_ns)
+                known = _Note(value, files, mtime_ns)
                 self._notes[name] = known
         except (FileNotFoundError, NotADirectoryError) as fault:
             raise DamagedStageError(name, path, _MISSING) from fault
@@ -108,7 +108,7 @@ class Workspace:
         folder = self.stage(name)
         if not is_made_here(folder) or not any(folder.iterdir()):
             return None
-        return str(self._note(name).value.get("fingerprint"))
+        return str(self.summary(name, StageNote).get("fingerprint"))
 
     def is_complete(self, name: str, mark: str) -> bool:
         """Return whether the stage is complete with the fingerprint ``mark``.
@@ -156,9 +156,17 @@ class Workspace:
             self._checked.add(path)
         return path
 
-    def summary(self, name: str) -> StageSummary:
-        """Return what a complete stage said of itself: seconds and counts."""
-        return self._note(name).value.copy()
+    def stored(self, name: str) -> Summary:
+        """Return what a complete stage said of itself, and what is stored of every stage."""
+        return self._note(name).value
+
+    def summary(self, name: str, kind: type[SummaryT]) -> SummaryT:
+        """Return what a complete stage said of itself, as the TypedDict of that stage, or what is stored of every one,
+        as a StageNote. Raises DamagedStageError where it is something else."""
+        try:
+            return summary_from(self._note(name).value, kind)
+        except ValueError as fault:
+            raise DamagedStageError(name, self.stage(name) / NOTE, _CHANGED) from fault
 
     def begin(self, name: str, mark: str, warn: Callable[[str], None] = lambda _: None) -> Path:
         """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept,
@@ -177,7 +185,7 @@ class Workspace:
             write_json(partial / NOTE, note)
         return partial
 
-    def finish(self, name: str, mark: str, summary: StageSummary) -> None:
+    def finish(self, name: str, mark: str, summary: Summary) -> None:
         """Make the partial folder of a stage the complete one, replacing what was there."""
         partial, complete = self.partial(name), self.stage(name)
         with faults_of(partial):

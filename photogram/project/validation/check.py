@@ -23,7 +23,7 @@ from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.geometry import geometry_findings
 from photogram.project.validation.heights import height_system_findings
 from photogram.project.validation.positions import gnss_findings
-from photogram.project.validation.resources import MachineNeeds, gigabytes, machine_findings, machine_needs
+from photogram.project.validation.resources import MachineNeeds, gigabytes, machine_findings
 from photogram.project.validation.rigs import rig_findings
 from photogram.wording import some, things
 
@@ -189,19 +189,18 @@ def survey_findings(
 def check_survey(
     project: Project,
     headers: Sequence[PhotographHeader],
+    needs: MachineNeeds,
     twins: Sequence[Sequence[int]] = (),
     free_disk_bytes: int | None = None,
     memory: int | None = None,
-    workers: int = 1,
 ) -> list[Finding]:
     """Return all findings before processing: errors, then warnings, then notes.
 
-    ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph;
-    ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where not known; ``workers`` is how
-    many threads will work at once.
+    ``headers`` are those of ``project.photographs``, ``twins`` groups of them that are the same photograph; ``needs``
+    is what the stages will take; ``free_disk_bytes`` of the working folder's disk and ``memory`` in bytes, None where
+    not known.
     """
     tags = [header.tags for header in headers]
-    needs = machine_needs(project, tags, workers)
     findings = [
         *project.warnings,
         *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),

@@ -1,8 +1,5 @@
-"""What a survey asks of the disk and the memory, known before the work from project and tags.
-
-Key points by their number, the dense surface and the orthophoto by the ground that the photographs show and the cells
-it is cut into. The bytes of a cell are those of the files' own layout where nothing compresses them, else measured.
-"""
+"""How large a survey's surface and orthophoto become, from the ground that its photographs show, and whether disk and
+memory of the machine will do."""
 
 from __future__ import annotations
 
@@ -14,81 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
-from photogram.camera import Camera, rotation_from_gimbal
+from photogram.camera import rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
-from photogram.project.schema import REDUCTIONS
-from photogram.sfm.tie_points.features import picture_scale
-from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
-from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, MOST_LEVELS, default_cell_m, reductions_of
-from photogram.surface.ortho.orthophoto import HELD_BYTES, LEAST_HELD
-from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
-
-BYTES_PER_KEY_POINT = 163
-"""On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""
-
-BYTES_PER_OBSERVATION = 350
-"""Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
-becomes an observation."""
-
-BYTES_PER_PX = 12
-"""Of a photograph in memory: its colours, its grey values, and a copy of each at work."""
-
-BYTES_PER_TILE_PX = 240
-"""Of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high), measured on
-tiles of 800 and of 1728 px."""
-
-AT_ONCE = 0.7
-"""Share of the workers that hold the most at the same time while key points are looked for."""
-
-MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 22.0, 27.0
-"""On disk for a cell of the surface: what the matching writes of it, and of one of a coarser level, and what the
-surface is made of."""
-
-RASTER_BYTES, RELIEF_BYTES, POINT_BYTES = 11.0, 4.0, 6.0
-"""On disk for a cell of the surface, compressed: the rasters of the DSM, terrain or contour lines, and its point in the
-dense cloud. Measured on two real surveys and a simulated one: 5 to 8 (and, on the latter,
-3 for the relative standard deviations), 1 to 3 (contour lines), and 5."""
-
-PICTURE_BYTES, SCRATCH_BYTES, CLOSED_BYTES = 2.9, 4.0, 16.0
-"""On disk for a cell of the orthophoto: compressed, measured at 1.1 to 2.9, and before that; and for a cell of the
-surface while it is closed for it: heights and standard deviations, before and after."""
-
-PROGRAM_BYTES = 540e6
-"""In memory for the program with its libraries and kernels, before it does anything."""
-
-MATCHING_BYTES, TILE_BYTES, LATTICE_BYTES = 200e6, 190e6, 600.0
-"""In memory for one worker that matches heights, or makes tiles of the orthophoto, the photographs apart, measured at
-150 to 200 and at 170 to 190 MB; and for a block of the lattice of seams, candidates with their costs, grey
-values and messages, counted."""
-
-TERRAIN_BYTES, CONTOUR_BYTES, REPORT_BYTES = 30.0, 70.0, 54.0
-"""In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured, of the
-report. Measured on seven million cells, lines included; the report holds the relative standard deviations besides."""
-
-LIBRARIES_BYTES, FIGURES_BYTES = 50e6, 140e6
-"""In memory for GTSAM, GDAL and compiled kernels once they are loaded, and for figures."""
-
-MATCHED_CELL_BYTES = 1200.0
-"""The same for a cell, where all cells together are fewer than those of a block."""
-
-PAIR_BYTES = 4800.0
-"""In memory for a key point of two photographs that are compared: descriptors as floats, and 1024 rows of products."""
-
-ALLOCATED_SHARE = 0.8
-"""Of what a stage held at its peak in small pieces, the share that stays with the process; measured on a survey of 18
-photographs at 0.79 to 0.82."""
-
-MATCH_BYTES, TIE_POINT_BYTES, ADJUSTED_BYTES = 10.0, 25.0, 65.0
-"""On disk for a key point: what matching, tie points and the adjustment write; measured at half of it over a beach, and
-at twice over ground with texture everywhere and much overlap."""
-
-REPORT_DISK_BYTES = 14e6
-"""On disk for the report, its figures and pictures."""
+from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, default_cell_m
 
 SPARE = 1.5
 """How far a prediction may be off: less free disk than so many times what is predicted is warned of."""
@@ -198,124 +128,6 @@ def _footprint_m(project: Project, survey: MeasuredSurvey, photograph: int) -> F
 # ---- disk and memory -----------------------------------------------------------------------------------------------
 
 
-def sparse_disk_bytes(project: Project) -> float:
-    """Return about how much key points, matches and clouds of tie points take on disk."""
-    return len(project.photographs) * project.features.maximum * BYTES_PER_KEY_POINT * 1.5
-
-
-def surface_disk_bytes(project: Project, size: SurfaceSize) -> float:
-    """Return about how much surface and orthophoto of a ``size`` take on disk, in the working folder and among the
-    results, when they take most: while heights are matched, while the orthophoto is made, or in the end."""
-    dense, cells, picture = project.dense.enabled, size.surface_cells, size.orthophoto_cells
-    rasters = cells * (RASTER_BYTES + RELIEF_BYTES * (project.terrain.enabled + project.contours.enabled))
-    matching = cells * _matched_bytes(project, size) + _reduced_bytes(project, size) if dense else 0.0
-    made = rasters + picture * PICTURE_BYTES + (cells * (_matched_bytes(project, size) + LAYER_BYTES) if dense else 0.0)
-    results = rasters + picture * PICTURE_BYTES + (cells * POINT_BYTES if dense else 0.0)
-    closing = cells * CLOSED_BYTES if project.orthophoto.enabled else 0.0
-    return float(max(matching, made + picture * SCRATCH_BYTES + closing, made + results))
-
-
-def _shorter_px(project: Project) -> int:
-    """Return the shorter side of the smallest photograph."""
-    return min(min(camera.width_px, camera.height_px) for camera in project.cameras)
-
-
-def _matched_bytes(project: Project, size: SurfaceSize) -> float:
-    """Return what matching leaves of a cell of the surface, with those of coarser levels that cover it."""
-    _, coarser = reductions_of(size.cell_gsd, _shorter_px(project))
-    return MATCHED_BYTES + COARSER_BYTES * sum(0.25**level for level in range(1, coarser + 1))
-
-
-def _reduced_bytes(project: Project, size: SurfaceSize) -> float:
-    """Return what the pictures take in which heights are matched: a byte for a pixel of the photograph itself, two for
-    one of those that are reduced, as many as there are levels at most."""
-    finest, _ = reductions_of(size.cell_gsd, _shorter_px(project))
-    reduced = sum(2.0 / 4**step for step in range(max(finest, 1), finest + MOST_LEVELS))
-    return _pixels(project) * float(reduced + (finest == 0))
-
-
-def kept_disk_bytes(project: Project, size: SurfaceSize) -> dict[str, float]:
-    """Return about how much the stages leave on disk, in the working folder and, the stage `results`, beside it."""
-    dense, cells, picture = project.dense.enabled, size.surface_cells, size.orthophoto_cells
-    key_points = len(project.photographs) * project.features.maximum
-    relief = RELIEF_BYTES * (project.terrain.enabled + project.contours.enabled)
-    shown = picture * size.covered_share
-    kept = {
-        "features": BYTES_PER_KEY_POINT * key_points,
-        "matches": MATCH_BYTES * key_points,
-        "tie_points": TIE_POINT_BYTES * key_points,
-        "transfer": TIE_POINT_BYTES * key_points,
-        "adjustment": ADJUSTED_BYTES * key_points,
-        "dense": cells * _matched_bytes(project, size) if dense else 0.0,
-        "surface": cells * (RASTER_BYTES + LAYER_BYTES * dense),
-        "relief": cells * relief,
-        "orthophoto": shown * PICTURE_BYTES,
-    }
-    copied = kept["relief"] + kept["orthophoto"] + cells * (RASTER_BYTES + POINT_BYTES * dense)
-    return {**kept, "results": copied + REPORT_DISK_BYTES + 2.0 * ADJUSTED_BYTES * key_points}
-
-
-def _tile_px(project: Project, camera: Camera) -> float:
-    """Return how many pixels the largest tile has in which key points of a photograph are looked for."""
-    features = project.features
-    scale = picture_scale(camera.width_px * camera.height_px, features, REDUCTIONS[project.quality])
-    sides = [side / scale for side in (camera.width_px, camera.height_px)]
-    tiles = [max(1.0, np.ceil(side / features.tile_px)) for side in sides]
-    beyond = [features.overlap_px * min(count - 1.0, 2.0) for count in tiles]
-    return float(np.prod([side / count + more for side, count, more in zip(sides, tiles, beyond, strict=True)]))
-
-
-def stage_memory_bytes(project: Project, size: SurfaceSize, workers: int) -> dict[str, tuple[float, str]]:
-    """Return about the most that the process holds in each stage, in bytes, the program included, and what lowers it.
-
-    What a stage takes in small pieces stays with the process (ALLOCATED_SHARE of it) and serves the next stages; whole
-    rasters come on top of that and are given back.
-    """
-    fewer, coarser = "lower features.maximum or quality", "choose a larger surface.cell_m"
-    largest_px = max(c.width_px * c.height_px for c in project.cameras)
-    one = max(
-        BYTES_PER_PX * c.width_px * c.height_px + BYTES_PER_TILE_PX * _tile_px(project, c) for c in project.cameras
-    )
-    key_points = len(project.photographs) * project.features.maximum
-    block = key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)
-    cells, dense = size.surface_cells, project.dense.enabled
-    contoured = cells / np.ceil(np.sqrt(max(cells, 1.0) / CONTOURED_CELLS)) ** 2  # blocks of cells beyond that
-    relief = cells * max(
-        TERRAIN_BYTES * project.terrain.enabled,
-        (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled,
-    )
-    held = min(3.0 * len(project.photographs) * largest_px, max(3.0 * LEAST_HELD * largest_px, HELD_BYTES))
-    lattice = LATTICE_BYTES * min(size.orthophoto_cells / SMALLEST_BLOCK**2, LARGEST_LATTICE)
-    matching = min(workers * MATCHING_BYTES, MATCHED_CELL_BYTES * cells) + BYTES_PER_PX * workers * largest_px
-    tiles = min(workers * TILE_BYTES, MATCHED_CELL_BYTES * (size.orthophoto_cells + cells))
-    report = REPORT_BYTES * cells * dense
-    orthophoto = (4.0 * cells + lattice + held + tiles) * project.orthophoto.enabled
-    pieces_and_rasters: dict[str, tuple[float, float, str]] = {
-        "photographs": (3.0 * workers * largest_px, 0.0, fewer),
-        "features": (one * max(1.0, AT_ONCE * workers), 0.0, fewer),
-        "pairs": (0.0, 0.0, fewer),
-        "matches": (PAIR_BYTES * workers * project.features.maximum, 0.0, fewer),
-        "tie_points": (block, 0.0, fewer),
-        "orientation": (LIBRARIES_BYTES + block, 0.0, fewer),
-        "transfer": (LIBRARIES_BYTES + block + 4.0 * workers * largest_px, 0.0, fewer),
-        "intersection": (0.0, 0.0, fewer),
-        "adjustment": (LIBRARIES_BYTES + block, 0.0, fewer),
-        "dense": (LIBRARIES_BYTES + matching * dense, 0.0, "set dense.enabled to false"),
-        "surface": (LIBRARIES_BYTES + tiles * dense, 0.0, coarser),
-        "relief": (LIBRARIES_BYTES, relief, coarser),
-        "orthophoto": (LIBRARIES_BYTES + orthophoto, 0.0, "set orthophoto.enabled to false"),
-        "comparison": (0.0, 0.0, fewer),
-        "results": (LIBRARIES_BYTES + FIGURES_BYTES, report, coarser),
-    }
-    found, stays, lower = dict[str, tuple[float, str]](), 0.0, fewer
-    for stage, (pieces, rasters, remedy) in pieces_and_rasters.items():
-        taken = max(pieces, stays + rasters)
-        lower = remedy if max(pieces, rasters) > stays else lower
-        found[stage] = (PROGRAM_BYTES + taken, lower)
-        stays = max(stays, ALLOCATED_SHARE * taken)
-    return found
-
-
 @dataclass(frozen=True)
 class MachineNeeds:
     """About how much disk and memory a survey takes, in bytes, and what in the project lowers it."""
@@ -324,18 +136,6 @@ class MachineNeeds:
     memory_bytes: int
     disk_remedy: str
     memory_remedy: str
-
-
-def machine_needs(project: Project, tags: Sequence[PhotographTags | None], workers: int = 1) -> MachineNeeds:
-    """Return what the survey needs of a machine on which ``workers`` threads work at once; ``tags`` are those of
-    ``project.photographs``."""
-    size = surface_size(project, tags)
-    sparse, surface = sparse_disk_bytes(project), surface_disk_bytes(project, size)
-    memory, remedy = max(stage_memory_bytes(project, size, workers).values())
-    coarser = "choose a larger surface.cell_m or orthophoto.cell_m"
-    lower = coarser if surface > sparse else "lower features.maximum"
-    disk = max(sparse + surface, sum(kept_disk_bytes(project, size).values()))
-    return MachineNeeds(int(disk), int(memory), lower, remedy)
 
 
 def gigabytes(count: int) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from threading import Event
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from photogram import __version__
 from photogram.adjustment.oriented_subset import of_surveyed_points
@@ -25,12 +26,24 @@ from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.records import write_record
 from photogram.geodesy.crs import NO_CRS, crs_in_words
-from photogram.pipeline.stage_names import STAGE_NAMES
+from photogram.pipeline.stage import Stage, line_of
+from photogram.pipeline.stage_costs import (
+    ADJUSTED_BYTES,
+    COARSER,
+    LIBRARIES_BYTES,
+    PICTURE_BYTES,
+    POINT_BYTES,
+    Costs,
+    Extent,
+    Memory,
+    Rate,
+)
 from photogram.pipeline.stages.bands.band_orthophoto import band_records
-from photogram.pipeline.stages.mark_pictures import mark_pictures
 from photogram.pipeline.stages.no_surface import LEFT_OUT
-from photogram.pipeline.stages.products import copy_products, flight_date, report_surface, write_dense_cloud
-from photogram.pipeline.stages.report_files import (
+from photogram.pipeline.stages.order import BEFORE_RESULTS
+from photogram.pipeline.stages.publishing.mark_pictures import mark_pictures
+from photogram.pipeline.stages.publishing.products import copy_products, flight_date, report_surface, write_dense_cloud
+from photogram.pipeline.stages.publishing.report_files import (
     deliverables,
     disbelieved,
     discard_prints,
@@ -43,7 +56,7 @@ from photogram.pipeline.stages.report_files import (
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageSummary
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_picture
 from photogram.report.figures.style import (
@@ -65,7 +78,7 @@ from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
 from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
-from photogram.wording import Progress, file_stem
+from photogram.wording import Progress, file_stem, things
 
 CLOUDS = ("linear_2view", "linear_3view", "adjusted")
 CLOUD_FILES = {
@@ -74,6 +87,13 @@ CLOUD_FILES = {
     "adjusted": "points_adjusted",
 }
 MATCH_PICTURES = 3
+
+
+class ResultsSummary(TypedDict):
+    """What the stage says of itself."""
+
+    products: list[str]
+    """Names of the files in the folder of results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +109,7 @@ class _Outcome:
     folder: Path
 
 
-def publish(run: Run, folder: Path, progress: Progress) -> StageSummary:
+def publish(run: Run, folder: Path, progress: Progress) -> ResultsSummary:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
     folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
@@ -242,7 +262,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     that are written meanwhile."""
     run = outcome.run
     clouds = {name: run.cloud(name) for name in CLOUDS}
-    stages = STAGE_NAMES[:-1]
+    stages = [stage.name for stage in BEFORE_RESULTS]
     adjusted = report_numbers(
         outcome.result,
         replace(run.orientation(), resections=run.resections()),
@@ -250,7 +270,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         run.comparisons(),
         outcome.overlap,
         version=__version__,
-        seconds={name: run.workspace.summary(name)["seconds"] for name in stages},
+        seconds={name: run.workspace.summary(name, StageNote)["seconds"] for name in stages},
         held=run.held(),
         found=found_blunders(run),
         disbelieved=disbelieved(run),
@@ -306,3 +326,42 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     )
     figures += surface.figures + marks.figures
     return write_report(run.project, numbers, figures, outcome.folder) + surface.pictures
+
+
+REPORT_DISK_BYTES = 14e6
+"""On disk for the report, its figures and pictures."""
+
+REPORT_BYTES, FIGURES_BYTES = 54.0, 140e6
+"""In memory for a cell of the surface, measured on seven million cells, the relative standard deviations included; and
+for figures."""
+
+
+def _disk_bytes(extent: Extent) -> float:
+    picture = extent.size.orthophoto_cells * extent.size.covered_share * PICTURE_BYTES
+    copied = extent.relief_bytes + picture + extent.raster_bytes + POINT_BYTES * extent.matched_cells
+    return copied + REPORT_DISK_BYTES + 2.0 * ADJUSTED_BYTES * extent.key_points
+
+
+RESULTS: Stage = Stage(
+    "results",
+    "Report",
+    ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
+    lambda run: [
+        str(run.project.results),
+        run.project.report,
+        [point.mark_kind for point in run.project.surveyed.control_points],
+    ],
+    publish,
+    line_of(ResultsSummary, lambda summary: f"{things(len(summary['products']), 'file')} written"),
+    Costs(
+        7.0,
+        (
+            Rate("photographs", 0.13, pieces=False),
+            Rate("raster_mcells", 0.9, pieces=False),
+            Rate("observations", 5e-5, pieces=False),
+        ),
+        disk_bytes=_disk_bytes,
+        memory=lambda extent: Memory(LIBRARIES_BYTES + FIGURES_BYTES, REPORT_BYTES * extent.matched_cells, COARSER),
+    ),
+    is_uneven=True,
+)

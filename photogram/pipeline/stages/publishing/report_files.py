@@ -11,9 +11,12 @@ from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.geodesy.crs import crs_title
-from photogram.pipeline.stages.tie_points import MASKED
+from photogram.pipeline.stages.adjustment import AdjustmentSummary
+from photogram.pipeline.stages.features import MASKED
+from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
@@ -56,7 +59,7 @@ def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
         "client": names.client or None,
         "author": names.author or None,
     }
-    memory = {name: run.workspace.summary(name).get("peak_memory_bytes") for name in stages}
+    memory = {name: run.workspace.summary(name, StageNote).get("peak_memory_bytes") for name in stages}
     return RunFacts(survey, versions(), memory)
 
 
@@ -87,7 +90,7 @@ def mask_numbers(run: Run) -> MasksRecord | None:
 
 def disbelieved(run: Run) -> Disbelieved:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
-    summary = run.workspace.summary("adjustment")
+    summary = run.workspace.summary("adjustment", AdjustmentSummary)
     return Disbelieved(summary.get("disbelieved_attitudes", 0), summary.get("disbelieved_headings", 0))
 
 
@@ -118,7 +121,7 @@ def _write(project: Project, completed: Report, figures: Sequence[dict[str, str]
     write_json(path, completed)
     write_json(project.results / SCHEMA, report_schema())
     # from the file itself, so that the page of today and one made again from it are the same
-    page = report_page(read_report(path), figures)
+    page = report_page(read_report(path), figures, {stage.name: stage.title for stage in BEFORE_RESULTS})
     with replacing(project.results / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
 

@@ -31,17 +31,16 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
-from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
+from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.surface import (
-    OWN_SIGMA_FILE,
-    RELATIVE_SIGMA_FILE,
     WATER_FILE,
+    SurfaceSummary,
     matched,
     surface_layers,
 )
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
-from photogram.pipeline.store.run import PLANE, Run
+from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.project.measured.measured_block import PhotographNote
 from photogram.report.figures.page_figures import PageFigure
@@ -75,22 +74,6 @@ from photogram.surface.ortho.marked_targets import (
     target_window_cells,
 )
 
-PRODUCTS = {
-    "surface": (
-        "dsm.tif",
-        "dsm_sigma.tif",
-        RELATIVE_SIGMA_FILE,
-        OWN_SIGMA_FILE,
-        "dsm_filled.tif",
-        "dsm_source.tif",
-        "dsm_source.tif.aux.xml",
-        PLANE,
-    ),
-    "relief": ("dtm.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
-    "orthophoto": ("orthophoto.tif", BANDS_FILE, "outline.gpkg"),
-}
-"""Files of results by the stage that makes them; those that a project does not ask for are not there."""
-
 CLOUD = "dense.laz"
 MAXIMUM_PICTURE_PX = 1800
 """Longer side of the orthophoto on the page, at most."""
@@ -108,12 +91,12 @@ SEEN_BY = 3
 def copy_products(run: Run, results: Path) -> list[str]:
     """Copy what the stages of surfaces have made into the folder of results; returns the names."""
     names = []
-    for stage, files in PRODUCTS.items():
+    for stage in BEFORE_RESULTS:
         # what the keys of a GeoTIFF cannot hold stands beside it
-        beside = [name + CATEGORY_SUFFIX for name in files if name.endswith(".tif")]
-        for name in dict.fromkeys((*files, *beside)):
-            if run.workspace.has(stage, name):
-                made = run.workspace.file(stage, name)
+        beside = [name + CATEGORY_SUFFIX for name in stage.products if name.endswith(".tif")]
+        for name in dict.fromkeys((*stage.products, *beside)):
+            if run.workspace.has(stage.name, name):
+                made = run.workspace.file(stage.name, name)
                 with replacing(results / name) as partial:
                     shutil.copyfile(made, partial)
                 names.append(name)
@@ -332,7 +315,7 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
         numbers = dense_numbers(dense, ground, matching_sigma_m(run), upright=upright)
         if run.workspace.has("surface", WATER_FILE):
             areas = read_json(run.workspace.file("surface", WATER_FILE))
-            cells = run.workspace.summary("surface").get("water_of_grid", 0)
+            cells = run.workspace.summary("surface", SurfaceSummary).get("water_of_grid", 0)
             numbers["water"] = water_numbers(areas, cells, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
         shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
