@@ -156,11 +156,12 @@ def test_memory_grows_with_photographs_picture_size_cells_and_workers(strip: Pro
 
 def test_remedies_fit_what_fills_disk_and_memory(strip: Project) -> None:
     fine = replace(strip, surface=SurfaceSettings(cell_m=0.004))
+    many = replace(strip, photographs=strip.photographs * 50, features=replace(strip.features, maximum=200_000))
     for project, disk, memory in (
         (fine, "surface.cell_m", "surface.cell_m"),
-        (replace(strip, features=replace(strip.features, maximum=10_000_000)), "features.maximum", "features.maximum"),
+        (many, "features.maximum", "features.maximum"),
     ):
-        needs = machine_needs(STAGES, project, NO_TAGS)
+        needs = machine_needs(STAGES, project, [None] * len(project.photographs))
         found = machine_findings(project, needs, needs.disk_bytes - 1, needs.memory_bytes - 1)
         assert [(f.severity, f.where) for f in found] == [("warning", "disk"), ("warning", "memory")]
         assert disk in found[0].remedy
