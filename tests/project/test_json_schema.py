@@ -65,8 +65,8 @@ def test_the_examples_pass(path: Path, tmp_path: Path) -> None:
 
 
 def test_the_full_example_of_the_documentation_passes(tmp_path: Path) -> None:
-    assert BLOCKS[1].startswith("photogram: 1")
-    assert errors(BLOCKS[1], tmp_path) == []
+    assert BLOCKS[0].startswith("photogram: 1")
+    assert errors(BLOCKS[0], tmp_path) == []
 
 
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
