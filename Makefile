@@ -11,6 +11,7 @@ help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
 	@echo "make test CHANGED=main   the same, with those tests alone that changes since main can reach"
+	@echo "make test SEEDS=all     the same, with all seeds of the statistics that otherwise have ten"
 	@echo "make lint   ruff, mypy and import-linter alone"
 	@echo "make tables write the tables of settings in docs/ anew from the code"
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
@@ -44,7 +45,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/lint-imports
 
 test: $(VENV)/installed-test
-	$(BIN)/python tests/suite.py $(if $(CHANGED),--changed $(CHANGED))
+	PHOTOGRAM_SEEDS=$(SEEDS) $(BIN)/python tests/suite.py $(if $(CHANGED),--changed $(CHANGED))
 
 # all rooms and the modules of the ground floor, but not the command line
 API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))

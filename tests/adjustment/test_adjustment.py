@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from seeds import limit, seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.outliers import noise_scale, within_depths
@@ -30,7 +31,7 @@ PLAN = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=6, check_points=3, buildings=0, trees=0, cell_m=1.0,
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0),
 )  # fmt: skip
-SEEDS = range(50)
+SEEDS = seeds(50)
 SETTINGS = AdjustmentSettings()
 
 
@@ -143,14 +144,14 @@ def test_check_points_scatter_as_predicted() -> None:
                 total += float(error @ np.linalg.solve(result.ground_covariance_m2[g], error))
                 points += 1
                 break
-    assert points > 40
+    assert points > 0.8 * len(SEEDS)
     assert within_99(total, 3 * points)
 
 
 def test_sigma0_is_one_when_the_stated_noise_is_the_true_noise() -> None:
     sigma0 = np.array([adjusted(seed).sigma0 for seed in SEEDS])
     assert np.all(np.abs(sigma0 - 1.0) < 0.1)
-    assert abs(sigma0.mean() - 1.0) < 0.01
+    assert abs(sigma0.mean() - 1.0) < limit(0.01, 50)
 
 
 def test_ten_percent_mismatches_leave_the_result_within_1_2_times_the_clean_one() -> None:

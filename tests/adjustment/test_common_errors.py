@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
+from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.common_errors import Score, _Candidate, _chosen, with_attitude_errors
@@ -205,9 +206,9 @@ def test_an_offset_that_is_estimated_is_not_taken_for_an_arm(made: SimulatedBloc
 
 
 def test_p_is_uniform_without_an_arm_and_without_an_offset() -> None:
-    """Twenty-five small surveys without either, and none is counted."""
+    """Small surveys without either, and none is counted."""
     plan = replace(PLAN, strips=2, photographs_per_strip=4, control_points=5, check_points=1)
-    results = [adjust(simulate_block(plan, seed, tie_points=150).block, SETTINGS) for seed in range(25)]
+    results = [adjust(simulate_block(plan, seed, tie_points=150).block, SETTINGS) for seed in seeds(25)]
     assert kstest([result.left_arm_p for result in results], "uniform").pvalue > 0.01
     offsets = [implied_offset_test(r.implied_offset_world_m[0], r.implied_offset_covariance_m2[0]).p for r in results]
     assert kstest(offsets, "uniform").pvalue > 0.01

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from makers import LEAST_SQUARES, simulated
 from scipy.stats import kstest
+from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -90,7 +91,7 @@ def test_a_point_left_out_is_predicted_as_by_an_adjustment_without_it() -> None:
 
 def test_without_blunders_w_is_standard_normal() -> None:
     groups: dict[str, list[FloatArray]] = {"ground": [], "mark": [], "gnss": []}
-    for seed in range(30):
+    for seed in seeds(30):
         r = adjusted(seed).reliability
         for name, values in groups.items():
             w = getattr(r, f"{name}_w")
@@ -122,17 +123,17 @@ def spoilt(survey: Block, kind: str, times: float, rng: np.random.Generator) -> 
 @pytest.mark.parametrize("kind", ["height", "plan", "mark"])
 def test_blunders_are_found_and_the_right_measurement_is_named(kind: str) -> None:
     found = 0
-    for seed in range(20):
+    for seed in seeds(20):
         survey, name = spoilt(simulated(PLAN, 100 + seed).block, kind, 2.0, np.random.default_rng(seed))
         named = suspects(adjust(survey, AdjustmentSettings()))
         found += bool(named) and named[0].name == name
         if named and named[0].name == name:
             assert named[0].sentence.startswith(f"{named[0].kind} {name}, ")
-    assert found >= 19
+    assert found >= len(seeds(20)) - 1
 
 
 def test_a_survey_without_blunders_is_not_suspected() -> None:
-    assert sum(bool(suspects(adjusted(seed))) for seed in range(40)) <= 2
+    assert sum(bool(suspects(adjusted(seed))) for seed in seeds(40)) <= 0.05 * len(seeds(40))
 
 
 def test_what_nothing_else_determines_is_not_judged() -> None:

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -30,7 +31,7 @@ LEVEL = replace(
 OBLIQUE = replace(
     LEVEL, oblique_strip=True, oblique_angle_deg=30.0, relief_m=8.0, attitude_noise_deg=2.5, position_noise_m=1.0
 )
-SEEDS = range(25)
+SEEDS = seeds(25)
 Z_99 = 2.576
 
 

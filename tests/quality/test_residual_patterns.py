@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -49,7 +50,7 @@ def wave(pixel: FloatArray, rms_px: float, length_px: float = 1600.0) -> FloatAr
 
 def test_noise_is_no_pattern() -> None:
     """What chance puts into the means is taken off: the pattern of noise is far below its standard error of a mean."""
-    found = [residual_pattern(CAMERA, places(20_000, seed), noise(20_000, seed)) for seed in range(50)]
+    found = [residual_pattern(CAMERA, places(20_000, seed), noise(20_000, seed)) for seed in seeds(50)]
     assert all(f is not None and not f.significant for f in found)
     chance = [f.chance_px for f in found if f is not None]
     np.testing.assert_allclose(chance, NOISE_PX / np.sqrt(20_000 / 80), rtol=0.1)
