@@ -8,6 +8,7 @@ import importlib
 import re
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -115,6 +116,13 @@ def test_the_table_lists_no_module_that_is_gone() -> None:
     assert set(covered()) <= set(modules())
 
 
+@cache
+def parsed(text: str) -> ast.Module:
+    """Return the tree of a module's text."""
+    return ast.parse(text)
+
+
+@cache
 def sources() -> dict[str, str]:
     """Return the text of every module by its dotted name, and of every room by that of its ``__init__``."""
     named = {
@@ -125,9 +133,10 @@ def sources() -> dict[str, str]:
     return {name: path.read_text(encoding="utf-8") for name, path in named.items()}
 
 
+@cache
 def libraries_of(text: str) -> set[str]:
     """Return the top-level names of what a module imports, wherever in it."""
-    nodes = list(ast.walk(ast.parse(text)))
+    nodes = list(ast.walk(parsed(text)))
     plain = {alias.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     return plain | {n.module.split(".")[0] for n in nodes if isinstance(n, ast.ImportFrom) and n.module is not None}
 
@@ -184,7 +193,7 @@ def defined(node: ast.AST) -> list[str]:
 
 def mappings_of_anything(text: str) -> set[str]:
     """Return the public names of a module that take, give or hold a mapping to ``Any``, under whatever alias."""
-    tree, said = ast.parse(text), r"\b(?:[dD]ict|\w*Mapping)\[str, Any\]"
+    tree, said = parsed(text), r"\b(?:[dD]ict|\w*Mapping)\[str, Any\]"
     while True:
         aliases = {
             name
@@ -208,7 +217,7 @@ def mappings_of_anything(text: str) -> set[str]:
 
 def used_names(text: str, module: str) -> set[str]:
     """Return the names of a module that a text imports, or takes from the module itself."""
-    tree, (room, _, own) = ast.parse(text), module.rpartition(".")
+    tree, (room, _, own) = parsed(text), module.rpartition(".")
     names, called = set[str](), {module}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module == module:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray
-from photogram.errors import ProjectError, ReportError
+from photogram.errors import ProjectError, ReportError, SettingError
 from photogram.files.maps.rasters import RasterFile, open_raster
 from photogram.grid import MapGrid, Window
 from photogram.report.reading import read_report
@@ -130,7 +130,7 @@ def open_surface(path: Path, stated: StatedSigma | None, correlation_m: float | 
         )
     length_m = WINDOW_CELLS * heights.grid.cell_m if correlation_m is None else correlation_m
     if not 0.0 < length_m < np.inf:
-        raise ProjectError(f"correlation {length_m:g} m: a length above 0 is expected")
+        raise SettingError("correlation", f"must be a positive length, found {length_m:g} m")
     block = None if stated is not None or name != "dsm" else _block_errors(path.parent / "report.json")
     return SurfaceFiles(heights, sigma, own, source, stated, block, length_m)
 

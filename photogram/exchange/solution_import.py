@@ -119,7 +119,7 @@ def _check_targets(files: Sequence[Path], *, force: bool) -> None:
     """Raise before anything is read where a file of one folder is there already, or cannot be written."""
     there = [file for file in files if lexists(file)]
     if there and not force:
-        raise ProjectError(f"{there[0]}: is there already: give another project with --project FILE, or --force")
+        raise ProjectError(f"{there[0]}: already exists; choose another --project or use --force")
     for file in there:
         if isdir(file):
             raise ProjectError(f"{file}: is a folder: give another project with --project FILE")

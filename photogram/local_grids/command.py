@@ -48,7 +48,7 @@ def calibrate_site(
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(help="Hold the scale of the grid against the map; default: estimated.", show_default=False),
+        typer.Option(help="Fix the scale between grid and map; default: estimated.", show_default=False),
     ] = None,
     heights: Annotated[Heights, typer.Option(help="Inclined plane, its offset alone, or no heights.")] = Heights.PLANE,
     sigma_plan_m: Annotated[

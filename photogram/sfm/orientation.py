@@ -317,7 +317,7 @@ def orient(
         if contradicted and settings.method == "auto":
             raise OrientationError("\n".join(faults))
         raise OrientationError(
-            f"no two of the {count} photographs can be oriented relative to each other: they need "
+            f"no two of the {count} photographs form a valid relative orientation: they need "
             f"{settings.minimum_points} tie "
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )

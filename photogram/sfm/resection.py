@@ -251,7 +251,7 @@ def _of_few(marks: _Marks, choice: _Choice) -> Resection:
         misses = f"misses the fourth by {check_px:.0f} px" if np.isfinite(check_px) else "does not see the fourth"
         raise OrientationError(
             f"its four control points contradict each other: the pose of three of them {misses}; check their "
-            "coordinates and marks, and that no two are swapped"
+            "coordinates and marks, and that no points are swapped"
         )
     inliers = np.ones(len(marks), dtype=bool)
     return _resection(marks, choice, marks.refined(choice.pose, inliers) if others else choice.pose, inliers)

@@ -37,7 +37,7 @@ def test_a_solution_becomes_a_project(adjusted_survey: Path, tmp_path: Path, pho
     again = photogram("import", tmp_path / "out", "--photographs", adjusted_survey / "photographs",
                       "--project", project)  # fmt: skip
     assert again.code == 1
-    assert "is there already: give another project with --project FILE, or --force" in again.err
+    assert "already exists; choose another --project or use --force" in again.err
 
 
 def test_what_is_no_solution_is_said_in_a_line(tmp_path: Path, photogram: Run) -> None:

@@ -48,7 +48,7 @@ def order(tmp_path: Path) -> WorkOrder:
     ("said", "expected"),
     [
         ({}, "has no workers: start 'dask worker tcp://127.0.0.1:1 --nthreads 1'"),
-        ({"tcp://b": ModuleNotFoundError("No module named 'photogram'")}, "tcp://b cannot do pieces of a survey"),
+        ({"tcp://b": ModuleNotFoundError("No module named 'photogram'")}, "tcp://b cannot run photogram tasks"),
         ({"tcp://b": {"programs": {"photogram": "0.1"}}}, r"\(tcp://b\) has photogram 0.1 in place of"),
         ({"tcp://a": {"process": 1}, "tcp://b": {"process": 2, "missing": ["/x"]}}, "/x: not there for the worker on"),
         ({"tcp://b": {}}, "tcp://b is this process: start workers in processes of their own"),

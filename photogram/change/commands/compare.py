@@ -27,7 +27,7 @@ def compare(
             show_default=False,
         ),
     ],
-    output: Annotated[Path, typer.Option(help="Folder for comparison.json, comparison.png and what else there is.")] = (
+    output: Annotated[Path, typer.Option(help="Output folder.")] = (
         Path("comparison")
     ),
     sor: Annotated[
@@ -40,7 +40,7 @@ def compare(
     polygons: Annotated[
         Path | None,
         typer.Option(
-            help="Polygons whose cut and fill are wanted: .gpkg, .geojson.",
+            help="Polygons for cut/fill volumes: .gpkg, .geojson.",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -48,7 +48,7 @@ def compare(
     stable: Annotated[
         Path | None,
         typer.Option(
-            help="Polygons of ground that has not moved: how the epochs lie on each other is reported.",
+            help="Polygons of stable ground: the offset between the epochs is reported.",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -56,7 +56,7 @@ def compare(
     coregister: Annotated[
         Literal["offset", "tilt", "rigid"] | None,
         typer.Option(
-            help="Take off what stable ground shows: an offset in height, that and a tilt, a rigid motion (clouds).",
+            help="Apply the co-registration on stable ground: vertical offset, offset and tilt, or rigid transformation (clouds).",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -64,8 +64,8 @@ def compare(
     sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            help="Standard deviations of the later epoch, m: of a height by itself, and of what all share.",
-            metavar="OWN COMMON",
+            help="Standard deviations of the later epoch, m: random, and systematic (common to all heights).",
+            metavar="RANDOM SYSTEMATIC",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -73,8 +73,8 @@ def compare(
     reference_sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            help="The same of the earlier epoch.",
-            metavar="OWN COMMON",
+            help="The same for the earlier epoch.",
+            metavar="RANDOM SYSTEMATIC",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -82,7 +82,7 @@ def compare(
     correlation: Annotated[
         float | None,
         typer.Option(
-            help="Length over which errors are alike, m; default: 5 cells, the windows of the matching.",
+            help="Correlation length of the height errors, m; default: 5 cells, the windows of the matching.",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -108,7 +108,7 @@ def compare(
         ),
     ] = None,
     max_distance: Annotated[
-        float, typer.Option(help="How far along the normal to look, m.", rich_help_panel=_M3C2)
+        float, typer.Option(help="Maximum cylinder depth along the normal, m.", rich_help_panel=_M3C2)
     ] = 10.0,
 ) -> None:
     """Compare clouds with a reference, or two epochs of a site: differences, what is significant, volumes."""

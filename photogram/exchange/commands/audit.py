@@ -29,7 +29,7 @@ def audit(
     ] = None,
     output: Annotated[Path, typer.Option(help="Folder for audit.html and audit.json.")] = Path("audit"),
 ) -> None:
-    """Adjust the measurements of another program's solution again, and show both results beside each other."""
+    """Re-adjust another program's solution and compare both results side by side."""
     from photogram.exchange.work.audit import run
 
     run(solution, crs, check or [], beside or [], output)

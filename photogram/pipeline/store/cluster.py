@@ -63,8 +63,8 @@ class Cluster:
 
         if isinstance(fault, KilledWorker):
             raise WorkspaceError(
-                f"{self.address}: several workers ended while they were at one piece, probably because their memory "
-                "was full: start fewer workers on each machine; what is done is kept"
+                f"{self.address}: several workers died on the same task, probably out of memory: start fewer workers on "
+                "each machine; finished work is kept"
             ) from fault
         if isinstance(fault, CancelledError):
             raise self._lost() from fault
@@ -110,7 +110,7 @@ class Cluster:
         for worker, seen in found.items():
             if isinstance(seen, BaseException):
                 raise WorkspaceError(
-                    f"the worker {worker} cannot do pieces of a survey ({type(seen).__name__}: {seen}): install "
+                    f"the worker {worker} cannot run photogram tasks ({type(seen).__name__}: {seen}): install "
                     "there the version of photogram that is here"
                 )
             where = f"{seen['machine']} ({worker})"
