@@ -27,9 +27,7 @@ def compare(
             show_default=False,
         ),
     ],
-    output: Annotated[Path, typer.Option(help="Output folder.")] = (
-        Path("comparison")
-    ),
+    output: Annotated[Path, typer.Option(help="Output folder.")] = (Path("comparison")),
     sor: Annotated[
         bool, typer.Option(help="First remove statistical outliers (SOR, 6 neighbours, 1 standard deviation).")
     ] = True,
