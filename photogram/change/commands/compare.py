@@ -54,7 +54,8 @@ def compare(
     coregister: Annotated[
         Literal["offset", "tilt", "rigid"] | None,
         typer.Option(
-            help="Apply the co-registration on stable ground: vertical offset, offset and tilt, or rigid transformation (clouds).",
+            help="Apply the co-registration on stable ground: vertical offset, offset and tilt, or rigid "
+            "transformation (clouds).",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),

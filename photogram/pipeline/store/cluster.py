@@ -63,8 +63,8 @@ class Cluster:
 
         if isinstance(fault, KilledWorker):
             raise WorkspaceError(
-                f"{self.address}: several workers died on the same task, probably out of memory: start fewer workers on "
-                "each machine; finished work is kept"
+                f"{self.address}: several workers died on the same task, probably out of memory: start fewer workers "
+                "on each machine; finished work is kept"
             ) from fault
         if isinstance(fault, CancelledError):
             raise self._lost() from fault
