@@ -176,7 +176,8 @@ def register_clouds(
     if motion == "rigid" and share > MOST_NOISE:
         raise SurfaceError(
             f"co-registration: the stable ground is too flat to determine a rigid transformation "
-            f"({min(share, 1.0):.0%} of its slope variation is noise): choose tilt, or add stable ground that slopes in different directions"
+            f"({min(share, 1.0):.0%} of its slope variation is noise): choose tilt, or add stable ground "
+            "that slopes in different directions"
         )
     # what the later cloud is off by is the opposite of what brings it back
     value = np.concatenate([-shift, -_vector(rotation)])[used]
