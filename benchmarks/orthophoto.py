@@ -30,9 +30,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.grid import MapGrid, Window
@@ -50,7 +50,7 @@ from photogram.surface.ortho.visibility import SeenCells, Surface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
-Pictures = list[NDArray[np.uint8]]
+Pictures = list[ByteArray]
 
 SURFACE_GSD, FILL_CELLS = 2.0, 25
 NOISE_GSD, CROWN_NOISE_M, CROWN_MISSING = 0.75, 0.3, 0.67
@@ -67,7 +67,7 @@ def processor_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def matched_surface(survey: SimulatedSurvey) -> tuple[Raster, NDArray[np.float32]]:
+def matched_surface(survey: SimulatedSurvey) -> tuple[Raster, Float32Array]:
     """Return what dense matching leaves of the true surface, NaN where it finds nothing, and standard deviations."""
     gsd, rng = survey.plan.gsd_m, np.random.default_rng([survey.seed, 18])
     truth = surface_raster(survey.scene, survey.frame, SURFACE_GSD * gsd)
@@ -91,7 +91,7 @@ def matched_surface(survey: SimulatedSurvey) -> tuple[Raster, NDArray[np.float32
     return raster, np.ascontiguousarray(noise[at], np.float32)
 
 
-def material_of(survey: SimulatedSurvey, grid: MapGrid) -> NDArray[np.uint8]:
+def material_of(survey: SimulatedSurvey, grid: MapGrid) -> ByteArray:
     """Return the material (rows, columns) of the scene at the cells of a grid."""
     scene = survey.scene
     east, north = grid.centres_map_m(grid.whole)
@@ -107,8 +107,8 @@ class Made:
     """An orthophoto, what is within its rim, and the processor time of the parts: surface, seams, tiles, file."""
 
     plan: Orthophoto
-    rgba: NDArray[np.uint8]
-    inside: NDArray[np.bool_]
+    rgba: ByteArray
+    inside: BoolArray
     seconds: tuple[float, float, float, float]
 
 
@@ -121,10 +121,10 @@ def made(views: Views, survey: SimulatedSurvey, pictures: Pictures, threads: int
         filled, measured = filled_heights(raster.values, grid.cell_m, FILL_CELLS), np.isfinite(raster.values)
         height, spread = np.empty_like(raster.values), np.empty_like(raster.values)
 
-        def part(window: Window) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
+        def part(window: Window) -> tuple[Float32Array, BoolArray, Float32Array]:
             return filled[window.slices], measured[window.slices], sigma[window.slices]
 
-        def write(window: Window, values: NDArray[np.float32], sigmas: NDArray[np.float32]) -> None:
+        def write(window: Window, values: Float32Array, sigmas: Float32Array) -> None:
             height[window.slices], spread[window.slices] = values, sigmas
 
         close_surface(grid, part, pool, write)
@@ -149,7 +149,7 @@ def made(views: Views, survey: SimulatedSurvey, pictures: Pictures, threads: int
     return Made(plan, rgba, inside, (surface_s, seams_s, tiles_s, file_s))
 
 
-def world_of(survey: SimulatedSurvey, place_map_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def world_of(survey: SimulatedSurvey, place_map_m: FloatArray) -> FloatArray:
     """Return the places (N, 3) of the true surface, world, at places (N, 2) of the map."""
     level = np.full(len(place_map_m), survey.frame.origin_map_m[2])
     foot = survey.frame.world_from_map(np.column_stack([place_map_m, level]))
@@ -160,7 +160,7 @@ def world_of(survey: SimulatedSurvey, place_map_m: NDArray[np.float64]) -> NDArr
     return np.asarray(foot + above[:, None] * up)
 
 
-def truly_hidden(survey: SimulatedSurvey, grid: MapGrid, cells: NDArray[np.bool_]) -> float:
+def truly_hidden(survey: SimulatedSurvey, grid: MapGrid, cells: BoolArray) -> float:
     """Return which share of some cells the scene hides from all photographs that show them."""
     row, column = (a[:: max(len(a) // 20_000, 1)] for a in np.nonzero(cells))
     east, north = grid.centres_map_m(grid.whole)
@@ -172,7 +172,7 @@ def truly_hidden(survey: SimulatedSurvey, grid: MapGrid, cells: NDArray[np.bool_
     return float(np.mean(~seen)) if len(seen) else float("nan")
 
 
-def from_above(survey: SimulatedSurvey, grid: MapGrid) -> NDArray[np.float32]:
+def from_above(survey: SimulatedSurvey, grid: MapGrid) -> Float32Array:
     """Return the true colours (rows, columns, 3) of the cells of a grid: no noise, the blur of the photographs."""
     east, north = grid.centres_map_m(grid.whole)
     truth = np.empty((grid.rows, grid.columns, 3), np.float32)
@@ -210,9 +210,7 @@ def seam_differences(
     return _along(plan.seams.label, lattice.candidate, grey, known), _along(nearest, lattice.candidate, grey, known)
 
 
-def _along(
-    label: NDArray[np.int32], candidate: NDArray[np.int32], grey: NDArray[np.float64], known: NDArray[np.bool_]
-) -> float:
+def _along(label: Int32Array, candidate: Int32Array, grey: FloatArray, known: BoolArray) -> float:
     """Return the mean difference, over the blocks on both sides of each seam, of the photographs on its sides."""
     found = []
     for axis in (0, 1):

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 from math import cos, radians, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.errors import ImageError
 from photogram.projection import (
@@ -193,7 +192,7 @@ class Camera:
         r = self._fold if self.model == "brown" else min(self._fold, np.pi / 2)
         return float(r * (1.0 + r**2 * np.polyval(self.radial[::-1], r**2))) if np.isfinite(r) else float("inf")
 
-    def contains(self, pixel: FloatArray) -> NDArray[np.bool_]:
+    def contains(self, pixel: FloatArray) -> BoolArray:
         """Return which pixels (N, 2) lie within the photograph."""
         limit = np.array([self.width_px, self.height_px]) - 0.5
         return np.asarray(np.all((pixel >= -0.5) & (pixel <= limit), axis=-1))

@@ -14,8 +14,8 @@ import numpy as np
 import pyogrio
 import shapely
 from lib.simulated_changes import CORNER, CRS, Errors, Heap, epoch, grid_at, uneven
-from numpy.typing import NDArray
 
+from photogram.arrays import FloatArray
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.files.maps.rasters import write_raster
 from photogram.survey import Raster
@@ -25,7 +25,7 @@ HOLE = slice(160, 190), slice(90, 130)
 CELL_M, CORRELATION_M = 0.2, 1.0
 
 
-def later(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def later(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the ground of the later epoch."""
     return np.asarray(uneven(x, y) + sum(heap.height(x, y) for heap in HEAPS.values()))
 

@@ -12,9 +12,8 @@ from os.path import isdir, isfile  # false, not an exception, for a name that ca
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import FrameError
 from photogram.files.photographs.names import SUFFIXES, without_raw_twins
 from photogram.geodesy.crs import NO_CRS, crs_label, projected_crs
@@ -88,7 +87,7 @@ class AreaOfUse:
             return None  # the area reaches to where the projection has no values, a pole for example
         return cls(corners.min(axis=0), corners.max(axis=0), f"{crs_label(name)} ({crs.name})")
 
-    def contains(self, easting_northing_m: FloatArray) -> NDArray[np.bool_]:
+    def contains(self, easting_northing_m: FloatArray) -> BoolArray:
         """Return which positions (N, 2) are accepted; NaN is not."""
         # zones are often used some degrees beyond their official area
         margin = np.minimum(0.5 * (self.high_m - self.low_m), 300_000.0)

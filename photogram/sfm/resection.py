@@ -17,10 +17,9 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
@@ -49,7 +48,7 @@ class Resection:
     """Misfit of the mark that selected the solution, NaN when the GNSS position did."""
     refined: Pose
     """Least-squares pose of all inliers."""
-    inliers: NDArray[np.bool_]
+    inliers: BoolArray
     """Marks that agree (M,)."""
     residual_px: FloatArray
     """Residuals (M, 2), projected minus measured."""
@@ -148,13 +147,13 @@ class _Marks:
         across = 0.5 * (variance.sum(axis=1) - np.einsum("ni,ni->n", ray**2, variance) / square)
         return np.asarray(np.sqrt(self.sigma_px**2 + self.camera.focal_px**2 * across / square))
 
-    def agrees(self, pose: Pose, scale: float | None = None) -> NDArray[np.bool_]:
+    def agrees(self, pose: Pose, scale: float | None = None) -> BoolArray:
         """Return which marks (N,) agree with a pose, or do where they scatter ``scale`` times as much as expected."""
         if scale is not None:
             return np.asarray(self.misfit_px(pose) < AGREEING * scale * self.expected_px(pose))
         return np.asarray(self.misfit_px(pose) < np.maximum(self.tolerance_px, AGREEING * self.expected_px(pose)))
 
-    def refined(self, pose: Pose, chosen: NDArray[np.bool_]) -> Pose:
+    def refined(self, pose: Pose, chosen: BoolArray) -> Pose:
         """Return the least-squares pose of the marks ``chosen`` (N,). Raises OrientationError as refine_pose."""
         sigma_px = self.expected_px(pose)[chosen]
         return refine_pose(self.camera, pose, self.points[chosen], self.pixel[chosen], sigma_px)
@@ -274,14 +273,14 @@ def _of_most(marks: _Marks, found: list[_Choice]) -> Resection:
     return _resection(marks, *agreeing)
 
 
-_Agreeing = tuple[_Choice, Pose, NDArray[np.bool_]]
+_Agreeing = tuple[_Choice, Pose, BoolArray]
 
 
 def _settled(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
     """Return the minimal solution, refined on the marks that agree with it, that most agree with; None where four never
     do."""
 
-    def rank(pose: Pose, error_px: FloatArray, agrees: NDArray[np.bool_]) -> tuple[int, float]:
+    def rank(pose: Pose, error_px: FloatArray, agrees: BoolArray) -> tuple[int, float]:
         limit = np.maximum(marks.tolerance_px, AGREEING * marks.expected_px(pose))
         return -int(agrees.sum()), float(np.sum(np.minimum(error_px / limit, 1.0) ** 2))
 
@@ -299,8 +298,8 @@ def _settled(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
 
 
 def _refined_on(
-    marks: _Marks, pose: Pose, chosen: NDArray[np.bool_], choose: Callable[[Pose], NDArray[np.bool_]]
-) -> tuple[Pose, NDArray[np.bool_]] | None:
+    marks: _Marks, pose: Pose, chosen: BoolArray, choose: Callable[[Pose], BoolArray]
+) -> tuple[Pose, BoolArray] | None:
     """Refine a pose on the marks ``chosen`` (N,), choose them anew, and so on until they stay the same; None where
     fewer than four are left, or they contradict each other."""
     for _ in range(10):
@@ -322,7 +321,7 @@ def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
     majority; None where the scatter is beyond what marks may have."""
     least = max(5, int(np.ceil(MAJORITY * len(marks))))
 
-    def nearest(pose: Pose) -> NDArray[np.bool_]:
+    def nearest(pose: Pose) -> BoolArray:
         order = np.argsort(marks.misfit_px(pose) / marks.expected_px(pose), kind="stable")
         return np.isin(np.arange(len(marks)), order[:least])
 
@@ -346,7 +345,7 @@ def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
     return None if best is None else best[1]
 
 
-def _resection(marks: _Marks, choice: _Choice, refined: Pose, inliers: NDArray[np.bool_]) -> Resection:
+def _resection(marks: _Marks, choice: _Choice, refined: Pose, inliers: BoolArray) -> Resection:
     others = [i for i in np.flatnonzero(inliers) if i not in choice.triple]
     check_px = float(choice.error_px[others].max()) if others else float("nan")
     residual_px = project_points(marks.camera, refined, marks.points) - marks.pixel

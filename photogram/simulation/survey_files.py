@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import gimbal_from_rotation
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import fingerprint, write_json
@@ -146,10 +145,10 @@ def write_control_tables(
 def write_survey(
     folder: Path | str,
     survey: SimulatedSurvey,
-    pictures: Iterable[tuple[str, NDArray[np.uint8]]],
+    pictures: Iterable[tuple[str, ByteArray]],
     *,
     names: Mapping[str, str] | None = None,
-    foreign: Mapping[str, NDArray[np.uint8]] | None = None,
+    foreign: Mapping[str, ByteArray] | None = None,
 ) -> None:
     """Write what a surveyor brings home: ``photographs/`` and the ground points twice over, as ``control.txt`` and
     ``check.txt`` (OpenDroneMap's lists) and as ``points.csv`` and ``marks.csv`` (tables); and ``truth.json``.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 from rio_cogeo import cog_validate
 
+from photogram.arrays import ByteArray, Float32Array
 from photogram.errors import FrameError, WorkspaceError
 from photogram.files.maps.cogs import NO_CODE, NODATA, write_cog, write_cog_bands, write_cog_codes, write_cog_rgba
 from photogram.files.maps.rasters import read_raster, write_raster
@@ -23,14 +24,14 @@ CRS, HEIGHTS = "EPSG:25832", "EPSG:25832+5799"
 GRID = MapGrid(602_300.5, 5_794_140.25, 0.25, 700, 530)
 
 
-def heights() -> NDArray[np.float32]:
+def heights() -> Float32Array:
     row, column = np.mgrid[0 : GRID.rows, 0 : GRID.columns]
     values = (70.0 + 0.125 * row - 0.25 * column + np.sin(row * column / 40.0)).astype(np.float32)
     values[100:181, 301:420] = np.nan
     return np.asarray(values)
 
 
-def picture() -> NDArray[np.uint8]:
+def picture() -> ByteArray:
     rng = np.random.default_rng(1)
     values = rng.integers(0, 256, (GRID.rows, GRID.columns, 4)).astype(np.uint8)
     values[..., 3] = 255

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
+from photogram.arrays import ByteArray
 from photogram.errors import ImageError
 from photogram.files.photographs.depth import LARGEST_VALUE, Stretch
 from photogram.files.photographs.images import (
@@ -57,7 +58,7 @@ def written(folder: Path, name: str) -> Path:
     return path
 
 
-def stretched(values: NDArray[np.uint16], stretch: Stretch = STRETCH) -> NDArray[np.uint8]:
+def stretched(values: NDArray[np.uint16], stretch: Stretch = STRETCH) -> ByteArray:
     share = (values.astype(np.float64) - stretch.low) / (stretch.high - stretch.low)
     return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from deep_files import tags_of_jpeg, write_dng
-from numpy.typing import NDArray
 
+from photogram.arrays import ByteArray
 from photogram.errors import ImageError
 from photogram.files.photographs.images import (
     check_photograph,
@@ -41,7 +41,7 @@ TAGS = PhotographTags(
 )
 
 
-def pixels(width: int, height: int, seed: int = 1) -> NDArray[np.uint8]:
+def pixels(width: int, height: int, seed: int = 1) -> ByteArray:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3)).astype(np.uint8)
 
 

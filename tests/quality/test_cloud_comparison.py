@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from makers import SharedData
-from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import PhotogramError
 from photogram.quality import cloud_comparison as comparison
 from photogram.quality.cloud_comparison import (
@@ -43,7 +42,7 @@ def plane_raster() -> Raster:
     return raster_of(0.25 * x - 0.5 * y + 70)
 
 
-def sor_by_brute_force(points: FloatArray, neighbours: int, sigma: float) -> NDArray[np.bool_]:
+def sor_by_brute_force(points: FloatArray, neighbours: int, sigma: float) -> BoolArray:
     """CloudCompare's rule in loops: the point is one of its neighbours, and left out of the mean."""
     means = []
     for i, point in enumerate(points):

@@ -13,11 +13,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.transform import Rotation
 
-from photogram.arrays import BoolArray, ByteArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray
 from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import PhotogramError
 from photogram.geodesy.frames import LocalFrame
@@ -77,7 +76,7 @@ def centred(rows: int, columns: int, cell_m: float = GSD) -> MapGrid:
     return MapGrid(EAST - columns / 2 * cell_m, NORTH + rows / 2 * cell_m, cell_m, rows, columns)
 
 
-def from_above(scene: Scene, grid: MapGrid, height_m: float = 1e4) -> NDArray[np.float64]:
+def from_above(scene: Scene, grid: MapGrid, height_m: float = 1e4) -> FloatArray:
     """Render the cells of a grid around the origin from so high that rays are parallel: no noise, no fall of light
     towards the corners, the blur of the photographs (0.45 px), a pixel for a cell."""
     middle = np.array([(grid.columns - 1) / 2, (grid.rows - 1) / 2])
@@ -174,7 +173,7 @@ def test_slivers_behind_a_ridge_are_closed_and_the_shadow_of_a_wall_is_not(
 # ---- level ground against its rendering ----------------------------------------------------------------------------
 
 
-def shift_px(picture: NDArray[np.float64], truth: NDArray[np.float64]) -> float:
+def shift_px(picture: FloatArray, truth: FloatArray) -> float:
     (x, y), _ = cv2.phaseCorrelate(truth.astype(np.float32), picture.astype(np.float32))
     return float(np.hypot(x, y))
 

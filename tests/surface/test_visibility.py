@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, Pose, oriented_by, project_points, rotation_from_gimbal
 from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
@@ -44,9 +44,7 @@ def looking(pitch_deg: float, yaw_deg: float, east: float, north: float, above: 
     return Pose(rotation_from_gimbal(yaw_deg, pitch_deg, 0.0), np.array([east, north, above]))
 
 
-def truth(
-    scene: Scene, pose: Pose, grid: MapGrid, heights: NDArray[np.float32]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def truth(scene: Scene, pose: Pose, grid: MapGrid, heights: Float32Array) -> tuple[BoolArray, BoolArray]:
     """Return which cells lie in a photograph, and which of them the scene hides from it."""
     east, north = grid.centres_map_m(grid.whole)
     place = np.stack([*np.meshgrid(east, north), heights], axis=-1).reshape(-1, 3)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import rasterio
 import rasterio.windows
-from numpy.typing import NDArray
 from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.enums import Resampling
@@ -20,7 +19,7 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
-from photogram.arrays import Float32Array
+from photogram.arrays import ByteArray, Float32Array
 from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
 from photogram.files.reading import ordinary_size
@@ -200,7 +199,7 @@ def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
         )
 
 
-def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
+def read_codes(path: Path, window: Window) -> ByteArray:
     """Return the codes (rows, columns) of a window of a file's cells. Raises ProjectError where it cannot be read."""
     rows, columns = window.shape
     try:
@@ -211,7 +210,7 @@ def read_codes(path: Path, window: Window) -> NDArray[np.uint8]:
     return np.asarray(codes, dtype=np.uint8)
 
 
-def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> NDArray[np.uint8]:
+def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> ByteArray:
     """Return what a picture file shows in a window of a grid of its own CRS, in m: red, green, blue and alpha (rows,
     columns, 4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
     west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m

@@ -16,7 +16,7 @@ from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
 from photogram.files.tables.control_files import PointFile, check_marks, mark_of
-from photogram.files.tables.surveyed_points import Mark, MarkSource, Sigma3, SurveyedPoint
+from photogram.files.tables.surveyed_points import Mark, MarkSource, PartialSigma3, SurveyedPoint
 from photogram.files.text_lines import SIGMA_M, Faults, text_of
 from photogram.files.xml_elements import Element, elements_of
 from photogram.geodesy.crs import crs_of_wkt
@@ -52,7 +52,7 @@ def _one_chunk(path: Path, root: Element) -> Element:
     return held[0]
 
 
-def _sigma_m(reference: Element, name: str, faults: Faults) -> Sigma3:
+def _sigma_m(reference: Element, name: str, faults: Faults) -> PartialSigma3:
     """Return the accuracies: sx, sy and sz, or sxy and sz as before version 1.3."""
     found = []
     for column in ("sx", "sy", "sz"):

@@ -20,7 +20,7 @@ from photogram.files.tables.surveyed_points import (
     RAW,
     Mark,
     MarkSource,
-    Sigma3,
+    PartialSigma3,
     SurveyedPoint,
 )
 from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
@@ -313,7 +313,7 @@ def _sigma(row: Row, column: str, line: int, faults: Faults, within: tuple[float
     return value
 
 
-def _sigmas(row: Row, line: int, faults: Faults) -> Sigma3:
+def _sigmas(row: Row, line: int, faults: Faults) -> PartialSigma3:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
     whole, plan = (_sigma(row, column, line, faults) for column in ("sigma", "sigma_plan"))
     x, y, z = (_sigma(row, column, line, faults) for column in ("sigma_x", "sigma_y", "sigma_z"))

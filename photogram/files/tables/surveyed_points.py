@@ -18,8 +18,9 @@ from photogram.survey import Roles
 from photogram.wording import printable, shortened
 
 Position = tuple[float, float, float]
-Sigma3 = tuple[float | None, float | None, float | None]
-UNSTATED: Sigma3 = (None, None, None)
+PartialSigma3 = tuple[float | None, float | None, float | None]
+"""Standard deviations of three coordinates, None where a file does not state them."""
+UNSTATED: PartialSigma3 = (None, None, None)
 PointRole = Literal["control", "check", "tie"]
 ROLES: tuple[PointRole, ...] = get_args(PointRole)
 Place = tuple[str, str]
@@ -72,7 +73,7 @@ class SurveyedPoint:
     """Name."""
     position: Position | None = None
     """Easting or longitude, northing or latitude, and height, in ``crs``; None for a point without coordinates."""
-    sigma_m: Sigma3 = UNSTATED
+    sigma_m: PartialSigma3 = UNSTATED
     """Standard deviations along easting, northing and height, None where nothing says them."""
     role: Roles | None = None
     """Role in plan and in height, None where nothing says it."""

@@ -12,10 +12,9 @@ from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.files.maps.rasters import read_raster
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as
 from photogram.files.photographs.depth import Stretch
@@ -164,13 +163,13 @@ class Run:
         """Return the stretch to 8 bits of a photograph, None where it has no more. Needs the stage `photographs`."""
         return self.stretches.get(self.project.cameras[self.project.photographs[index].camera].name)
 
-    def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    def pixels(self, index: int, size_px: tuple[int, int] | None = None) -> ByteArray:
         """Return a photograph as red, green, blue (height, width, 3). Raises ImageError as ``read_photograph``, and
         where it is not what it was when the run began."""
         path, sha256 = self.project.photographs[index].path, self.photograph_fingerprints[index]
         return read_photograph(path, size_px, sha256, self.stretch(index))
 
-    def grey(self, index: int) -> NDArray[np.uint8]:
+    def grey(self, index: int) -> ByteArray:
         """Return a photograph's luminance (height, width). Raises ImageError as ``pixels``."""
         path, sha256 = self.project.photographs[index].path, self.photograph_fingerprints[index]
         return read_grey(path, None, sha256, self.stretch(index))
@@ -234,7 +233,7 @@ class Run:
         """Return the pairs of photographs to be matched. Needs the stage `pairs`."""
         return [(int(i), int(j)) for i, j in read_json(self.workspace.file("pairs", "pairs.json"))]
 
-    def matches(self) -> Iterator[tuple[Matches, NDArray[np.bool_]]]:
+    def matches(self) -> Iterator[tuple[Matches, BoolArray]]:
         """Yield candidate matches of every pair, and which are verified, one pair after the other. Needs the stage
         `matches`."""
         for first, second in read_json(self.workspace.file("matches", "pairs.json")):
@@ -338,7 +337,7 @@ class Run:
         """Return the standard deviations of the DSM. Needs the stage `surface`."""
         return self._raster("dsm_sigma")
 
-    def held_out_m(self) -> NDArray[np.float64]:
+    def held_out_m(self) -> FloatArray:
         """Return what the DSM is off by at tie points that were held out of it. Needs the stage `surface`."""
         return np.asarray(read_arrays(self.workspace.file("surface", "held_out.npz"))["held_out_m"])
 

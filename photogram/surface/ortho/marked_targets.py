@@ -14,13 +14,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.geodesy.frames import LocalFrame
 
-GreyImage = NDArray[np.float32]
+GreyImage = Float32Array
 TEMPLATE_CELLS = 7
 """Half of the side of what is looked for, in cells of the orthophoto."""
 REACH_CELLS = 6
