@@ -174,7 +174,7 @@ MarkSigma = Annotated[float, SIGMA_PX]
 _MAP = ("easting", "northing", "height")
 Position = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION_M)]
 MapPosition = Annotated[tuple[float, float, float], _vector(*_MAP, within=POSITION)]
-Sigma3 = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
+PositionSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=SIGMA_M)]
 OffsetSigma = Annotated[tuple[float, float, float], _vector(*_MAP, within=OFFSET_SIGMA_M)]
 OneRole = Annotated[Role, _read_by(_role, _ROLE)]
 _BOTH_ROLES = {
@@ -260,7 +260,7 @@ class PhotographEntry(Entry):
     camera: Annotated[Text | None, "Its name under cameras."] = None
     gnss_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
     gnss: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
-    gnss_sigma_m: Annotated[Sigma3 | None, "Standard deviations of its position, m."] = None
+    gnss_sigma_m: Annotated[PositionSigma | None, "Standard deviations of its position, m."] = None
     attitude_deg: Annotated[Attitude | None, "The gimbal's angles."] = None
     attitude_sigma_deg: Annotated[AngleSigma | None, "Standard deviation of the attitude."] = None
     height_above_ground_m: Annotated[FlyingHeight | None, "Flying height."] = None
@@ -304,7 +304,7 @@ class PhotographsEntry(Entry):
     ] = None
     camera: Annotated[Text | None, "The camera of all that name none."] = None
     positions: Annotated[Sequence[PositionFileEntry], "Positions in other files."] = ()
-    gnss_sigma_m: Annotated[Sigma3 | None, "Standard deviations of all positions that have none, m."] = None
+    gnss_sigma_m: Annotated[PositionSigma | None, "Standard deviations of all positions that have none, m."] = None
     gnss_sigma_assumed: Annotated[bool, "Whether nobody has stated it: it is estimated."] = False
     attitude_sigma_deg: Annotated[AngleSigma, "Standard deviation of attitudes that have none."] = 2.0
     height_above_ground_m: Annotated[FlyingHeight | None, "Flying height, where tags do not say it."] = None
@@ -353,7 +353,7 @@ class ControlPointEntry(Entry):
     role: Annotated[RolesOf, "A check point is never used in the adjustment; default control."] = ("control", "control")
     position_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
     position: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
-    sigma_m: Annotated[Sigma3 | None, "Standard deviations of its position, m."] = None
+    sigma_m: Annotated[PositionSigma | None, "Standard deviations of its position, m."] = None
     mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of its marks."] = None
     marks: Annotated[dict[str, Pixel], "u right and v down, by photograph."] = Field(default_factory=dict)
 
@@ -369,14 +369,14 @@ class ControlFileEntry(Entry):
     picture_size_px: Annotated[
         PictureSize | None, "Of the pictures with the marks.", Default("the photographs' own")
     ] = None
-    sigma_m: Annotated[Sigma3 | None, "Standard deviations of points that have none, m."] = None
+    sigma_m: Annotated[PositionSigma | None, "Standard deviations of points that have none, m."] = None
     mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
 
 
 class ControlPointsEntry(Entry):
     """The ground points and what holds for all of them."""
 
-    sigma_m: Annotated[Sigma3 | None, "Standard deviations of points that have none, m."] = None
+    sigma_m: Annotated[PositionSigma | None, "Standard deviations of points that have none, m."] = None
     mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
     pixel_origin: Annotated[PixelOrigin, "Where the centre of the top-left pixel is, for all marks."] = "photogram"
     files: Annotated[Sequence[ControlFileEntry], "Ground points in other files."] = ()

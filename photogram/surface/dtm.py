@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates, maximum_filter
 from threadpoolctl import threadpool_limits
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.errors import PhotogramError, SurfaceError
 from photogram.settings.settings import Settings, Within
 from photogram.survey import Raster
@@ -94,7 +93,7 @@ def terrain_from_surface(surface: Raster, settings: TerrainSettings | None = Non
     return Terrain(terrain, np.isfinite(heights) & ~on_ground)
 
 
-def _strips(values: NDArray[np.float32], block: int) -> Iterator[slice]:
+def _strips(values: Float32Array, block: int) -> Iterator[slice]:
     side = _STRIP_BLOCKS * block
     return (slice(row, min(row + side, len(values))) for row in range(0, len(values), side))
 
@@ -114,7 +113,7 @@ def _mean_height(cells: FloatArray) -> FloatArray:
     return np.asarray(np.where(count > 0, mean, np.nan))
 
 
-def _blocks(values: NDArray[np.float32], block: int, rule: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _blocks(values: Float32Array, block: int, rule: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Return what ``rule`` makes of the cells (..., N) of each block, strip by strip."""
     columns = -(-values.shape[1] // block)
     parts = []

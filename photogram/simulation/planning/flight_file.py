@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 
 from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
-from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, Sigma3
+from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, PositionSigma
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.settings.settings import Within
 from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
@@ -73,7 +73,7 @@ class GnssEntry(Entry):
     """The receiver of the drone, and the offset between it and the control points."""
 
     kind: Gnss | None = None
-    sigma_m: Sigma3 | None = None
+    sigma_m: PositionSigma | None = None
     offset_sigma_m: OffsetSigma | None = None
 
 
@@ -83,7 +83,7 @@ class ControlEntry(Entry):
     points: Annotated[int, _of("control_points")] | None = None
     layout: Layout | None = None
     positions_m: Sequence[Place] | None = None
-    sigma_m: Sigma3 | None = None
+    sigma_m: PositionSigma | None = None
     mark_sigma_px: MarkSigma | None = None
 
 
