@@ -32,9 +32,9 @@ def compare_files_to_reference(
         raise ProjectError(f"two clouds have the name {max(titles, key=titles.count)!r}: rename one")
     total = len(paths) + 2
     progress(0, total, f"reading {given.name}")
-    surface = read_reference(given)
-    progress(1, total, f"triangulating {given.name}" if isinstance(surface, PointCloud) else "")
-    surface = triangulate(surface) if isinstance(surface, PointCloud) else surface
+    read = read_reference(given)
+    progress(1, total, f"triangulating {given.name}" if isinstance(read, PointCloud) else "")
+    surface = triangulate(read) if isinstance(read, PointCloud) else read
     results = {}
     for number, path in enumerate(paths, 2):
         progress(number, total, path.name)

@@ -68,7 +68,7 @@ def match_surface(
     def picture(view: int, reduction: int) -> NDArray[np.generic]:
         if reduction == 1:
             return grey(int(views.photograph[view]))
-        return cv2.pyrDown(picture(view, reduction // 2).astype(np.float32)).astype(np.float16)
+        return np.asarray(cv2.pyrDown(picture(view, reduction // 2).astype(np.float32)), np.float16)
 
     scene, base_map_m = Scene(frame, views, picture), frame.origin_map_m[2]
     start = agreement = np.zeros((0, 0), np.float32)
