@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from photogram.pipeline.stage_names import StageName
+from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.terminal.arguments import AsJson, Pdf, Photographs, ProjectFile, QuietOption
 from photogram.terminal.fast_checks import check_project_file
 
@@ -16,7 +16,7 @@ def adjust(
     photographs: Photographs = None,
     start: Annotated[
         StageName | None,
-        typer.Option("--from", metavar="STAGE", help="Re-run from this stage on."),
+        typer.Option("--from", metavar="STAGE", help=f"Re-run from this stage on: {', '.join(STAGE_NAMES)}."),
     ] = None,
     until: Annotated[StageName | None, typer.Option("--until", metavar="STAGE", help="Stop after this stage.")] = None,
     pdf: Pdf = False,
@@ -42,9 +42,8 @@ def adjust(
 ) -> None:
     """Process a survey: match, orient and adjust the photographs, then produce point clouds, DSM and orthophoto.
 
-    An interrupted run resumes where it was. The stages are photographs, features,
-    pairs, matches, tie_points, orientation, transfer, intersection, adjustment,
-    dense, surface, relief, orthophoto, comparison and results.
+    An interrupted run resumes where it was. The stages stand with --from, in their
+    order.
     """
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("give --workers or --scheduler, not both", param_hint="'--scheduler'")

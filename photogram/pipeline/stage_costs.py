@@ -193,7 +193,7 @@ class Costs:
     rates: tuple[Rate, ...]
     compilation_s: float = 0.0
     kernels: tuple[str, ...] = ()
-    is_asked_for: Callable[[Workload], bool] = lambda _: True
+    is_asked_for: Callable[[Extent], bool] = lambda _: True
     is_tested: bool = False
     disk_bytes: Callable[[Extent], float] = lambda _: 0.0
     memory: Callable[[Extent], Memory] = lambda _: Memory()

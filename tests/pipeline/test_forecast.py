@@ -38,6 +38,21 @@ def test_nothing_is_there_so_everything_remains(survey: Path) -> None:
     assert costs.memory_bytes == max(cost.memory_bytes for cost in costs.stages) > 3e8
 
 
+def test_what_is_not_asked_for_takes_no_time_and_is_not_compiled(survey: Path) -> None:
+    project = load_project(survey / "project.yaml")
+    bare = replace(
+        project,
+        dense=replace(project.dense, enabled=False),
+        orthophoto=replace(project.orthophoto, enabled=False),
+        contours=replace(project.contours, enabled=False),
+        terrain=replace(project.terrain, enabled=False),
+        reference=None,
+    )
+    idle = [cost for cost in of(bare, compiled=COLD).stages if not cost.seconds]
+    assert [cost.stage for cost in idle] == ["dense", "relief", "orthophoto", "comparison"]
+    assert all(cost.compilation_seconds == 0.0 for cost in idle)
+
+
 def test_a_first_run_compiles_and_a_slow_machine_takes_longer(survey: Path) -> None:
     project = load_project(survey / "project.yaml")
     warm, cold, slow = of(project), of(project, compiled=COLD), of(project, Speed(2.0, 2.0, 2.0, 2.0))

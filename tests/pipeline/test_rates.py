@@ -54,13 +54,9 @@ def test_a_slower_part_of_the_machine_slows_what_resembles_it() -> None:
     assert all(slow[stage] == pytest.approx(2 * usual[stage]) for stage in STAGE_NAMES)
 
 
-def test_what_is_not_asked_for_takes_no_time_and_is_not_compiled() -> None:
-    bare = replace(WORK, dense_mcells=0.0, orthophoto_mpx=0.0, comparison=False, contours=False)
-    seconds = predicted_seconds(STAGES, bare, Speed(), 2)
-    assert [stage for stage in STAGE_NAMES if not seconds[stage]] == ["dense", "relief", "orthophoto", "comparison"]
+def test_what_is_not_compiled_is_compiled_by_the_plain_speed() -> None:
     nothing, whole = dict.fromkeys(STAGE_NAMES, 0.0), stage_named("dense").costs.compilation_s
-    assert "dense" not in compilation_seconds(STAGES, bare, nothing, Speed())
-    assert compilation_seconds(STAGES, WORK, nothing, Speed())["dense"] == whole
-    half = compilation_seconds(STAGES, WORK, dict.fromkeys(STAGE_NAMES, 0.5), Speed(plain=2.0))
+    assert compilation_seconds(STAGES, nothing, Speed())["dense"] == whole
+    half = compilation_seconds(STAGES, dict.fromkeys(STAGE_NAMES, 0.5), Speed(plain=2.0))
     assert half["dense"] == pytest.approx(whole)
-    assert sum(compilation_seconds(STAGES, WORK, dict.fromkeys(STAGE_NAMES, 1.0), Speed()).values()) == 0.0
+    assert sum(compilation_seconds(STAGES, dict.fromkeys(STAGE_NAMES, 1.0), Speed()).values()) == 0.0

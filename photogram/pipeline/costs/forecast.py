@@ -85,9 +85,12 @@ def forecast(
     compiled, by what is kept on this machine where it is not given.
     """
     work, size = workload(project, tags), surface_size(project, tags)
-    seconds = corrected(predicted_seconds(stages, work, speed, workers), measured_stages(Workspace(project.work)))
-    compiling = compilation_seconds(stages, work, compiled_share(stages) if compiled is None else compiled, speed)
     extent = Extent(project, size, workers)
+    asked_for = [stage for stage in stages if stage.costs.is_asked_for(extent)]
+    predicted: dict[str, float] = dict.fromkeys((stage.name for stage in stages), 0.0)
+    predicted |= predicted_seconds(asked_for, work, speed, workers)
+    seconds = corrected(predicted, measured_stages(Workspace(project.work)))
+    compiling = compilation_seconds(asked_for, compiled_share(stages) if compiled is None else compiled, speed)
     disk, memory = kept_disk_bytes(stages, extent), stage_memory_bytes(stages, extent)
     costs = list[StageCost]()
     for stage in stages:

@@ -45,23 +45,16 @@ def amounts(work: Workload) -> dict[Part, float]:
 
 
 def predicted_seconds(stages: Sequence[Stage], work: Workload, speed: Speed, workers: int) -> dict[str, float]:
-    """Return how long each stage takes with so many workers once its kernels are compiled, 0 for what is not asked
-    for."""
+    """Return how long each stage takes with so many workers once its kernels are compiled."""
     amount, seconds = amounts(work), dict[str, float]()
     for stage in stages:
         took = stage.costs.constant_s * speed.plain
         for rate in stage.costs.rates:
             took += rate.seconds * amount[rate.part] * getattr(speed, rate.kind) / (workers if rate.pieces else 1)
-        seconds[stage.name] = took if stage.costs.is_asked_for(work) else 0.0
+        seconds[stage.name] = took
     return seconds
 
 
-def compilation_seconds(
-    stages: Sequence[Stage], work: Workload, compiled: Mapping[str, float], speed: Speed
-) -> dict[str, float]:
+def compilation_seconds(stages: Sequence[Stage], compiled: Mapping[str, float], speed: Speed) -> dict[str, float]:
     """Return how long each stage compiles kernels; ``compiled`` is the share of each stage's that are compiled."""
-    return {
-        stage.name: stage.costs.compilation_s * (1.0 - compiled[stage.name]) * speed.plain
-        for stage in stages
-        if stage.costs.is_asked_for(work)
-    }
+    return {s.name: s.costs.compilation_s * (1.0 - compiled[s.name]) * speed.plain for s in stages}

@@ -90,6 +90,6 @@ COMPARISON: Stage = Stage(
     Costs(
         0.0,
         (Rate("comparison", 0.5, pieces=False), Rate("observations", 1e-5, pieces=False)),
-        is_asked_for=lambda work: work.comparison,
+        is_asked_for=lambda extent: extent.project.reference is not None,
     ),
 )

@@ -249,7 +249,7 @@ DENSE: Stage = Stage(
         (Rate("megapixels", 0.03), Rate("dense_mcells", 22.0, "dense")),
         23.0,
         ("photogram.surface.dense",),
-        is_asked_for=lambda work: work.dense_mcells > 0,
+        is_asked_for=lambda extent: extent.matched_cells > 0,
         is_tested=True,
         disk_bytes=lambda extent: extent.matched_bytes,
         memory=_memory,

@@ -277,7 +277,7 @@ ORTHOPHOTO: Stage = Stage(
         (Rate("orthophoto_mpx", 1.5), Rate("megapixels", 0.02)),
         1.5,
         ("photogram.surface.ortho",),
-        is_asked_for=lambda work: work.orthophoto_mpx > 0,
+        is_asked_for=lambda extent: extent.size.orthophoto_cells > 0,
         is_tested=True,
         disk_bytes=lambda extent: extent.size.orthophoto_cells * extent.size.covered_share * PICTURE_BYTES,
         memory=_memory,

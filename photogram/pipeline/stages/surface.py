@@ -513,7 +513,7 @@ RELIEF: Stage = Stage(
     Costs(
         0.05,
         (Rate("contoured_mcells", 0.15, pieces=False), Rate("terrain_mcells", 1.5, pieces=False)),
-        is_asked_for=lambda work: work.contours or work.terrain,
+        is_asked_for=lambda extent: extent.project.contours.enabled or extent.project.terrain.enabled,
         disk_bytes=lambda extent: extent.relief_bytes,
         memory=_relief_memory,
     ),

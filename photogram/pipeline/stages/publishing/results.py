@@ -345,7 +345,14 @@ def _disk_bytes(extent: Extent) -> float:
 RESULTS: Stage = Stage(
     "results",
     "Report",
-    ("orientation", "matches", "intersection", "adjustment", "surface", "relief", "orthophoto", "comparison"),
+    (
+        "orientation",
+        "matches",
+        "intersection",
+        "adjustment",
+        *(stage.name for stage in BEFORE_RESULTS if stage.products),
+        "comparison",
+    ),
     lambda run: [
         str(run.project.results),
         run.project.report,
