@@ -31,7 +31,7 @@ from lib.marking_surveys import UnmarkedSurvey, unmarked_survey
 
 from photogram.files.marks.mark_table import MARKS, read_marks
 
-POINTS, PHOTOGRAPHS, NOISE_PX, BESIDE_PX = 10, 7, 2.0, 5.0
+POINTS, PHOTOGRAPHS, NOISE_PX, OFF_TARGET_PX = 10, 7, 2.0, 5.0
 EARLY = 4
 """Marks of a point after which the first mistakes are made."""
 
@@ -124,7 +124,7 @@ def mistaken(hand: Hand, photograph: str, kind: str, found: Mistakes) -> None:
     point, place = hand.point, hand.truth[hand.point][photograph]
     if kind == "5 px beside":
         angle = hand.rng.uniform(0.0, 2.0 * np.pi)
-        hand.click(photograph, place + BESIDE_PX * np.array([np.cos(angle), np.sin(angle)]), alt=True)
+        hand.click(photograph, place + OFF_TARGET_PX * np.array([np.cos(angle), np.sin(angle)]), alt=True)
         hand.until(lambda: hand.ask(f"point/{point}")["photographs"] and kind_of(hand, point, photograph) == "raw")
     else:
         others = [(float(np.hypot(*(there[photograph] - place))), there[photograph])

@@ -54,7 +54,7 @@ from photogram.results import Adjustment
 from photogram.survey import Block
 
 ASSIGNMENT = Path(__file__).resolve().parents[1] / "examples" / "dtu_phantom4" / "project.yaml"
-BESIDE_PX = 1.5
+OFF_TARGET_PX = 1.5
 """How far beside the mark the click is."""
 REACH_PX = 10.0
 AT_PX = 3.0
@@ -139,7 +139,7 @@ def refined(block: Block, position_world_m: FloatArray, snapper: Snapper) -> lis
     for m, g in enumerate(points.mark_point.tolist()):
         others = [n for n in np.flatnonzero(points.mark_point == g).tolist() if n != m]
         angle = rng.uniform(0.0, 2.0 * np.pi)
-        u, v = points.mark_pixel[m] + BESIDE_PX * np.array([np.cos(angle), np.sin(angle)])
+        u, v = points.mark_pixel[m] + OFF_TARGET_PX * np.array([np.cos(angle), np.sin(angle)])
         given = tuple(
             OtherMark(
                 int(points.mark_photograph[n]),

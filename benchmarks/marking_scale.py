@@ -16,7 +16,7 @@ and those in FOLDER are used again. Where memory suffices, files come from the s
                     read it ahead: the median and the longest of all points
     marks           from three marks each of two points until all places are predicted anew; then first and next again:
                     ellipses are smaller, and patches in the photograph's own pixels
-    browser         in Chromium, where it is installed, until all patches in view are drawn: "first" from the moment
+    browser         in Chromium, where it is installed, until all patches in view are drawn: "first" from the snapshot
                     the places are known, the page having been opened as soon as there was an address, as the command
                     does it; "from the address" the same from there on; "opened anew" from opening the page again, and
                     "next" from choosing the point; its JavaScript memory at the end
@@ -198,10 +198,10 @@ class Pages:
             self._free.get().close()
 
     def wait(self) -> None:
-        """Follow the events until nothing is being reckoned."""
+        """Follow the events until nothing is being computed."""
         while True:
             state = self.record("state")
-            if not state["reckoning"]:
+            if not state["computing"]:
                 return
             self._one(f"events?after={state['version']}")
 

@@ -242,9 +242,9 @@ def in_best_photograph(block: Block) -> tuple[str, str, tuple[float, float]]:
     return next(mark for mark in every if mark[1] == block.photographs[best].name)
 
 
-def reckoned(session: MarkingSession) -> None:
+def wait_until_assessed(session: MarkingSession) -> None:
     """Wait until what follows from the marks of a session is known."""
     limit = time.monotonic() + 120
-    while session.moment().is_reckoning:
+    while session.snapshot().is_computing:
         assert time.monotonic() < limit
         time.sleep(0.02)

@@ -111,7 +111,7 @@ class Hand:
 
     def settled(self) -> dict[str, Any]:
         """Return the state once everything that follows from the marks is known, and shown."""
-        while (state := self.ask("state"))["reckoning"]:
+        while (state := self.ask("state"))["computing"]:
             time.sleep(0.02)
         self.until(lambda: int(self.js("return document.body.dataset.version || 0")) >= state["version"])
         return dict(state)

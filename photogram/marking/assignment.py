@@ -1,8 +1,8 @@
-"""Which of the targets found in photographs are which ground points.
+"""Which of the targets detected in photographs are which ground points.
 
 Where the ellipse of a point holds one target alone, that is taken for it; what the adjustment then rejects is not.
 Where ellipses are so wide that each holds several, a photograph's targets are laid over its predicted places as a
-whole: compass and position are off for all of them together. What is taken in some photographs tells the compass of
+whole: compass and position are off for all of them together. What is taken in some photographs gives the compass of
 all, so the others are tried again.
 """
 
@@ -36,8 +36,8 @@ Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class FoundTargets:
-    """Targets found in photographs (K)."""
+class DetectedTargets:
+    """Targets detected in photographs (K)."""
 
     photograph: IntArray
     """Number (K,) of the photograph."""
@@ -54,11 +54,14 @@ class Assignment:
     target: Mapping[Pair, int]
     """Number of the target by point and photograph."""
     comparison: MarkComparison | None
-    """They and the marks that there were beside each other, None where nothing could be compared."""
+    """They and the marks that there were, compared with each other, None where nothing could be compared."""
 
 
 def assigned_targets(
-    block: Block, found: FoundTargets, hidden: frozenset[Pair] = frozenset(), settings: AdjustmentSettings | None = None
+    block: Block,
+    detected: DetectedTargets,
+    hidden: frozenset[Pair] = frozenset(),
+    settings: AdjustmentSettings | None = None,
 ) -> Assignment:
     """Return which targets are which points of a block, a ``tagged_block`` or an adjusted one with its marks.
 
@@ -74,11 +77,11 @@ def assigned_targets(
     places = predicted_places(block, settings)
     for number in range(ROUNDS):
         done, used = marked | set(taken), set(taken.values())
-        new = {**_alone(places, found, done), **_laid(places, found, done)}
+        new = {**_alone(places, detected, done), **_laid(places, detected, done)}
         new = {pair: k for pair, k in new.items() if k not in used and (pair, k) not in refused}
         if not new and number > 0:
             break
-        whole = with_targets(block, found, {**taken, **new})
+        whole = with_targets(block, detected, {**taken, **new})
         try:
             comparison = compared_marks(whole, settings)
         except AdjustmentError:  # of what was taken last, for the block itself is determined
@@ -90,7 +93,7 @@ def assigned_targets(
     return Assignment(taken, comparison)
 
 
-def with_targets(block: Block, found: FoundTargets, target: Mapping[Pair, int]) -> Block:
+def with_targets(block: Block, detected: DetectedTargets, target: Mapping[Pair, int]) -> Block:
     """Return a block with the marks that it has, and those of targets taken for its points."""
     points, pairs = block.control_points, sorted(target)
     k = np.array([target[pair] for pair in pairs], dtype=np.int64)
@@ -98,8 +101,8 @@ def with_targets(block: Block, found: FoundTargets, target: Mapping[Pair, int]) 
         points,
         mark_point=np.concatenate([points.mark_point, np.array([g for g, _ in pairs], dtype=np.int64)]),
         mark_photograph=np.concatenate([points.mark_photograph, np.array([i for _, i in pairs], dtype=np.int64)]),
-        mark_pixel=np.concatenate([points.mark_pixel, found.pixel[k].reshape(-1, 2)]),
-        mark_sigma_px=np.concatenate([points.mark_sigma_px, found.sigma_px[k]]),
+        mark_pixel=np.concatenate([points.mark_pixel, detected.pixel[k].reshape(-1, 2)]),
+        mark_sigma_px=np.concatenate([points.mark_sigma_px, detected.sigma_px[k]]),
     )
     return replace(block, control_points=made)
 
@@ -114,13 +117,13 @@ def _rejected(block: Block, comparison: MarkComparison) -> set[Pair]:
     }
 
 
-def _alone(places: PredictedPlaces, found: FoundTargets, taken: set[Pair]) -> dict[Pair, int]:
+def _alone(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair]) -> dict[Pair, int]:
     """Return the targets that lie alone in the ellipse of a place, and in no other's of their photograph."""
     fits: dict[Pair, list[int]] = {}
     claimed: dict[int, int] = {}
     radius = places.radius_px
     for p, (g, i) in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True)):
-        for k in _within(places, p, found):
+        for k in _within(places, p, detected):
             fits.setdefault((g, i), []).append(k)
             claimed[k] = claimed.get(k, 0) + 1
     narrow = {(int(places.point[p]), int(places.photograph[p])) for p in np.flatnonzero(radius <= SURE_PX).tolist()}
@@ -131,27 +134,27 @@ def _alone(places: PredictedPlaces, found: FoundTargets, taken: set[Pair]) -> di
     }
 
 
-def _within(places: PredictedPlaces, place: int, found: FoundTargets) -> list[int]:
+def _within(places: PredictedPlaces, place: int, detected: DetectedTargets) -> list[int]:
     """Return the targets that may be the point of a place."""
-    own = np.flatnonzero(found.photograph == places.photograph[place])
+    own = np.flatnonzero(detected.photograph == places.photograph[place])
     if not len(own):
         return []
-    off = found.pixel[own] - places.pixel[place]
-    spread = places.covariance_px2[place] + found.sigma_px[own, None, None] ** 2 * np.eye(2)
+    off = detected.pixel[own] - places.pixel[place]
+    spread = places.covariance_px2[place] + detected.sigma_px[own, None, None] ** 2 * np.eye(2)
     T = np.einsum("ki,ki->k", off, np.linalg.solve(spread, off[..., None])[..., 0])
     return [int(k) for k in own[T < WITHIN]]
 
 
-def _laid(places: PredictedPlaces, found: FoundTargets, taken: set[Pair]) -> dict[Pair, int]:
+def _laid(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair]) -> dict[Pair, int]:
     """Return the targets of each photograph that fit its places when these are moved together."""
     pairs: dict[Pair, int] = {}
-    for i in np.unique(found.photograph).tolist():
+    for i in np.unique(detected.photograph).tolist():
         own = [p for p in np.flatnonzero(places.photograph == i).tolist() if (int(places.point[p]), i) not in taken]
         best: dict[int, int] = {}
         least = np.inf
         for p in own:
-            for k in _within(places, p, found):
-                fitted, off = _fitted(places, own, p, found, k)
+            for k in _within(places, p, detected):
+                fitted, off = _fitted(places, own, p, detected, k)
                 if len(fitted) >= LAID and (len(fitted), -off) > (len(best), -least):
                     best, least = fitted, off
         pairs.update({(int(places.point[p]), i): k for p, k in best.items()})
@@ -159,13 +162,13 @@ def _laid(places: PredictedPlaces, found: FoundTargets, taken: set[Pair]) -> dic
 
 
 def _fitted(
-    places: PredictedPlaces, own: list[int], on: int, found: FoundTargets, target: int
+    places: PredictedPlaces, own: list[int], on: int, detected: DetectedTargets, target: int
 ) -> tuple[dict[int, int], float]:
     """Return the nearest target of each place of a photograph, all places moved by what lays one on a target, and how
     far off these are in all, px."""
-    there = np.flatnonzero(found.photograph == places.photograph[on])
-    moved = places.pixel[own] + found.pixel[target] - places.pixel[on]
-    off = np.linalg.norm(found.pixel[there][None] - moved[:, None], axis=2)
+    there = np.flatnonzero(detected.photograph == places.photograph[on])
+    moved = places.pixel[own] + detected.pixel[target] - places.pixel[on]
+    off = np.linalg.norm(detected.pixel[there][None] - moved[:, None], axis=2)
     reach = LAID_PX + LAID_SHARE * np.linalg.norm(places.pixel[own] - places.pixel[on], axis=1)
     fitted: dict[int, int] = {}
     total = 0.0

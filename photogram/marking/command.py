@@ -28,13 +28,13 @@ def mark(
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser, or only print its address.")
     ] = True,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, metavar="N", help="Port of the page; 0 takes any that is free.")
+        int, typer.Option(min=0, max=65535, metavar="N", help="Port of the page; 0 picks a free port.")
     ] = 0,
     propose: Annotated[
-        bool, typer.Option("--propose", help="Look for targets first; what is found counts once it is confirmed.")
+        bool, typer.Option("--propose", help="Detect targets first; detections are used only after confirmation.")
     ] = False,
     detect_only: Annotated[
-        bool, typer.Option("--detect-only", help="Look for targets, write proposals and pictures of them, and end.")
+        bool, typer.Option("--detect-only", help="Detect targets, write proposals and pictures of them, and end.")
     ] = False,
     export: Annotated[
         Path | None,
@@ -49,7 +49,7 @@ def mark(
         FormatName | None,
         typer.Option(
             "--format",
-            help="Format of the export; without it the file's name tells: gcp_list.txt, .xml, .csv.",
+            help="Format of the export; by default, that of the file's name: gcp_list.txt, .xml, .csv.",
             show_default=False,
         ),
     ] = None,

@@ -54,10 +54,10 @@ def gross_marks(block: Block, settings: AdjustmentSettings) -> list[Hypothesis] 
     problem = make_problem(part, settings)
     try:
         state = minimise(problem, start_state(problem.block, problem.flights), settings).state
-        found = covariances(problem, state)
+        covariance = covariances(problem, state)
     except IndeterminateError:
         return None
-    predicted = joint_marks(problem, state, found, place[points.mark_photograph[used]], points.mark_point[used])
+    predicted = joint_marks(problem, state, covariance, place[points.mark_photograph[used]], points.mark_point[used])
     off = points.mark_pixel[used] - predicted.pixel
     hidden = ~np.isfinite(off).all(axis=1)
     spread = np.repeat(points.mark_sigma_px[used] ** 2 + BENT**2 * np.sum(np.nan_to_num(off) ** 2, axis=1), 2)

@@ -1,4 +1,4 @@
-"""GNSS heights brought to the level of surveyed ground points, before any mark tells how far they are off.
+"""GNSS heights brought to the level of surveyed ground points, before any mark shows how far they are off.
 
 Barometric heights, and heights above a place of take-off that are taken for heights above the sea, are off by tens of
 metres, more than some flights are high: cameras then lie below the points that they show. What photographs do know is
@@ -31,10 +31,10 @@ def levelled(block: Block) -> Block:
     surveyed = points.position_world_m[np.isfinite(points.position_world_m).all(axis=1)]
     if len(points.mark_point) or not len(surveyed) or allowed_m <= 0.0:
         return block
-    found = _of_tie_points(block, surveyed) if len(block.tie_points) else _of_tags(block, surveyed)
-    if found is None or found[1] >= allowed_m:
+    rise = _of_tie_points(block, surveyed) if len(block.tie_points) else _of_tags(block, surveyed)
+    if rise is None or rise[1] >= allowed_m:
         return block
-    up, measured_up = np.array([0.0, 0.0, found[0]]), np.array([0.0, 0.0, found[0] + _over_gnss_m(block)])
+    up, measured_up = np.array([0.0, 0.0, rise[0]]), np.array([0.0, 0.0, rise[0] + _over_gnss_m(block)])
     return replace(
         block,
         photographs=tuple(
@@ -43,12 +43,12 @@ def levelled(block: Block) -> Block:
         ),
         poses=tuple(pose and replace(pose, position_world_m=pose.position_world_m + up) for pose in block.poses),
         tie_points=replace(block.tie_points, position_world_m=block.tie_points.position_world_m + up),
-        gnss_offset_sigma_m=np.array([*block.gnss_offset_sigma_m[:2], found[1]]),
+        gnss_offset_sigma_m=np.array([*block.gnss_offset_sigma_m[:2], rise[1]]),
     )
 
 
 def _over_gnss_m(block: Block) -> float:
-    """Return how much higher photographs lie than they were measured, which an adjustment may have found."""
+    """Return how much higher photographs lie than they were measured, which an adjustment may have estimated."""
     pairs = zip(block.photographs, block.poses, strict=True)
     above = [pose.position_world_m[2] - p.gnss_world_m[2] for p, pose in pairs if pose and p.gnss_world_m is not None]
     return float(np.median(above)) if above else 0.0
@@ -56,7 +56,7 @@ def _over_gnss_m(block: Block) -> float:
 
 def _of_tie_points(block: Block, surveyed: FloatArray) -> tuple[float, float] | None:
     """Return how much higher the surveyed points (G, 3) lie than the tie points around them, and the standard deviation
-    of that, m; None where no height above ground tells what relief to reckon with."""
+    of that, m; None where no height above ground says what relief to expect."""
     ground = block.tie_points.position_world_m
     count = min(AROUND, len(ground))
     near = np.asarray(cKDTree(ground[:, :2]).query(surveyed[:, :2], k=count)[1]).reshape(len(surveyed), count)

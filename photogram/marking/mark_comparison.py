@@ -49,7 +49,7 @@ MARKED = ("mark", "control point")
 
 @dataclass(frozen=True, eq=False)
 class ComparedMark:
-    """A mark (its number among the block's) beside where all others put it."""
+    """A mark (its number among the block's) and where all others put it."""
 
     mark: int
     off_px: FloatArray
@@ -74,7 +74,7 @@ class ComparedMark:
 
 @dataclass(frozen=True, eq=False)
 class MarkComparison:
-    """The marks of a block, each beside what the others say, what is wrong in words, and where points are to be looked
+    """The marks of a block, each with what the others say, what is wrong in words, and where points are to be looked
     for without what is wrong."""
 
     marks: tuple[ComparedMark, ...]
@@ -91,72 +91,74 @@ def compared_marks(block: Block, settings: AdjustmentSettings | None = None) -> 
     """
     settings = settings or AdjustmentSettings(estimate_sigmas=False)
     known = with_all_points(block)
-    found = _snooped(known, settings)
-    clean = without(known, found.rejected)
+    outcome = _snooped(known, settings)
+    clean = without(known, outcome.rejected)
     places = _numbered(predicted_places(clean, settings), known, block)
     sigma = np.full((len(block.control_points), 3), np.nan)
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     marked = set(known.control_points.mark_point.tolist())
-    for g, covariance in enumerate(found.result.ground_covariance_m2):
+    for g, covariance in enumerate(outcome.result.ground_covariance_m2):
         if g in marked:
             own = block.control_points.name.index(known.control_points.name[g])
             sigma[own] = np.sqrt(np.diag(axes.T @ covariance @ axes))
-    marks, blunders = tuple(_compared(block, known, found, places)), tuple(name_blunders(known, found))
+    marks, blunders = tuple(_compared(block, known, outcome, places)), tuple(name_blunders(known, outcome))
     return MarkComparison(marks, blunders, places, sigma)
 
 
 def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
     """Return the marks and coordinates that contradict the rest, and the adjustment without them.
 
-    What does so grossly is found first, since it would bend all adjustments. Where the block is not determined without
+    What does so grossly is rejected first: it would bend all adjustments. Where the block is not determined without
     its marks, the cheapest of the explanations is taken from all measurements, and from those that a robust adjustment
     does not find grossly off.
     """
 
     def believing_tags(block: Block) -> Adjustment:
         """Adjust without a test of the tags: what they have in common is estimated, and a photograph of few marks
-        could not tell a wrong mark from a wrong tag."""
+        could not distinguish a wrong mark from a wrong tag."""
         result = adjust(block, settings)
         r = result.reliability
         untested = replace(
-            r, gnss_left_out_m=np.full_like(r.gnss_left_out_m, np.nan), gnss_w=np.full_like(r.gnss_w, np.nan),
+            r,
+            gnss_left_out_m=np.full_like(r.gnss_left_out_m, np.nan),
+            gnss_w=np.full_like(r.gnss_w, np.nan),
             attitude_left_out_rad=np.full_like(r.attitude_left_out_rad, np.nan),
             focal_left_out_px=np.full_like(r.focal_left_out_px, np.nan),
-        )  # fmt: skip
+        )
         return replace(result, reliability=untested, held_flights=())
 
     gross = gross_marks(block, settings)
     if gross is not None:
-        found = _without_gross(block, simplified(gross), believing_tags)
-        suspected = len(found.rejected)
-        while len(wrong := _still_wrong(block, found, settings)) < suspected:
-            suspected, found = len(wrong), _without_gross(block, wrong, believing_tags)
-        return found
+        outcome = _without_gross(block, simplified(gross), believing_tags)
+        suspected = len(outcome.rejected)
+        while len(wrong := _still_wrong(block, outcome, settings)) < suspected:
+            suspected, outcome = len(wrong), _without_gross(block, wrong, believing_tags)
+        return outcome
     return _cheapest(block, settings, believing_tags)
 
 
 def _without_gross(block: Block, gross: Sequence[Hypothesis], adjuster: Adjuster) -> Search:
-    """Return what contradicts the rest beside what does so grossly, and that."""
+    """Return what contradicts the rest besides what does so grossly, and that."""
     rest = without(block, gross)
-    found = search(rest, adjuster(rest), adjuster)
+    outcome = search(rest, adjuster(rest), adjuster)
     grossly = {a.what for a in gross}
-    return Search((*gross, *(a for a in found.rejected if a.what not in grossly)), found.result)
+    return Search((*gross, *(a for a in outcome.rejected if a.what not in grossly)), outcome.result)
 
 
-def _still_wrong(block: Block, found: Search, settings: AdjustmentSettings) -> list[Hypothesis]:
+def _still_wrong(block: Block, outcome: Search, settings: AdjustmentSettings) -> list[Hypothesis]:
     """Return what was rejected without the marks and the coordinates that the adjustment without all of it predicts:
     far from its place a point that was exchanged bends the linearisation, and others with it."""
-    if not found.rejected:
+    if not outcome.rejected:
         return []
-    places = predicted_places(without(block, found.rejected), settings)
-    return [a for a in found.rejected if not _is_predicted(a, block, found, places)]
+    places = predicted_places(without(block, outcome.rejected), settings)
+    return [a for a in outcome.rejected if not _is_predicted(a, block, outcome, places)]
 
 
-def _is_predicted(a: Hypothesis, block: Block, found: Search, places: PredictedPlaces) -> bool:
+def _is_predicted(a: Hypothesis, block: Block, outcome: Search, places: PredictedPlaces) -> bool:
     """Return whether a rejected mark or point lies where the rest puts it."""
     points = block.control_points
     if a.kind == "control point":
-        return bool(chance_of_coordinates(a, points, found.result, 1.0) > np.log(REINSTATED))
+        return bool(chance_of_coordinates(a, points, outcome.result, 1.0) > np.log(REINSTATED))
     if a.kind != "mark":
         return False
     g, i = points.name.index(a.name), [p.name for p in block.photographs].index(str(a.photograph))
@@ -177,18 +179,18 @@ def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) 
 def _cheapest(block: Block, settings: AdjustmentSettings, adjuster: Adjuster) -> Search:
     gross = [a for a in grossly_off(block, settings) if a.kind in MARKED]
     ways = [way for way in (simplified(gross), whole_points(gross)) if way]
-    found, faults = [], []
+    searches, errors = [], []
     for suspects in [*ways, []]:
         try:
-            found.append(search(block, adjuster(without(block, suspects)), adjuster, suspects))
-            if suspects and len(found[-1].rejected) <= len(suspects):
+            searches.append(search(block, adjuster(without(block, suspects)), adjuster, suspects))
+            if suspects and len(searches[-1].rejected) <= len(suspects):
                 break  # what is grossly off explains everything
-        except AdjustmentError as fault:
-            faults.append(fault)
-    if not found:
-        raise faults[-1]
+        except AdjustmentError as error:
+            errors.append(error)
+    if not searches:
+        raise errors[-1]
     # two points that were exchanged are one mistake, not two
-    return min(found, key=lambda one: one.cost() - PRICE * len(exchanged_points(block, one)))
+    return min(searches, key=lambda one: one.cost() - PRICE * len(exchanged_points(block, one)))
 
 
 def _numbered(places: PredictedPlaces, known: Block, block: Block) -> PredictedPlaces:
@@ -197,12 +199,12 @@ def _numbered(places: PredictedPlaces, known: Block, block: Block) -> PredictedP
     return replace(places, point=number[places.point])
 
 
-def _compared(block: Block, known: Block, found: Search, places: PredictedPlaces) -> Iterator[ComparedMark]:
+def _compared(block: Block, known: Block, outcome: Search, places: PredictedPlaces) -> Iterator[ComparedMark]:
     points, names = block.control_points, [p.name for p in block.photographs]
-    rejected = {a.what for a in found.rejected}
+    rejected = {a.what for a in outcome.rejected}
     count = np.bincount(points.mark_point, minlength=len(points))
     at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
-    r, left = found.result.reliability, known.control_points
+    r, left = outcome.result.reliability, known.control_points
     of = {
         (left.name[g], int(i)): m
         for m, (g, i) in enumerate(zip(left.mark_point.tolist(), left.mark_photograph.tolist(), strict=True))

@@ -12,11 +12,11 @@ import numpy as np
 from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.formats import MapCrs, MarkFormat, format_of, write_points_and_marks, written_files
 from photogram.files.marks.mark_table import MARKS, text_of_marks
-from photogram.files.tables.surveyed_points import Mark, Place, PointRole, SurveyedPoint
+from photogram.files.tables.surveyed_points import Mark, MarkKey, PointRole, SurveyedPoint
 from photogram.geodesy.crs import crs_in_words, plan_of, product_crs, written_crs
 from photogram.geodesy.frames import map_from_crs, unit_from_map
 from photogram.geodesy.height_systems import first_wkt
-from photogram.marking.files.actions import MarkState, state_of, touched_places
+from photogram.marking.files.actions import MarkState, state_of, touched_keys
 from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL
 from photogram.pipeline.pipeline import load_project
@@ -62,11 +62,11 @@ def export_marks(
     overwrite: bool = False,
 ) -> ExportedMarks:
     """Write the points of a project and their marks for another program, in the format that the name of ``target``
-    tells unless ``form`` does.
+    implies unless ``form`` is given.
 
     Marks are those of the journal of marking, and those of the project at places that it does not know. Doubtful marks
     are left out; marks that contradict the others are not: that is for who marks to say. ``photographs`` is their
-    folder in place of the project's own. Raises ProjectError with every fault of the project, ControlPointError where
+    folder in place of the project's own. Raises ProjectError with every error of the project, ControlPointError where
     the format cannot hold something, WorkspaceError where a file is there and may not be overwritten, is one that the
     survey reads, or cannot be written, and where the journal is damaged.
     """
@@ -117,12 +117,12 @@ def _check_targets(survey: Project, files: Sequence[Path], overwrite: bool) -> N
 def _known(survey: Project) -> _Known:
     notes: list[str] = []
     actions = read_journal(survey.work / FOLDER / JOURNAL)
-    state, touched = state_of(actions), touched_places(actions)
+    state, touched = state_of(actions), touched_keys(actions)
     table = survey.path.parent / MARKS
     if actions and table.is_file() and table.read_bytes() != text_of_marks(state.marks.values()).encode():
         notes.append(f"{table} was changed since it was marked: the marks of the journal are exported, not the changes")
     points, bare = _points(survey, state)
-    given = [mark for mark in _given_marks(survey) if mark.place not in touched]
+    given = [mark for mark in _given_marks(survey) if mark.key not in touched]
     marks = _of_survey(survey, [*given, *state.marks.values()], {p.name for p in points} | bare, notes)
     return _Known(points, frozenset(bare), marks, notes)
 
@@ -133,35 +133,38 @@ def _given_marks(survey: Project) -> list[Mark]:
         Mark(point.name, survey.photographs[i].name, (float(u), float(v)), (float(s), float(s)), kind=kind)
         for point in survey.control_points
         for i, (u, v), s, kind in zip(
-            point.mark_photograph.tolist(), point.mark_pixel.tolist(), point.mark_sigma_px.tolist(), point.mark_kind,
+            point.mark_photograph.tolist(),
+            point.mark_pixel.tolist(),
+            point.mark_sigma_px.tolist(),
+            point.mark_kind,
             strict=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def _of_survey(survey: Project, marks: Iterable[Mark], names: set[str], notes: list[str]) -> tuple[Mark, ...]:
     """Return the marks of points and photographs that the survey has, and note the others."""
     photographs = {photograph.name for photograph in survey.photographs}
-    kept, strange = list[Mark](), list[Place]()
+    kept, strange = list[Mark](), list[MarkKey]()
     for mark in marks:
         known = mark.point in names and mark.photograph in photographs
         if known:
             kept.append(mark)
         else:
-            strange.append(mark.place)
+            strange.append(mark.key)
     if strange:
         places = some([f"{point} in {photograph}" for point, photograph in sorted(strange)])
         notes.append(f"left out, because the project has not the point or the photograph: {places}")
-    return tuple(sorted(kept, key=lambda mark: mark.place))
+    return tuple(sorted(kept, key=lambda mark: mark.key))
 
 
 def _points(survey: Project, state: MarkState) -> tuple[tuple[SurveyedPoint, ...], set[str]]:
     """Return the points with coordinates that are control or check points, and the names of all others."""
-    found = {point.name: _given_point(survey, point) for point in survey.control_points}
+    known_points = {point.name: _given_point(survey, point) for point in survey.control_points}
     for name, new in state.points.items():
-        former = found.get(name)
-        found[name] = _new_point(new, survey, None if former is None else former.role)
-    points = {name: _with_role(point, state.roles.get(name)) for name, point in found.items()}
+        former = known_points.get(name)
+        known_points[name] = _new_point(new, survey, None if former is None else former.role)
+    points = {name: _with_role(point, state.roles.get(name)) for name, point in known_points.items()}
     known = tuple(point for point in points.values() if point is not None)
     return known, {name for name, point in points.items() if point is None}
 

@@ -46,7 +46,7 @@ class MarkingSurvey:
 
     @property
     def marks(self) -> Path:
-        """The table of marks, beside the project file."""
+        """The table of marks, in the folder of the project file."""
         return self.project.path.parent / MARKS
 
     def lines_to_add(self) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ def open_marking(
     """Open a project for marking: from what is stored of its photographs, or from their tags alone, whose pixels are
     left to `photogram adjust`.
 
-    ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every fault of
+    ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every error of
     the file, and where it has no ground points; ImageError with every photograph that cannot be read; WorkspaceError
     while another photogram works on the survey.
     """
@@ -94,25 +94,28 @@ def _stored_block(run: Run) -> Block | None:
 def _block_of_tags(run: Run, progress: Progress) -> tuple[Block, dict[str, Stretch]]:
     """Return the block of what project and tags say of the photographs, and the stretches of cameras of more than 8
     bits, as the stage `photographs` makes both."""
-    project, notes, tags, faults = run.project, list[PhotographNote](), list[PhotographTags](), list[str]()
+    project = run.project
+    notes: list[PhotographNote] = []
+    tags: list[PhotographTags] = []
+    errors: list[str] = []
 
     def described(photograph: ProjectPhotograph) -> tuple[PhotographNote, PhotographTags] | str:
         camera = project.cameras[photograph.camera]
         try:
             own = read_leading_tags(photograph.path, (camera.width_px, camera.height_px))
             return photograph_note(photograph, own, measured_position(project, photograph, own)), own
-        except PhotogramError as fault:
-            return str(fault)
+        except PhotogramError as error:
+            return str(error)
 
-    for done, found in enumerate(run.executor.map(described, project.photographs), 1):
-        if isinstance(found, str):
-            faults.append(found)
+    for done, outcome in enumerate(run.executor.map(described, project.photographs), 1):
+        if isinstance(outcome, str):
+            errors.append(outcome)
         else:
-            notes.append(found[0])
-            tags.append(found[1])
+            notes.append(outcome[0])
+            tags.append(outcome[1])
         progress(done, len(project.photographs), project.photographs[done - 1].name)
-    if faults:
-        raise ImageError("\n".join(faults))
+    if errors:
+        raise ImageError("\n".join(errors))
     leave_out(project, notes, tags, run.executor)
     stretches = found_stretches(project, tags, run.executor)
     return block_of(project, measured_photographs(project, notes)), stretches
@@ -130,6 +133,6 @@ def adjusted_block(survey: MarkingSurvey) -> Block | None:
             if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
                 return None
             block = run.adjusted_block()
-        except DamagedStageError as fault:
-            raise WorkspaceError(f"{fault.path}: {fault.what}: photogram adjust makes it again") from fault
+        except DamagedStageError as error:
+            raise WorkspaceError(f"{error.path}: {error.what}: photogram adjust makes it again") from error
     return levelled(replace(block, tie_points=representative_points(block)))

@@ -2,7 +2,7 @@
 
 The block is adjusted with the marks that there are; a place that nobody has marked is then a function of its unknowns
 like any other (Förstner & Wrobel 2016, sec. 15.4). Without tie points that takes tenths of a second: two marks of two
-points tell a compass that is off, and all circles shrink at once.
+points show a compass that is off, and all circles shrink at once.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SURE = float(-2.0 * np.log(0.05))
 """Square of the radius of the ellipse, in standard deviations, that holds a place in 95 of 100."""
 
 NEAR_SHARE = 0.25
-"""Of the longer side of a picture, how far beside it a place may be predicted and still be looked at."""
+"""Of the longer side of a picture, how far outside of it a place may be predicted and still be looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class PredictedPlaces:
     photograph: IntArray
     """Number (K,) of the photograph."""
     pixel: FloatArray
-    """Its place (K, 2), px; it may lie beside the picture."""
+    """Its place (K, 2), px; it may lie outside of the picture."""
     covariance_px2: FloatArray
     """Covariance (K, 2, 2) of the place."""
     inside: BoolArray
@@ -72,13 +72,13 @@ def predicted_places(block: Block, settings: AdjustmentSettings | None = None) -
     problem = make_problem(known, settings)
     try:
         state = minimise(problem, start_state(problem.block, problem.flights), settings).state
-        found = covariances(problem, state)
-    except IndeterminateError as fault:
-        raise undetermined(problem, fault) from fault
+        joint = covariances(problem, state)
+    except IndeterminateError as error:
+        raise undetermined(problem, error) from error
     cameras = [c.with_parameters(q) for c, q in zip(known.cameras, state.parameters, strict=True)]
     poses = [Pose(R, C, v) for R, C, v in zip(state.rotation, state.position, state.velocity, strict=True)]
     photograph, point, inside = _pairs(known, cameras, poses, state.control)
-    pixel, covariance = predicted_marks(problem, state, found, photograph, point)
+    pixel, covariance = predicted_marks(problem, state, joint, photograph, point)
     whole = np.array([numbers[name] for name in known.control_points.name], dtype=np.int64)
     return PredictedPlaces(whole[point], kept[photograph], pixel, covariance, inside)
 
@@ -87,15 +87,15 @@ def _pairs(
     block: Block, cameras: Sequence[Camera], poses: Sequence[Pose], position_world_m: FloatArray
 ) -> tuple[IntArray, IntArray, BoolArray]:
     """Return photographs (K,), points (K,) and whether it is inside, of every point that lies in or near a picture."""
-    found = []
+    near_photographs = []
     for i, (own, pose) in enumerate(zip(block.camera_of.tolist(), poses, strict=True)):
         camera = cameras[own]
         pixel = project_points(camera, pose, position_world_m)
-        beside = NEAR_SHARE * max(camera.width_px, camera.height_px)
+        margin_px = NEAR_SHARE * max(camera.width_px, camera.height_px)
         size = np.array([camera.width_px, camera.height_px])
         with np.errstate(invalid="ignore"):
-            near = np.flatnonzero(np.all((pixel >= -beside) & (pixel <= size + beside), axis=1))
-        found.append(np.column_stack([np.full(len(near), i), near, camera.contains(pixel[near])]))
-    rows = np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
+            near = np.flatnonzero(np.all((pixel >= -margin_px) & (pixel <= size + margin_px), axis=1))
+        near_photographs.append(np.column_stack([np.full(len(near), i), near, camera.contains(pixel[near])]))
+    rows = np.concatenate(near_photographs) if near_photographs else np.zeros((0, 3), dtype=np.int64)
     rows = rows[np.lexsort((rows[:, 0], rows[:, 1]))].astype(np.int64)
     return rows[:, 0], rows[:, 1], rows[:, 2].astype(np.bool_)

@@ -12,7 +12,7 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Pose, unproject
 from photogram.sfm.marked_points import intersected_marks
-from photogram.survey import Block, ControlPoints
+from photogram.survey import Block, Role
 
 RELIEF_SHARE = 0.1
 """Standard deviation of the height of ground that nobody has measured, in flying heights."""
@@ -53,10 +53,9 @@ def with_all_points(block: Block) -> Block:
         one = np.isfinite(met[g]).all()
         position[g], sigma[g] = foot, (OPEN_M, OPEN_M, OPEN_M if one else relief_m)
         placed[g] = True
-    known = ControlPoints(
-        points.name, tuple("control" for _ in points.name), position, sigma, points.mark_photograph,
-        points.mark_point, points.mark_pixel, points.mark_sigma_px,
-    )  # fmt: skip
+    role: tuple[Role, ...] = tuple("control" for _ in points.name)
+    all_axes = np.zeros((0, 3), dtype=bool)
+    known = replace(points, role=role, position_world_m=position, sigma_m=sigma, controlled=all_axes)
     return replace(block, control_points=known.select(placed))
 
 
@@ -68,9 +67,10 @@ def _ground(block: Block, position_world_m: FloatArray) -> tuple[float, float]:
         level = float(np.median(position_world_m[:, 2]))
     else:
         below = [
-            float(pose.position_world_m[2] - p.height_above_ground_m) for p, pose in posed
+            float(pose.position_world_m[2] - p.height_above_ground_m)
+            for p, pose in posed
             if (p.height_above_ground_m or 0.0) > 0.0
-        ]  # fmt: skip
+        ]
         level = float(np.median(below)) if below else flown - 100.0
     spread = float(np.std(position_world_m[:, 2])) if len(position_world_m) > 1 else 0.0
     return level, max(spread, RELIEF_SHARE * abs(flown - level))

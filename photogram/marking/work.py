@@ -16,13 +16,13 @@ from photogram.marking.page.contact_sheet import write_contact_sheets
 from photogram.marking.page.patches import PatchReader
 from photogram.marking.page.proposing import proposed_marks
 from photogram.marking.page.server import ADDRESS, MarkServer
-from photogram.marking.page.session import MarkingSession, found_in_words
+from photogram.marking.page.session import MarkingSession, search_result
 from photogram.marking.page.snapping import Snapper
 from photogram.terminal.console import console, steps
 from photogram.wording import things
 
 CONTACT_SHEETS = "contact_sheets"
-"""Folder of the pictures of proposals, beside the journal."""
+"""Folder of the pictures of proposals, in the folder of the journal."""
 
 
 def run(project: Path, photographs: Path | None, browser: bool, port: int, propose: bool) -> None:
@@ -45,7 +45,7 @@ def run(project: Path, photographs: Path | None, browser: bool, port: int, propo
         if browser and not webbrowser.open(server.url):
             console.print("No browser found: open this address yourself.")
         _serve(server)
-        state = session.moment().state
+        state = session.snapshot().state
     console.print(
         f"Ended: {things(len(state.marks), 'mark')} in {escape(str(survey.marks))}. "
         f"Next: photogram adjust {escape(str(project))}",
@@ -60,11 +60,11 @@ def detect(project: Path, photographs: Path | None) -> None:
     survey = _opened(project, photographs)
     with _session(survey) as (session, patches):
         _look(session)
-        moment = session.moment()
+        snapshot = session.snapshot()
         folder = survey.journal.parent / CONTACT_SHEETS
-        sheets = write_contact_sheets(folder, moment.proposals.values(), session.numbers, patches)
-    per_point = [sum(name == point for name, _ in moment.proposals) for point in moment.roles]
-    for point, count in zip(moment.roles, per_point, strict=True):
+        sheets = write_contact_sheets(folder, snapshot.proposals.values(), session.numbers, patches)
+    per_point = [sum(name == point for name, _ in snapshot.proposals) for point in snapshot.roles]
+    for point, count in zip(snapshot.roles, per_point, strict=True):
         console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
     if sheets:
         console.print(f"Pictures: {escape(str(folder))}", soft_wrap=True)
@@ -82,14 +82,18 @@ def _opened(project: Path, photographs: Path | None) -> MarkingSurvey:
 
 @contextmanager
 def _session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReader]]:
-    """Open the session of a survey while the block runs, and say what was found in the way."""
+    """Open the session of a survey while the block runs, and say what was set aside."""
     block = survey.block
     sizes = [(block.cameras[p.camera].width_px, block.cameras[p.camera].height_px) for p in block.photographs]
     patches = PatchReader([p.path for p in survey.project.photographs], sizes, stretches=survey.stretches)
     session = MarkingSession(
-        block, survey.journal, survey.marks, Snapper(patches).centre, better=lambda: adjusted_block(survey),
+        block,
+        survey.journal,
+        survey.marks,
+        Snapper(patches).centre,
+        better=lambda: adjusted_block(survey),
         propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),
-    )  # fmt: skip
+    )
     try:
         if session.set_aside is not None:
             text = f"{survey.marks} was not written here: it is kept as {session.set_aside.name}"
@@ -103,17 +107,17 @@ def _session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReade
 def _look(session: MarkingSession) -> None:
     with steps("Targets") as progress:
         session.ask_for_better()
-        found = session.look(progress)
-    console.print(f"{found_in_words(found).capitalize()}.")
+        count = session.look(progress)
+    console.print(f"{search_result(count).capitalize()}.")
 
 
 def _server(session: MarkingSession, patches: PatchReader, title: str, port: int) -> MarkServer:
     try:
         return MarkServer(session, patches, title, port)
-    except OSError as fault:
+    except OSError as error:
         raise WorkspaceError(
-            f"port {port} of {ADDRESS} cannot be used ({fault.strerror}): give another with --port, or none"
-        ) from fault
+            f"port {port} of {ADDRESS} cannot be used ({error.strerror}): give another with --port, or none"
+        ) from error
 
 
 def _serve(server: MarkServer) -> None:

@@ -17,7 +17,7 @@ def run(project: Path, photographs: Path | None, target: Path, form: MarkFormat 
     written = export_marks(project, target, form, photographs=photographs, overwrite=overwrite)
     for note in written.notes:
         console.print(f"[yellow]warning[/yellow] {escape(note)}", soft_wrap=True, highlight=False)
-    held = f"{things(written.points, 'point')} in {written.crs}, {things(written.marks, 'mark')}"
-    console.print(f"Exported: {escape(held)}", soft_wrap=True, highlight=False)
+    content = f"{things(written.points, 'point')} in {written.crs}, {things(written.marks, 'mark')}"
+    console.print(f"Exported: {escape(content)}", soft_wrap=True, highlight=False)
     for file in written.files:
         console.print(escape(str(file)), soft_wrap=True, highlight=False)

@@ -35,7 +35,7 @@ from lib.marking_command import MarkCommand, Page, photogram, running
 
 from photogram.errors import PhotogramError
 from photogram.files.marks.mark_table import read_marks
-from photogram.files.tables.surveyed_points import Mark, Place
+from photogram.files.tables.surveyed_points import Mark, MarkKey
 from photogram.marking.files.actions import Action, PlaceMarks, RemoveMarks, state_of
 from photogram.marking.files.journal import read_journal
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
@@ -74,9 +74,9 @@ class Sent:
 class Tab:
     """What one tab did: what was answered last of each place, None for a removal, and what was not answered."""
 
-    places: list[Place]
-    answered: dict[Place, Sent | None] = field(default_factory=dict)
-    unanswered: tuple[Place, Sent | None] | None = None
+    places: list[MarkKey]
+    answered: dict[MarkKey, Sent | None] = field(default_factory=dict)
+    unanswered: tuple[MarkKey, Sent | None] | None = None
     actions: int = 0
     fault: str = ""
 
@@ -106,7 +106,7 @@ class Tab:
         finally:
             page.close()
 
-    def lost(self, marks: dict[Place, Mark]) -> int:
+    def lost(self, marks: dict[MarkKey, Mark]) -> int:
         """Return how many of the answered actions marks do not show; what was not answered may be done or not."""
         missing = 0
         for place, sent in self.answered.items():
@@ -115,7 +115,7 @@ class Tab:
             missing += not any(found is None if one is None else one.is_kept(found) for one in may_be)
         return missing
 
-    def settle(self, marks: dict[Place, Mark]) -> None:
+    def settle(self, marks: dict[MarkKey, Mark]) -> None:
         """Take what became of the unanswered action as it is."""
         if self.unanswered is None:
             return
@@ -159,26 +159,26 @@ def written_survey(folder: Path) -> tuple[Path, SimulatedSurvey]:
     return project, survey
 
 
-def steps_of(actions: tuple[Action, ...]) -> tuple[dict[Place, Mark], dict[Place, Mark]]:
+def steps_of(actions: tuple[Action, ...]) -> tuple[dict[MarkKey, Mark], dict[MarkKey, Mark]]:
     """Return the marks after all steps of a journal and before the last of them; undoing and doing again, which come in
     pairs here, change nothing."""
-    marks: dict[Place, Mark] = {}
-    before: dict[Place, Mark] = {}
+    marks: dict[MarkKey, Mark] = {}
+    before: dict[MarkKey, Mark] = {}
     for action in actions:
         if isinstance(action, PlaceMarks):
             before = dict(marks)
-            marks.update({mark.place: mark for mark in action.marks})
+            marks.update({mark.key: mark for mark in action.marks})
         elif isinstance(action, RemoveMarks):
             before = dict(marks)
-            for place in action.places:
+            for place in action.keys:
                 marks.pop(place, None)
     return marks, before
 
 
-def table_of(path: Path) -> dict[Place, Mark] | None:
+def table_of(path: Path) -> dict[MarkKey, Mark] | None:
     """Return the marks of a table, None where it is not whole."""
     try:
-        return {mark.place: mark for mark in read_marks(path)}
+        return {mark.key: mark for mark in read_marks(path)}
     except PhotogramError as fault:
         print(f"{path.name}: {fault}", flush=True)
         return None
@@ -187,7 +187,7 @@ def table_of(path: Path) -> dict[Place, Mark] | None:
 class Runs:
     """Runs that are killed, on one survey, each going on with what the one before has left."""
 
-    def __init__(self, project: Path, places: list[Place], seed: int) -> None:
+    def __init__(self, project: Path, places: list[MarkKey], seed: int) -> None:
         self._project, self._sums, self._rng = project, Sums(), random.Random(seed)
         self._tabs = [Tab(places[i::TABS]) for i in range(TABS)]
         self._marks, self._journal = project.with_name("marks.csv"), project.parent / "work/marking/journal.sqlite"
@@ -218,7 +218,7 @@ class Runs:
         return self._sums
 
     def _begin_marking(self, command: MarkCommand) -> None:
-        """Begin to mark in all tabs, and return at the moment of the kill."""
+        """Begin to mark in all tabs, and return at the snapshot of the kill."""
         port, token = self._start_and_check(command)
         first = threading.Event()
         self._threads = [
@@ -283,7 +283,7 @@ class Runs:
                 stream.write(last[: self._rng.randrange(1, FRAME_BYTES)])
             self._sums.torn += 1
 
-    def _compare(self, what: str, table: dict[Place, Mark] | None, marks: dict[Place, Mark]) -> None:
+    def _compare(self, what: str, table: dict[MarkKey, Mark] | None, marks: dict[MarkKey, Mark]) -> None:
         if table is None:
             return
         lost = sum(tab.lost(table) for tab in self._tabs)
@@ -291,7 +291,7 @@ class Runs:
             print(f"{what}: {lost} lost, {len(table)} marks where the journal has {len(marks)}", flush=True)
         self._sums.lost += lost or table != marks
 
-    def _table(self) -> dict[Place, Mark] | None:
+    def _table(self) -> dict[MarkKey, Mark] | None:
         if not self._marks.exists():
             return {}
         table = table_of(self._marks)

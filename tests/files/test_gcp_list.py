@@ -44,7 +44,7 @@ def test_round_trip(
     read = read_points(path)
     assert (read.crs, {p.name: p.position for p in read.points}) == (crs, places)
     assert [(m.point, m.photograph, m.pixel) for m in read.marks] == [
-        (*m.place, m.pixel) for m in sorted(marks, key=lambda m: m.place)
+        (*m.key, m.pixel) for m in sorted(marks, key=lambda m: m.key)
     ]
 
 

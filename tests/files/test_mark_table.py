@@ -33,7 +33,7 @@ some_marks = st.lists(
         st.booleans(),
     ),
     max_size=6,
-    unique_by=lambda mark: mark.place,
+    unique_by=lambda mark: mark.key,
 )
 HEADER = "point,photograph,u,v,sigma_u,sigma_v,rho,kind,time,raw_u,raw_v,doubtful\n"
 
@@ -43,14 +43,14 @@ HEADER = "point,photograph,u,v,sigma_u,sigma_v,rho,kind,time,raw_u,raw_v,doubtfu
 def test_round_trip(tmp_path_factory: pytest.TempPathFactory, marks: list[Mark], seed: int) -> None:
     folder = tmp_path_factory.mktemp("table")
     write_marks(folder / "marks.csv", marks)
-    assert read_marks(folder / "marks.csv") == tuple(sorted(marks, key=lambda mark: mark.place))
+    assert read_marks(folder / "marks.csv") == tuple(sorted(marks, key=lambda mark: mark.key))
     mixed = Random(seed).sample(marks, len(marks))
     write_marks(folder / "again.csv", mixed)
     assert (folder / "again.csv").read_bytes() == (folder / "marks.csv").read_bytes()
     if marks:
         found = control_files.read_marks(folder / "marks.csv")
-        assert [(m.place, m.pixel, m.sigma_px, m.rho) for m in found] == [
-            (m.place, m.pixel, m.sigma_px, m.rho) for m in read_marks(folder / "marks.csv")
+        assert [(m.key, m.pixel, m.sigma_px, m.rho) for m in found] == [
+            (m.key, m.pixel, m.sigma_px, m.rho) for m in read_marks(folder / "marks.csv")
         ]
         assert all(m.source.is_of_photogram for m in found)
 
@@ -63,7 +63,7 @@ def test_round_trip_of_proposals(
     path = tmp_path_factory.mktemp("table") / "proposals.csv"
     proposals = [Proposal(mark, score) for mark, score in zip(marks, scores, strict=False)]
     write_proposals(path, proposals)
-    assert read_proposals(path) == tuple(sorted(proposals, key=lambda proposal: proposal.mark.place))
+    assert read_proposals(path) == tuple(sorted(proposals, key=lambda proposal: proposal.mark.key))
     for reader in (read_marks, control_files.read_marks, control_files.read_points):
         with pytest.raises(ControlPointError) as raised:
             reader(path)

@@ -148,8 +148,8 @@ def test_round_trip(
     assert {p.name: (p.position, p.sigma_m, p.role) for p in read.points.points} == {
         p.name: (p.position, p.sigma_m, role) for p in points
     }
-    assert [(m.point, m.photograph, m.pixel) for m in read.points.marks] == [(*m.place, m.pixel) for m in marks]
-    assert [(m.point, m.photograph, m.pixel) for m in read.proposals] == [(*m.place, m.pixel) for m in proposals]
+    assert [(m.point, m.photograph, m.pixel) for m in read.points.marks] == [(*m.key, m.pixel) for m in marks]
+    assert [(m.point, m.photograph, m.pixel) for m in read.proposals] == [(*m.key, m.pixel) for m in proposals]
     assert read.points.crs == "EPSG:32632"
     assert set(read.without_position) == {name for name in others if name not in places}
 

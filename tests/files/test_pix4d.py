@@ -23,14 +23,14 @@ pixels = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
 @given(
     marks=st.lists(
         st.builds(Mark, letters, letters.map(lambda t: f"{t}.JPG"), pixels, st.just((0.3, 0.4))),
-        min_size=1, max_size=6, unique_by=lambda mark: mark.place,
+        min_size=1, max_size=6, unique_by=lambda mark: mark.key,
     ),
     with_accuracy=st.booleans(),
 )  # fmt: skip
 def test_round_trip(tmp_path_factory: pytest.TempPathFactory, marks: list[Mark], with_accuracy: bool) -> None:
     path = tmp_path_factory.mktemp("pix4d") / "marks.txt"
     write_pix4d_marks(path, marks, with_accuracy)
-    ordered = sorted(marks, key=lambda mark: mark.place)
+    ordered = sorted(marks, key=lambda mark: mark.key)
     assert [(m.point, m.photograph, m.pixel) for m in read_marks(path)] == [
         (m.point, m.photograph, m.pixel) for m in ordered
     ]

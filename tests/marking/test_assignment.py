@@ -11,15 +11,13 @@ from makers import simulated, without_marks
 from photogram.arrays import FloatArray
 from photogram.camera import project_points
 from photogram.errors import AdjustmentError
-from photogram.marking.assignment import SURE_PX, FoundTargets, Pair, assigned_targets, with_targets
+from photogram.marking.assignment import SURE_PX, DetectedTargets, Pair, assigned_targets, with_targets
 from photogram.marking.predictions import predicted_places
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
 
-WIDE = replace(
-    whole_survey_plan(), control_points=12, check_points=4, mark_sigma_px=0.1, heading_error_deg=4.0
-)  # fmt: skip
+WIDE = replace(whole_survey_plan(), control_points=12, check_points=4, mark_sigma_px=0.1, heading_error_deg=4.0)
 """Positions good to 2 m, attitudes to 1°, and a compass 4° off: every ellipse holds several targets."""
 NARROW = SurveyPlan(strips=2, photographs_per_strip=3, control_points=6, check_points=3, mark_sigma_px=0.1)
 """Held together by tie points."""
@@ -46,16 +44,16 @@ def true_places(made: SimulatedBlock) -> dict[Pair, FloatArray]:
     return places
 
 
-def targets(shown: dict[Pair, FloatArray], decoys: list[tuple[int, FloatArray]] | None = None) -> FoundTargets:
+def targets(shown: dict[Pair, FloatArray], decoys: list[tuple[int, FloatArray]] | None = None) -> DetectedTargets:
     """Targets with noise at these places, in their order, and decoys (photograph and place) after them."""
     decoys = decoys or []
     noise = SIGMA_PX * np.random.default_rng(5).standard_normal((len(shown), 2))
     pixel = np.array([*shown.values()]).reshape(-1, 2) + noise
     photograph = [i for _, i in shown] + [i for i, _ in decoys]
     beside = np.array([place for _, place in decoys]).reshape(-1, 2)
-    return FoundTargets(
+    return DetectedTargets(
         np.array(photograph, dtype=np.int64), np.vstack([pixel, beside]), np.full(len(photograph), SIGMA_PX)
-    )  # fmt: skip
+    )
 
 
 def decoys_of(made: SimulatedBlock, each: int, apart_px: float = 40.0) -> list[tuple[int, FloatArray]]:
@@ -74,13 +72,15 @@ def with_marks_of(made: SimulatedBlock, pairs: set[Pair]) -> Block:
     """The block of a survey with its marks of these points and photographs alone."""
     p = made.block.control_points
     keep = [
-        m for m, pair in enumerate(zip(p.mark_point.tolist(), p.mark_photograph.tolist(), strict=True))
-        if pair in pairs
-    ]  # fmt: skip
+        m for m, pair in enumerate(zip(p.mark_point.tolist(), p.mark_photograph.tolist(), strict=True)) if pair in pairs
+    ]
     few = replace(
-        p, mark_photograph=p.mark_photograph[keep], mark_point=p.mark_point[keep], mark_pixel=p.mark_pixel[keep],
+        p,
+        mark_photograph=p.mark_photograph[keep],
+        mark_point=p.mark_point[keep],
+        mark_pixel=p.mark_pixel[keep],
         mark_sigma_px=p.mark_sigma_px[keep],
-    )  # fmt: skip
+    )
     return replace(made.block, control_points=few)
 
 
@@ -137,9 +137,9 @@ def test_a_wide_ellipse_with_two_targets_alone_assigns_none(wide: SimulatedBlock
     places = predicted_places(block)
     k = int(np.argmax(places.radius_px * places.inside))
     i = int(places.photograph[k])
-    two = FoundTargets(
+    two = DetectedTargets(
         np.array([i, i], dtype=np.int64), places.pixel[k] + [[-8.0, 0.0], [8.0, 3.0]], np.full(2, SIGMA_PX)
-    )  # fmt: skip
+    )
     assert not assigned_targets(block, two).target
 
 

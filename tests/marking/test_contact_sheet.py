@@ -86,9 +86,7 @@ def test_a_patch_ends_with_its_photograph(patches: PatchReader, tmp_path: Path, 
     u = pixel[0] + (np.array([columns.min() - 0.5, columns.max() + 0.5]) - column) / ENLARGED
     v = pixel[1] + (np.array([rows.min() - 0.5, rows.max() + 0.5]) - row) / ENLARGED
     for found, at, size in ((u, pixel[0], SIZE[0]), (v, pixel[1], SIZE[1])):
-        np.testing.assert_allclose(
-            found, np.clip([at - HALF_PX, at + HALF_PX], -0.5, size - 0.5), atol=1.5 / ENLARGED
-        )  # fmt: skip
+        np.testing.assert_allclose(found, np.clip([at - HALF_PX, at + HALF_PX], -0.5, size - 0.5), atol=1.5 / ENLARGED)
     assert shows(picture, BESIDE).sum() > 0.4 * shown.sum()
 
 

@@ -59,9 +59,12 @@ def test_points_that_were_exchanged_are_found_as_points(block: Block) -> None:
     swap[[first, second]] = second, first
     order = np.lexsort((points.mark_photograph, swap[points.mark_point]))
     exchanged = replace(
-        points, mark_point=swap[points.mark_point][order], mark_photograph=points.mark_photograph[order],
-        mark_pixel=points.mark_pixel[order], mark_sigma_px=points.mark_sigma_px[order],
-    )  # fmt: skip
+        points,
+        mark_point=swap[points.mark_point][order],
+        mark_photograph=points.mark_photograph[order],
+        mark_pixel=points.mark_pixel[order],
+        mark_sigma_px=points.mark_sigma_px[order],
+    )
     of_points = {name for kind, name, _ in found(with_points(block, exchanged)) if kind == "control point"}
     assert of_points == {points.name[first], points.name[second]}
 
@@ -79,9 +82,12 @@ def test_a_coordinate_that_was_mistyped_is_its_point_s(block: Block) -> None:
 def test_without_marks_nothing_is_wrong(block: Block) -> None:
     nothing = np.zeros(0, dtype=np.int64)
     bare = replace(
-        block.control_points, mark_photograph=nothing, mark_point=nothing, mark_pixel=np.zeros((0, 2)),
+        block.control_points,
+        mark_photograph=nothing,
+        mark_point=nothing,
+        mark_pixel=np.zeros((0, 2)),
         mark_sigma_px=np.zeros(0),
-    )  # fmt: skip
+    )
     assert gross_marks(with_points(block, bare), SETTINGS) == []
 
 

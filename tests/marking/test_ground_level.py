@@ -32,11 +32,12 @@ def lowered(block: Block, by_m: float, heights: bool = True) -> Block:
     down = np.array([0.0, 0.0, -by_m])
     photographs = tuple(
         replace(
-            p, gnss_world_m=None if p.gnss_world_m is None else p.gnss_world_m + down,
+            p,
+            gnss_world_m=None if p.gnss_world_m is None else p.gnss_world_m + down,
             height_above_ground_m=80.0 if heights else None,
         )
         for p in block.photographs
-    )  # fmt: skip
+    )
     poses = tuple(p and Pose(p.rotation_world_from_camera, p.position_world_m + down) for p in block.poses)
     ties = replace(block.tie_points, position_world_m=block.tie_points.position_world_m + down)
     return replace(block, photographs=photographs, poses=poses, tie_points=ties, gnss_offset_sigma_m=OFFSET_SIGMA_M)

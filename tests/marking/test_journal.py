@@ -105,7 +105,7 @@ SOME: list[Action] = [
 def test_what_each_action_does() -> None:
     mark, other = Mark("A", "1.jpg", (1.0, 2.0)), Mark("A", "1.jpg", (5.0, 6.0), (0.2, 0.3), 0.1, "quartered")
     assert dict(state_of([PlaceMarks((mark,)), PlaceMarks((other,))]).marks) == {("A", "1.jpg"): other}
-    assert not state_of([PlaceMarks((mark,)), RemoveMarks((mark.place,))]).marks
+    assert not state_of([PlaceMarks((mark,)), RemoveMarks((mark.key,))]).marks
     hidden = state_of([PlaceMarks((mark,)), SetNotVisible("A", "1.jpg")])
     assert (len(hidden.marks), set(hidden.not_visible)) == (0, {("A", "1.jpg")})
     assert not state_of([SetNotVisible("A", "1.jpg"), SetNotVisible("A", "1.jpg", True)]).not_visible
@@ -114,7 +114,7 @@ def test_what_each_action_does() -> None:
     assert dict(state_of([SetRole("A", "check"), SetRole("A", "tie")]).roles) == {"A": "tie"}
     assert state_of([AddPoint(SurveyedPoint("N"))]).points["N"].position is None
     confirmed = state_of([ConfirmProposals((Proposal(mark, 0.5),))])
-    assert (confirmed.marks[mark.place], dict(confirmed.confirmed)) == (mark, {mark.place: 0.5})
+    assert (confirmed.marks[mark.key], dict(confirmed.confirmed)) == (mark, {mark.key: 0.5})
     assert not state_of([ConfirmProposals((Proposal(mark, 0.5),)), PlaceMarks((other,))]).confirmed
 
 
@@ -194,7 +194,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, done: list[Action]
     written(path, done)
     assert list(read_journal(path)) == done
     with Journal(path) as journal:
-        assert (journal.state, journal.sequence, list(journal.earlier)) == (state_of(done), len(done), done)
+        assert (journal.state, list(journal.earlier)) == (state_of(done), done)
 
 
 def test_every_truncation_of_the_log_gives_the_actions_before_it(tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_what_was_changed_from_outside_is_named(tmp_path: Path) -> None:
         ("not_visible", '{"point":"","photograph":"1"}', "point '': must be 1 to 255"),
         ("point", '{"point":{"name":"A","position":[1,2]}}', "required"),
         ("point", '{"point":{"name":"A","position":[1,true,2]}}', "Input should be a valid number"),
-        ("remove", '{"places":[["A"]]}', "required"),
+        ("remove", '{"keys":[["A"]]}', "required"),
     ],
 )
 def test_what_another_version_wrote(tmp_path: Path, kind: str, fields: str, expected: str) -> None:
@@ -357,7 +357,7 @@ import sys
 from pathlib import Path
 from photogram.marking.files.journal import Journal
 with Journal(Path(sys.argv[1])) as journal:
-    print(journal.sequence, flush=True)
+    print(len(journal.earlier), flush=True)
     sys.stdin.read()
 """
 
@@ -426,8 +426,9 @@ from photogram.marking.files.journal import Journal
 from photogram.files.marks.mark_table import write_marks
 folder = Path(sys.argv[1])
 with Journal(folder / "journal.sqlite") as journal:
+    number = len(journal.earlier)
     while True:
-        number = journal.append(PlaceMarks((Mark("A", f"{journal.sequence}.jpg", (1.5, 2.5)),)))
+        number = journal.append(PlaceMarks((Mark("A", f"{number}.jpg", (1.5, 2.5)),)))
         print(number, flush=True)
         write_marks(folder / "marks.csv", journal.state.marks.values())
 """
@@ -449,6 +450,6 @@ def test_a_killed_process_leaves_no_half_file(tmp_path: Path) -> None:
         done = read_journal(tmp_path / "journal.sqlite")
         assert len(done) >= told  # whatever was told to be on the disk is there
         if (tmp_path / "marks.csv").exists():
-            held = {mark.place for mark in read_marks(tmp_path / "marks.csv")}
+            held = {mark.key for mark in read_marks(tmp_path / "marks.csv")}
             assert held <= set(state_of(done).marks)
             assert len(held) >= told - 1

@@ -40,9 +40,11 @@ def test_nobody_is_accused_where_all_marks_are_right() -> None:
 def test_a_mark_on_the_neighbouring_target_is_named_with_the_point_that_it_fits() -> None:
     points = survey(2).control_points
     both = next(
-        (a, b) for a in range(len(points.mark_point)) for b in range(len(points.mark_point))
+        (a, b)
+        for a in range(len(points.mark_point))
+        for b in range(len(points.mark_point))
         if points.mark_photograph[a] == points.mark_photograph[b] and points.mark_point[a] < points.mark_point[b]
-    )  # fmt: skip
+    )
     pixel = points.mark_pixel.copy()
     pixel[both[0]] = pixel[both[1]] + 0.2
     found = told(2, replace(points, mark_pixel=pixel))
@@ -67,10 +69,16 @@ def test_of_exchanged_points_both_are_named_and_no_mark(seed: int, pair: tuple[i
     number[list(pair)] = pair[::-1]
     swapped = number[points.mark_point]
     order = np.argsort(swapped, kind="stable")
-    found = told(seed, replace(
-        points, mark_point=swapped[order], mark_photograph=points.mark_photograph[order],
-        mark_pixel=points.mark_pixel[order], mark_sigma_px=points.mark_sigma_px[order],
-    ))  # fmt: skip
+    found = told(
+        seed,
+        replace(
+            points,
+            mark_point=swapped[order],
+            mark_photograph=points.mark_photograph[order],
+            mark_pixel=points.mark_pixel[order],
+            mark_sigma_px=points.mark_sigma_px[order],
+        ),
+    )
     assert {name for blunder in found.blunders for name in blunder.points} == {points.name[g] for g in pair}
     assert not [compared.mark for compared in found.marks if compared.rejected]
 

@@ -25,7 +25,7 @@ from photogram.marking.files.actions import (
     SetNotVisible,
     SetRole,
     Undo,
-    touched_places,
+    touched_keys,
 )
 from photogram.marking.files.journal import Journal
 from photogram.marking.mark_export import ExportedMarks, export_marks
@@ -35,8 +35,11 @@ from photogram.project.project import Project
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 Pixels = dict[tuple[str, str], tuple[float, float]]
 NAMES: dict[MarkFormat, str] = {
-    "gcp_list": "gcp_list.txt", "metashape": "markers.xml", "pix4d": "pix4d.txt", "csv": "marked.csv",
-}  # fmt: skip
+    "gcp_list": "gcp_list.txt",
+    "metashape": "markers.xml",
+    "pix4d": "pix4d.txt",
+    "csv": "marked.csv",
+}
 
 
 def given(project: Project) -> tuple[dict[str, tuple[float, ...]], Pixels]:
@@ -141,11 +144,16 @@ def test_marks_of_the_journal_come_before_those_of_the_project(survey: Path) -> 
     _, pixels = given(load_project(survey / "project.yaml"))
     (moved, removed, hidden, doubtful, *rest) = sorted(pixels)
     journal(
-        survey, PlaceMarks((mark(*moved),)), RemoveMarks((removed,)), SetNotVisible(*hidden),
-        PlaceMarks((mark(*doubtful, is_doubtful=True),)), PlaceMarks((mark(*rest[0]),)), Undo(),
-    )  # fmt: skip
+        survey,
+        PlaceMarks((mark(*moved),)),
+        RemoveMarks((removed,)),
+        SetNotVisible(*hidden),
+        PlaceMarks((mark(*doubtful, is_doubtful=True),)),
+        PlaceMarks((mark(*rest[0]),)),
+        Undo(),
+    )
     written = exported(survey)
-    found = {m.place: m for m in read_mark_table(survey / "marked.csv")}
+    found = {m.key: m for m in read_mark_table(survey / "marked.csv")}
     assert found[moved] == mark(*moved)
     assert {removed, hidden, doubtful}.isdisjoint(found)
     assert rest[0] not in found, "undone, and the journal knows the place: as the next session would have it"
@@ -238,10 +246,14 @@ def test_nothing_is_exported_from_a_damaged_journal(survey: Path) -> None:
 def test_every_place_that_was_ever_marked_or_cleared_is_known() -> None:
     a, b, c, d = (("A", f"{n}.jpg") for n in range(4))
     actions = (
-        PlaceMarks((mark(*a),)), Undo(), RemoveMarks((b,)), SetNotVisible(*c),
-        ConfirmProposals((Proposal(mark(*d), 1.0),)), SetRole("A", "check"),
-    )  # fmt: skip
-    assert touched_places(actions) == {a, b, c, d}
+        PlaceMarks((mark(*a),)),
+        Undo(),
+        RemoveMarks((b,)),
+        SetNotVisible(*c),
+        ConfirmProposals((Proposal(mark(*d), 1.0),)),
+        SetRole("A", "check"),
+    )
+    assert touched_keys(actions) == {a, b, c, d}
 
 
 # ---- files that are there, and formats -------------------------------------------------------------------------------

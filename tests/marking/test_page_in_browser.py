@@ -83,7 +83,7 @@ class Page:
             self.mouse(kind, x, y)
 
     def kept(self) -> dict[tuple[str, str], tuple[float, float]]:
-        return {mark.place: mark.pixel for mark in read_marks(self.marks)}
+        return {mark.key: mark.pixel for mark in read_marks(self.marks)}
 
     def keys(self, *keys: str) -> None:
         ActionChains(self.browser).send_keys(*keys).perform()
@@ -95,7 +95,7 @@ class Page:
         return float(one) / float(other)
 
     def steps(self) -> int:
-        return self.server.session.moment().undoable
+        return self.server.session.snapshot().undoable
 
 
 @pytest.fixture(scope="module")
@@ -197,11 +197,11 @@ def test_keys_alone_mark_move_and_take_back(page: Page) -> None:
     second = page.js("return document.activeElement.dataset.photograph")
     assert second not in (None, first)
     page.keys("v")
-    wait(lambda: (point, second) in session.moment().state.not_visible)
+    wait(lambda: (point, second) in session.snapshot().state.not_visible)
     page.keys("c")
-    wait(lambda: session.moment().roles[point] == "check")
+    wait(lambda: session.snapshot().roles[point] == "check")
     page.keys("k")
-    wait(lambda: session.moment().roles[point] == "control")
+    wait(lambda: session.snapshot().roles[point] == "control")
     ActionChains(page.browser).key_down(Keys.SHIFT).send_keys(Keys.ENTER).key_up(Keys.SHIFT).perform()
     page.keys("x")
     wait(lambda: (point, first) not in page.kept())

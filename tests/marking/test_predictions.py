@@ -22,9 +22,12 @@ def first_marks(points: ControlPoints, of_points: int, each: int) -> ControlPoin
     nothing = np.zeros(0, dtype=np.int64)
     keep = np.concatenate([nothing, *(np.flatnonzero(points.mark_point == g)[:each] for g in range(of_points))])
     return replace(
-        points, mark_photograph=points.mark_photograph[keep], mark_point=points.mark_point[keep],
-        mark_pixel=points.mark_pixel[keep], mark_sigma_px=points.mark_sigma_px[keep],
-    )  # fmt: skip
+        points,
+        mark_photograph=points.mark_photograph[keep],
+        mark_point=points.mark_point[keep],
+        mark_pixel=points.mark_pixel[keep],
+        mark_sigma_px=points.mark_sigma_px[keep],
+    )
 
 
 def judged(block: Block, made: ControlPoints) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,7 @@ from PIL import Image
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import project_points
 from photogram.errors import AdjustmentError, ImageError, PhotogramError
-from photogram.files.tables.surveyed_points import Place, Proposal
+from photogram.files.tables.surveyed_points import MarkKey, Proposal
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
 from photogram.marking.page.proposing import AROUND_PX, Box, SearchState, TargetSearch, merged, proposed_marks
 from photogram.marking.page.snapping import LENS_PX
@@ -29,9 +29,17 @@ from photogram.survey import Block
 from photogram.wording import Progress
 
 PLAN = SurveyPlan(
-    width_px=600, height_px=450, focal_px=900.0, strips=2, photographs_per_strip=2, control_points=4, check_points=2,
-    mark_sigma_px=0.1, gnss_offset_sigma_m=(0.02, 0.02, 0.02), calibration_sigmas=(1.0, 0.5, 0.5, *(0.0,) * 8),
-)  # fmt: skip
+    width_px=600,
+    height_px=450,
+    focal_px=900.0,
+    strips=2,
+    photographs_per_strip=2,
+    control_points=4,
+    check_points=2,
+    mark_sigma_px=0.1,
+    gnss_offset_sigma_m=(0.02, 0.02, 0.02),
+    calibration_sigmas=(1.0, 0.5, 0.5, *(0.0,) * 8),
+)
 RADIUS_PX, FINER = 11.0, 8
 """Of a target; points along the side of a pixel."""
 DISPLACED_PX = (24.0, -18.0)
@@ -45,9 +53,9 @@ class Shown:
     made: SimulatedBlock
     block: Block
     patches: PatchReader
-    places: dict[Place, FloatArray]
+    places: dict[MarkKey, FloatArray]
     """Where targets are, by point and photograph: true places."""
-    missing: Place
+    missing: MarkKey
     """Where there is none, but a decoy beside it."""
 
 
@@ -79,8 +87,8 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
     folder, rng = tmp_path_factory.mktemp("photographs"), np.random.default_rng(6)
     made = simulated(PLAN, tie_points=150)
     truth, names = made.truth, made.block.control_points.name
-    places: dict[Place, FloatArray] = {}
-    missing: Place | None = None
+    places: dict[MarkKey, FloatArray] = {}
+    missing: MarkKey | None = None
     paths = []
     for i, (pose, photograph) in enumerate(zip(truth.poses, made.block.photographs, strict=True)):
         grey = 110.0 + 25.0 * cv2.GaussianBlur(rng.normal(size=(PLAN.height_px, PLAN.width_px)), (0, 0), 3.0)
@@ -110,17 +118,19 @@ def proposals(shown: Shown) -> tuple[Proposal, ...]:
     return proposed_marks(shown.block, shown.patches)
 
 
-def with_mark(shown: Shown, *places: Place) -> Block:
+def with_mark(shown: Shown, *places: MarkKey) -> Block:
     """The block with marks at true places."""
     points, names = shown.block.control_points, [p.name for p in shown.block.photographs]
     pairs = sorted(
         (points.name.index(point), names.index(photograph), (point, photograph)) for point, photograph in places
     )
     marked = replace(
-        points, mark_point=np.array([g for g, _, _ in pairs], dtype=np.int64),
+        points,
+        mark_point=np.array([g for g, _, _ in pairs], dtype=np.int64),
         mark_photograph=np.array([i for _, i, _ in pairs], dtype=np.int64),
-        mark_pixel=np.array([shown.places[place] for _, _, place in pairs]), mark_sigma_px=np.full(len(pairs), 0.1),
-    )  # fmt: skip
+        mark_pixel=np.array([shown.places[place] for _, _, place in pairs]),
+        mark_sigma_px=np.full(len(pairs), 0.1),
+    )
     return replace(shown.block, control_points=marked)
 
 
@@ -132,7 +142,7 @@ def test_all_targets_are_proposed_at_their_places_and_no_decoy_is(
 ) -> None:
     """A third of the targets are of the points; one decoy lies beside the ellipse of a place, within the patch."""
     assert np.hypot(*DISPLACED_PX) > 2.0 * float(predicted_places(shown.block).radius_px.max())
-    found = {proposal.mark.place: proposal for proposal in proposals}
+    found = {proposal.mark.key: proposal for proposal in proposals}
     assert len(found) == len(proposals)
     assert set(found) == set(shown.places)
     assert len(found) > 8
@@ -151,10 +161,12 @@ def test_nothing_is_proposed_where_a_point_is_marked_or_hidden(shown: Shown) -> 
     reported: list[tuple[int, int]] = []
     unknown = {("?", hidden[1]), (hidden[0], "?.jpg")}
     found = proposed_marks(
-        with_mark(shown, marked), shown.patches, frozenset({hidden, *unknown}),
+        with_mark(shown, marked),
+        shown.patches,
+        frozenset({hidden, *unknown}),
         lambda done, total, _: reported.append((done, total)),
-    )  # fmt: skip
-    assert {proposal.mark.place for proposal in found} == set(shown.places) - {marked, hidden}
+    )
+    assert {proposal.mark.key for proposal in found} == set(shown.places) - {marked, hidden}
     total = reported[-1][1]
     assert reported == [(n + 1, total) for n in range(total)]
     assert total <= len(predicted_places(shown.block).point) - 2
@@ -181,8 +193,11 @@ def test_what_cannot_be_looked_at_is_said(shown: Shown, tmp_path: Path) -> None:
 
 BOX = st.builds(
     lambda x, y, width, height: (x, y, x + width, y + height),
-    st.integers(-200, 2000), st.integers(-200, 2000), st.integers(1, 400), st.integers(1, 400),
-)  # fmt: skip
+    st.integers(-200, 2000),
+    st.integers(-200, 2000),
+    st.integers(1, 400),
+    st.integers(1, 400),
+)
 
 
 def area(box: Box) -> int:

@@ -133,7 +133,7 @@ def test_what_is_done_is_done_and_what_cannot_be_says_why(server: MarkServer) ->
         ({"do": "mark", "point": "?", "photograph": photograph, "u": 1, "v": 0}, "no point"),
         ({"do": "role", "point": point, "role": "king"}, "role"),
         ({"do": "point", "name": "a\nb"}, "printable"),
-        ({"do": "fly"}, "nothing is called"),
+        ({"do": "fly"}, "unknown action"),
         ({}, "do must be a text"),
     ):
         status, answer = act(server, **wrong)
@@ -184,7 +184,7 @@ def test_the_first_point_is_read_before_anybody_asks(tmp_path: Path) -> None:
     with serving(tmp_path, Noting) as server:
         assert noted.empty()
         server.session.start()
-        assert server.session.wait_for_outlook()
+        assert server.session.wait_for_assessment()
         view = server.views.point(str(server.views.state()["first"]))
         shown = [server.session.numbers[one["name"]] for one in view["photographs"][: FIRST_SHOWN[0]] if one["inside"]]
         assert sorted(noted.get(timeout=20.0) for _ in shown) == sorted(shown)

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from makers import in_best_photograph, marks_of, reckoned, without_marks
+from makers import in_best_photograph, marks_of, wait_until_assessed, without_marks
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.mark_table import read_marks
 from photogram.files.tables.surveyed_points import IMPORTED, SurveyedPoint
 from photogram.marking.files.journal import read_journal
-from photogram.marking.page.outlook import marked_block
+from photogram.marking.page.assessment import marked_block
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Click, Snapped
 from photogram.marking.tagged_block import tagged_block
@@ -45,9 +45,12 @@ def test_a_mark_is_in_journal_and_table_when_it_is_answered(session: MarkingSess
     name, photograph = session.block.control_points.name[0], session.block.photographs[0].name
     session.mark(name, photograph, (100.25, 50.5))
     (mark,) = read_marks(tmp_path / "marks.csv")
-    assert (mark.place, mark.pixel, mark.raw_pixel, mark.kind) == (
-        (name, photograph), (100.25, 50.5), (100.25, 50.5), "raw",
-    )  # fmt: skip
+    assert (mark.key, mark.pixel, mark.raw_pixel, mark.kind) == (
+        (name, photograph),
+        (100.25, 50.5),
+        (100.25, 50.5),
+        "raw",
+    )
     assert mark.sigma_px == (1.0, 1.0)
     assert len(read_journal(tmp_path / "journal.sqlite")) == 1
     session.set_doubtful(name, photograph, True)
@@ -63,27 +66,27 @@ def test_a_mark_is_in_journal_and_table_when_it_is_answered(session: MarkingSess
     session.redo()
     assert read_marks(tmp_path / "marks.csv") == (mark,)
     session.remove(name, photograph)
-    assert not session.moment().state.marks
+    assert not session.snapshot().state.marks
 
 
 def test_marks_of_the_project_are_taken_over_once_and_not_undone(whole: Block, tmp_path: Path) -> None:
     files = tmp_path / "journal.sqlite", tmp_path / "marks.csv"
     first = MarkingSession(whole, *files)
-    assert len(first.moment().state.marks) == len(whole.control_points.mark_point)
-    assert {mark.kind for mark in first.moment().state.marks.values()} == {IMPORTED}
-    assert first.moment().undoable == 0
+    assert len(first.snapshot().state.marks) == len(whole.control_points.mark_point)
+    assert {mark.kind for mark in first.snapshot().state.marks.values()} == {IMPORTED}
+    assert first.snapshot().undoable == 0
     (point, photograph, _), other, *_ = marks_of(whole, 0)
     first.remove(point, photograph)
     first.mark(*other)
     first.close()
     again = MarkingSession(whole, *files)
-    state = again.moment().state
+    state = again.snapshot().state
     assert (point, photograph) not in state.marks
     assert state.marks[other[:2]].kind == "raw"
-    assert again.moment().undoable == 2
+    assert again.snapshot().undoable == 2
     for _ in range(5):
         again.undo()
-    assert len(again.moment().state.marks) == len(whole.control_points.mark_point)
+    assert len(again.snapshot().state.marks) == len(whole.control_points.mark_point)
     again.close()
 
 
@@ -133,8 +136,8 @@ def test_points_that_were_added_and_roles_are_in_the_block(session: MarkingSessi
     session.add_point(SurveyedPoint("manual"))
     session.set_role(own.name[0], "check")
     session.mark("manual", session.block.photographs[1].name, (5.0, 6.0))
-    moment = session.moment()
-    made = marked_block(session.block, moment.state, moment.roles, session.numbers).control_points
+    snapshot = session.snapshot()
+    made = marked_block(session.block, snapshot.state, snapshot.roles, session.numbers).control_points
     assert made.name == (*own.name, "new", "manual")
     assert made.role[0] == "check"
     np.testing.assert_allclose(made.position_world_m[len(own)], [1.0, 2.0, 3.0], atol=1e-6)
@@ -144,8 +147,8 @@ def test_points_that_were_added_and_roles_are_in_the_block(session: MarkingSessi
 
 def test_predictions_follow_the_marks_and_a_wrong_one_is_named(whole: Block, session: MarkingSession) -> None:
     session.start()
-    reckoned(session)
-    first = session.moment().outlook
+    wait_until_assessed(session)
+    first = session.snapshot().assessment
     assert first is not None
     assert first.places is not None
     for point in range(len(whole.control_points)):
@@ -153,8 +156,8 @@ def test_predictions_follow_the_marks_and_a_wrong_one_is_named(whole: Block, ses
             session.mark(*mark)
     name, photograph, (u, v) = in_best_photograph(whole)
     session.mark(name, photograph, (u + 30.0, v))
-    reckoned(session)
-    after = session.moment().outlook
+    wait_until_assessed(session)
+    after = session.snapshot().assessment
     assert after is not None
     assert after.places is not None
     assert np.median(after.places.radius_px) < 0.7 * np.median(first.places.radius_px)
@@ -216,7 +219,7 @@ def test_killed_at_any_moment_no_answered_mark_is_lost_and_no_file_is_half(tmp_p
         number, name = [line for line in said if line.endswith("\n")][-1].split()
         read_marks(tmp_path / "marks.csv")  # whole
         again = MarkingSession(without_marks(whole), tmp_path / "journal.sqlite", tmp_path / "marks.csv")
-        kept = {m.photograph: m.pixel[0] for m in again.moment().state.marks.values()}
+        kept = {m.photograph: m.pixel[0] for m in again.snapshot().state.marks.values()}
         table = {m.photograph: m.pixel[0] for m in read_marks(tmp_path / "marks.csv")}
         again.close()
         assert kept == table

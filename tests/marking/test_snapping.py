@@ -46,8 +46,13 @@ POSES = (pose(0.0, 0.0, 40.0, 0.0, 0.0), pose(4.0, -3.0, 44.0, 35.0, 3.0), pose(
 
 def plane(ground: FloatArray, seen_from: Pose, rng: np.random.Generator) -> ByteArray:
     """The plane at height 0 in a photograph: each pixel the mean of many points, with noise of 2 DN."""
-    K = np.array([[CAMERA.focal_px, 0.0, CAMERA.principal_point_px[0]],
-                  [0.0, CAMERA.focal_px, CAMERA.principal_point_px[1]], [0.0, 0.0, 1.0]])  # fmt: skip
+    K = np.array(
+        [
+            [CAMERA.focal_px, 0.0, CAMERA.principal_point_px[0]],
+            [0.0, CAMERA.focal_px, CAMERA.principal_point_px[1]],
+            [0.0, 0.0, 1.0],
+        ]
+    )
     R, C = seen_from.rotation_world_from_camera, seen_from.position_world_m
     from_ground = K @ R.T @ np.column_stack([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], -C])
     to_ground = np.array([[CELL_M, 0.0, -EXTENT_M], [0.0, -CELL_M, EXTENT_M], [0.0, 0.0, 1.0]])
@@ -114,9 +119,13 @@ def shown_at(photograph: int, place_m: tuple[float, float]) -> tuple[float, floa
 
 
 def click(
-    block: Block, photograph: int, pixel: tuple[float, float], *others: OtherMark,
-    reach_px: float = 10.0, position: tuple[float, float] | None = None,
-) -> Click:  # fmt: skip
+    block: Block,
+    photograph: int,
+    pixel: tuple[float, float],
+    *others: OtherMark,
+    reach_px: float = 10.0,
+    position: tuple[float, float] | None = None,
+) -> Click:
     """A click of a point that is known to a third of a metre, where it is known."""
     X = np.full(3, np.nan) if position is None else np.array([position[0] + 0.3, position[1] - 0.2, 0.1])
     return Click(block, photograph, pixel, reach_px, others, X)

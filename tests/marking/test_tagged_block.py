@@ -20,9 +20,12 @@ def marked(block: Block, marks: list[int]) -> Block:
     """The block with the marks of these numbers alone."""
     p = block.control_points
     few = replace(
-        p, mark_photograph=p.mark_photograph[marks], mark_point=p.mark_point[marks], mark_pixel=p.mark_pixel[marks],
+        p,
+        mark_photograph=p.mark_photograph[marks],
+        mark_point=p.mark_point[marks],
+        mark_pixel=p.mark_pixel[marks],
         mark_sigma_px=p.mark_sigma_px[marks],
-    )  # fmt: skip
+    )
     return replace(block, control_points=few)
 
 

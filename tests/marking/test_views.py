@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from makers import in_best_photograph, marks_of, reckoned, without_marks
+from makers import in_best_photograph, marks_of, wait_until_assessed, without_marks
 
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapped
-from photogram.marking.page.views import LEAST_SPAN_PX, Views, accused, said_beside, said_of, span_px
+from photogram.marking.page.views import LEAST_SPAN_PX, Views, accused, off_target_words, said_of, span_px
 from photogram.marking.tagged_block import tagged_block
 from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
@@ -30,10 +30,10 @@ def test_a_survey_before_between_and_after_its_marks(tmp_path: Path) -> None:
     names = [point["name"] for point in before["points"]]
     assert before["first"] == names[0]
     assert names == list(whole.control_points.name)
-    assert before["reckoning"]
+    assert before["computing"]
     assert views.point(names[0])["photographs"] == [], "it is not known yet, but will be"
     session.start()
-    reckoned(session)
+    wait_until_assessed(session)
     told = views.point(names[0])
     assert 0 < len(told["photographs"]) <= len(whole.photographs)
     assert told["span_px"] > LEAST_SPAN_PX
@@ -44,7 +44,7 @@ def test_a_survey_before_between_and_after_its_marks(tmp_path: Path) -> None:
             session.mark(*mark)
     wrong = in_best_photograph(whole)
     session.mark(wrong[0], wrong[1], (wrong[2][0] + 25.0, wrong[2][1]))
-    reckoned(session)
+    wait_until_assessed(session)
     after, point = views.state(), views.point(wrong[0])
     json.dumps([after, point, views.plan()], allow_nan=False)
     assert [p["name"] for p in after["points"] if p["wrong"]] == [wrong[0]]
@@ -64,9 +64,16 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
     views = Views(session)
     session.add_point(SurveyedPoint("roof"))
     assert views.state()["points"][-1] | {"words": ""} == {
-        "name": "roof", "role": "tie", "surveyed": False, "marks": 0, "proposals": 0, "wrong": False, "doubtful": 0,
-        "enough": False, "words": "",
-    }  # fmt: skip
+        "name": "roof",
+        "role": "tie",
+        "surveyed": False,
+        "marks": 0,
+        "proposals": 0,
+        "wrong": False,
+        "doubtful": 0,
+        "enough": False,
+        "words": "",
+    }
     assert "roof" not in [place["name"] for place in views.plan()["points"]]
     with pytest.raises(KeyError):
         views.point("cellar")
@@ -78,12 +85,12 @@ def test_who_owns_the_target_that_a_mark_is_on_is_innocent() -> None:
     assert accused(Blunder("exchanged points", ("P1", "P2"), None, "")) == ("P1", "P2")
 
 
-def test_words_of_a_click_beside_a_target() -> None:
+def test_words_of_a_click_off_a_target() -> None:
     mark = Mark("P1", "a.JPG", (100.0, 50.0))
     target = Snapped((103.0, 54.0), np.eye(2), "quartered")
-    assert said_beside(mark, target) == "5.0 px beside the centre of a target (quartered)"
+    assert off_target_words(mark, target) == "5.0 px off the centre of a target (quartered)"
     matched = Snapped((100.0, 45.0), np.eye(2), "matched")
-    assert said_beside(mark, matched) == "5.0 px beside what the other marks show"
+    assert off_target_words(mark, matched) == "5.0 px off what the other marks show"
 
 
 def test_a_point_that_tells_most_comes_next_and_none_that_has_enough(tmp_path: Path) -> None:
@@ -92,7 +99,7 @@ def test_a_point_that_tells_most_comes_next_and_none_that_has_enough(tmp_path: P
     session = MarkingSession(without_marks(block), tmp_path / "j", tmp_path / "marks.csv")
     views = Views(session)
     session.start()
-    reckoned(session)
+    wait_until_assessed(session)
     first, *others = block.control_points.name
     following = views.point(first)["next"]
     assert following in others

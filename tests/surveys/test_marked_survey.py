@@ -65,7 +65,7 @@ def test_a_new_user_marks_in_the_browser_and_gets_a_report(
         assert [p["name"] for p in state["points"] if p["wrong"]] == []
         hand.leave()
     marks = read_marks(tmp_path / "marks.csv")
-    assert {mark.place for mark in marks} == {(name, i) for name, places in truth.items() for i in places}
+    assert {mark.key for mark in marks} == {(name, i) for name, places in truth.items() for i in places}
     off = np.array([np.subtract(mark.pixel, truth[mark.point][mark.photograph]) for mark in marks])
     assert np.sqrt(np.mean(off**2)) < 0.45  # the known places are whole pixels: 0.29 px of it
 

@@ -36,7 +36,7 @@ def write_gcp_list(path: Path, crs: str, points: Sequence[SurveyedPoint], marks:
             f"{path}: a gcp_list.txt cannot name the CRS {crs!r}: give an EPSG code or a PROJ string"
         )
     position = {point.name: point.position for point in points if point.position is not None}
-    ordered = sorted(marks, key=lambda mark: mark.place)
+    ordered = sorted(marks, key=lambda mark: mark.key)
     bare = sorted({mark.point for mark in ordered} - set(position))
     if bare:
         raise ControlPointError(f"{path}: no coordinates of {some(bare)}, which a gcp_list.txt needs: leave them out")

@@ -60,7 +60,7 @@ def _write(path: Path, text: str) -> None:
 
 def text_of_marks(marks: Iterable[Mark]) -> str:
     """Return the table of marks, as ``write_marks`` writes it."""
-    return _text(COLUMNS, map(_cells, sorted(marks, key=lambda mark: mark.place)))
+    return _text(COLUMNS, map(_cells, sorted(marks, key=lambda mark: mark.key)))
 
 
 def write_marks(path: Path, marks: Iterable[Mark]) -> None:
@@ -71,7 +71,7 @@ def write_marks(path: Path, marks: Iterable[Mark]) -> None:
 def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
     """Write a table of proposals, whose first column says what they are. Raises WorkspaceError where it cannot be
     written."""
-    ordered = sorted(proposals, key=lambda proposal: proposal.mark.place)
+    ordered = sorted(proposals, key=lambda proposal: proposal.mark.key)
     rows = ([*_cells(p.mark), repr(float(p.score))] for p in ordered)
     _write(path, _text((PROPOSED, *COLUMNS[1:], "score"), rows))
 

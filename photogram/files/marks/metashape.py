@@ -214,7 +214,7 @@ def write_markers(
         )
     placed = sorted(
         [*((mark, "true") for mark in marks), *((mark, "false") for mark in proposals)],
-        key=lambda entry: entry[0].place,
+        key=lambda entry: entry[0].key,
     )
     own: dict[str, list[tuple[Mark, str]]] = {}
     for mark, pin in placed:

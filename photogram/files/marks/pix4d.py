@@ -95,8 +95,8 @@ def write_pix4d_marks(path: Path, marks: Iterable[Mark], with_accuracy: bool = F
     no place in it. Raises ControlPointError where the file cannot hold a name, or a mark has no standard deviation, and
     WorkspaceError where it cannot be written.
     """
-    ordered = sorted(marks, key=lambda mark: mark.place)
-    unfit = sorted({name for m in ordered for name in m.place if set(name) & set(',;"\t') or name[0] == "#"})
+    ordered = sorted(marks, key=lambda mark: mark.key)
+    unfit = sorted({name for m in ordered for name in m.key if set(name) & set(',;"\t') or name[0] == "#"})
     if unfit:
         raise ControlPointError(f"{path}: PIX4D's marks cannot hold the names {some(unfit)}: rename them")
     strange = sorted({m.photograph for m in ordered if not _is_picture(m.photograph)})

@@ -114,7 +114,7 @@ def check_marks(marks: Iterable[Mark], faults: Faults) -> None:
     first: dict[tuple[str, str], int] = {}
     for mark in marks:
         line = mark.source.line
-        if (before := first.setdefault(mark.place, line)) != line:
+        if (before := first.setdefault(mark.key, line)) != line:
             text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
             faults.note(line, f"{text}: keep one of the two")
 

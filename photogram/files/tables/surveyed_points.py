@@ -23,7 +23,7 @@ PartialSigma3 = tuple[float | None, float | None, float | None]
 UNSTATED: PartialSigma3 = (None, None, None)
 PointRole = Literal["control", "check", "tie"]
 ROLES: tuple[PointRole, ...] = get_args(PointRole)
-Place = tuple[str, str]
+MarkKey = tuple[str, str]
 """A point and a photograph, by their names."""
 
 IMPORTED, RAW = "imported", "raw"
@@ -52,7 +52,7 @@ def _is_kind(kind: str) -> bool:
     return MARK_KIND.fullmatch(kind) is not None
 
 
-def check_place(point: str, photograph: str) -> None:
+def check_key(point: str, photograph: str) -> None:
     """Raise ControlPointError where the name of a point or photograph cannot be written in every file."""
     check_name("point", point)
     check_name("photograph", photograph)
@@ -131,7 +131,7 @@ class Mark:
     """Where it was read."""
 
     def __post_init__(self) -> None:
-        check_place(self.point, self.photograph)
+        check_key(self.point, self.photograph)
         try:
             self._check()
         except ControlPointError as error:
@@ -155,7 +155,7 @@ class Mark:
             )
 
     @property
-    def place(self) -> Place:
+    def key(self) -> MarkKey:
         """The point and the photograph."""
         return self.point, self.photograph
 

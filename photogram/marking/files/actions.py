@@ -11,12 +11,12 @@ from photogram.errors import ControlPointError
 from photogram.files.tables.surveyed_points import (
     ROLES,
     Mark,
-    Place,
+    MarkKey,
     PointRole,
     Proposal,
     SurveyedPoint,
+    check_key,
     check_name,
-    check_place,
 )
 
 KeyT = TypeVar("KeyT")
@@ -34,11 +34,11 @@ class PlaceMarks:
 class RemoveMarks:
     """Marks are removed."""
 
-    places: tuple[Place, ...]
+    keys: tuple[MarkKey, ...]
 
     def __post_init__(self) -> None:
-        for place in self.places:
-            check_place(*place)
+        for key in self.keys:
+            check_key(*key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class SetNotVisible:
     """True takes it back."""
 
     def __post_init__(self) -> None:
-        check_place(self.point, self.photograph)
+        check_key(self.point, self.photograph)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,19 +99,19 @@ class Redo:
 Action = PlaceMarks | RemoveMarks | SetNotVisible | SetRole | AddPoint | ConfirmProposals | Undo | Redo
 
 
-def touched_places(actions: Iterable[Action]) -> set[Place]:
-    """Return the places where a mark was ever made or taken away, whatever was undone since."""
-    places = set[Place]()
+def touched_keys(actions: Iterable[Action]) -> set[MarkKey]:
+    """Return the keys of marks that were ever made or removed, whatever was undone since."""
+    keys = set[MarkKey]()
     for action in actions:
         if isinstance(action, PlaceMarks):
-            places |= {mark.place for mark in action.marks}
+            keys |= {mark.key for mark in action.marks}
         elif isinstance(action, ConfirmProposals):
-            places |= {proposal.mark.place for proposal in action.proposals}
+            keys |= {proposal.mark.key for proposal in action.proposals}
         elif isinstance(action, RemoveMarks):
-            places |= set(action.places)
+            keys |= set(action.keys)
         elif isinstance(action, SetNotVisible):
-            places.add((action.point, action.photograph))
-    return places
+            keys.add((action.point, action.photograph))
+    return keys
 
 
 # ---- state ---------------------------------------------------------------------------------------------------------
@@ -121,15 +121,15 @@ def touched_places(actions: Iterable[Action]) -> set[Place]:
 class MarkState:
     """What follows from the actions so far."""
 
-    marks: Mapping[Place, Mark]
+    marks: Mapping[MarkKey, Mark]
     """The marks, by point and photograph."""
-    not_visible: frozenset[Place]
+    not_visible: frozenset[MarkKey]
     """Where a point was said not to be visible."""
     roles: Mapping[str, PointRole]
     """Roles of points, where one was given."""
     points: Mapping[str, SurveyedPoint]
     """Points that were added."""
-    confirmed: Mapping[Place, float]
+    confirmed: Mapping[MarkKey, float]
     """The score of those marks that were proposals."""
     undoable: int = 0
     """How many actions can be undone."""
@@ -150,11 +150,11 @@ class _Change(NamedTuple):
 class Replay:
     """The state while actions are done one after the other, with what is needed to undo each."""
 
-    _marks: dict[Place, Mark] = field(default_factory=dict)
-    _hidden: dict[Place, bool] = field(default_factory=dict)
+    _marks: dict[MarkKey, Mark] = field(default_factory=dict)
+    _hidden: dict[MarkKey, bool] = field(default_factory=dict)
     _roles: dict[str, PointRole] = field(default_factory=dict)
     _points: dict[str, SurveyedPoint] = field(default_factory=dict)
-    _confirmed: dict[Place, float] = field(default_factory=dict)
+    _confirmed: dict[MarkKey, float] = field(default_factory=dict)
     _done: list[list[_Change]] = field(default_factory=list)
     _undone: list[list[_Change]] = field(default_factory=list)
 
@@ -202,24 +202,24 @@ class Replay:
             for proposal in action.proposals:
                 self._place(proposal.mark, proposal.score, changes)
         elif isinstance(action, RemoveMarks):
-            for place in action.places:
-                _put(self._marks, place, None, changes)
-                _put(self._confirmed, place, None, changes)
+            for key in action.keys:
+                _put(self._marks, key, None, changes)
+                _put(self._confirmed, key, None, changes)
         elif isinstance(action, SetNotVisible):
-            place = (action.point, action.photograph)
-            _put(self._hidden, place, None if action.is_visible else True, changes)
+            key = (action.point, action.photograph)
+            _put(self._hidden, key, None if action.is_visible else True, changes)
             if not action.is_visible:
-                _put(self._marks, place, None, changes)
-                _put(self._confirmed, place, None, changes)
+                _put(self._marks, key, None, changes)
+                _put(self._confirmed, key, None, changes)
         elif isinstance(action, SetRole):
             _put(self._roles, action.point, action.role, changes)
         else:
             _put(self._points, action.point.name, action.point, changes)
 
     def _place(self, mark: Mark, score: float | None, changes: list[_Change]) -> None:
-        _put(self._marks, mark.place, mark, changes)
-        _put(self._confirmed, mark.place, score, changes)
-        _put(self._hidden, mark.place, None, changes)
+        _put(self._marks, mark.key, mark, changes)
+        _put(self._confirmed, mark.key, score, changes)
+        _put(self._hidden, mark.key, None, changes)
 
 
 def _summed(changes: Iterable[_Change]) -> list[_Change]:

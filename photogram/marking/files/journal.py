@@ -266,12 +266,6 @@ class Journal:
             self._databases.close()
 
     @property
-    def sequence(self) -> int:
-        """The number of the last action, 0 before the first."""
-        with self._lock:
-            return self._sequence
-
-    @property
     def state(self) -> MarkState:
         """What follows from the actions so far."""
         with self._lock:

@@ -37,6 +37,8 @@ def _fields(record: _Record) -> _Record:
         return {"proposals": [{"mark": _mark(one), "score": one["score"]} for one in record["proposals"]]}
     if record["do"] == "not_visible":
         return fields | {"is_visible": record.get("visible", False)}
+    if record["do"] == "remove":
+        return {"keys": record["places"]}
     return {"point": fields} if record["do"] == "point" else fields
 
 

@@ -18,7 +18,7 @@ HALF_PX = 32
 def write_contact_sheets(
     folder: Path, proposals: Iterable[Proposal], numbers: Mapping[str, int], patches: PatchReader
 ) -> tuple[Path, ...]:
-    """Write a PNG for each point that has proposals, with a patch of each, the best found first; returns their paths.
+    """Write a PNG for each point that has proposals, with a patch of each, highest scores first; returns their paths.
 
     ``numbers`` are those of the photographs for ``patches``. Raises WorkspaceError where nothing can be written there,
     ImageError where a photograph cannot be read.

@@ -11,7 +11,7 @@ from photogram.camera import Camera, Pose, project_points
 from photogram.wording import things
 
 ENOUGH_MARKS = 4
-"""Marks of a point before more of them may be said to gain nothing: with fewer, no single wrong one is found."""
+"""Marks of a point before more of them may be said to gain nothing: with fewer, no wrong one can be identified."""
 
 LEAST_MARKS = 2
 """Marks of a point that no further photograph shows."""
@@ -20,7 +20,7 @@ LEAST_GAIN = 0.25
 """Share of the variance of a point, in the direction that gains most, below which one more mark is not worth it."""
 
 SPREAD_WEIGHT = 0.5
-"""What a photograph gains that sees the point from the far side of all before it, beside 1 for the centre of the
+"""What a photograph gains that sees the point from the far side of all before it, relative to 1 for the centre of the
 picture."""
 
 _STEP = 1e-4  # of the distance, for differences
@@ -29,7 +29,7 @@ _STEP = 1e-4  # of the distance, for differences
 def best_first(
     pixel: FloatArray, size_px: FloatArray, azimuth_rad: FloatArray, inside: BoolArray, marked: BoolArray
 ) -> list[int]:
-    """Return the order in which places (K) of a point are shown: marked ones, those inside, those beside a picture;
+    """Return the order in which places (K) of a point are shown: marked ones, those inside, those outside a picture;
     among them the nearest to the middle of its picture first, and each next one also for how far around the point it
     looks from those before.
 

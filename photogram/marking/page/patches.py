@@ -75,10 +75,14 @@ class PatchReader:
         stretches: Sequence[Stretch | None] = (),
     ) -> None:
         self._stretches = tuple(stretches) or (None,) * len(paths)
-        self._paths, self._sizes_px, self._kept_bytes = tuple(paths), tuple(sizes_px), kept_bytes
+        self._paths = tuple(paths)
+        self._sizes_px = tuple(sizes_px)
+        self._kept_bytes = kept_bytes
         self._regions: OrderedDict[tuple[int, int], list[_Region]] = OrderedDict()
         self._reading: dict[tuple[int, int], Lock] = {}
-        self._bytes, self._lock, self._decoders = 0, Lock(), Semaphore(DECODERS)
+        self._bytes = 0
+        self._lock = Lock()
+        self._decoders = Semaphore(DECODERS)
         self._ahead = ThreadPoolExecutor(DECODERS, "patches ahead")
         self._planned: list[Future[None]] = []
         self._is_closed = False
@@ -144,7 +148,7 @@ class PatchReader:
         try:
             self.pixels(photograph, window)
         except (ControlPointError, ImageError, OSError):
-            return  # who asks for it is told
+            return  # who asks for it gets the error
 
     def close(self) -> None:
         """End reading ahead."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError, PhotogramError
-from photogram.files.tables.surveyed_points import Mark, Place, Proposal
-from photogram.marking.assignment import FoundTargets, assigned_targets
+from photogram.files.tables.surveyed_points import Mark, MarkKey, Proposal
+from photogram.marking.assignment import DetectedTargets, assigned_targets
 from photogram.marking.files.journal import utc_now
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window
 from photogram.marking.page.snapping import LENS_PX
@@ -25,7 +25,7 @@ from photogram.survey import Block
 from photogram.wording import Progress, silent, things
 
 AROUND_PX = 40
-"""How far beside the ellipse of a place a patch reaches: half of a large target."""
+"""How far beyond the ellipse of a place a patch reaches: half of a large target."""
 MOST_PX = 160
 """Half of the side of a patch at most; of wider ellipses the middle is looked at."""
 SAME_PX = 2.0
@@ -36,7 +36,7 @@ Box = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Detection:
     photograph: int
     centre: MeasuredCentre
     pixel: FloatArray
@@ -45,7 +45,7 @@ class _Found:
 def proposed_marks(
     block: Block,
     patches: PatchReader,
-    hidden: frozenset[Place] = frozenset(),
+    hidden: frozenset[MarkKey] = frozenset(),
     progress: Progress = silent,
 ) -> tuple[Proposal, ...]:
     """Return a proposal for every target that is taken for a point, where the point has no mark and nobody said that it
@@ -57,18 +57,18 @@ def proposed_marks(
     names = [p.name for p in block.photographs]
     at_point, at_photograph = ({n: k for k, n in enumerate(every)} for every in (block.control_points.name, names))
     unseen = frozenset((at_point[g], at_photograph[i]) for g, i in hidden if g in at_point and i in at_photograph)
-    found = _found_targets(block, predicted_places(block), patches, unseen, progress)
-    if not found:
+    detections = _detected_targets(block, predicted_places(block), patches, unseen, progress)
+    if not detections:
         return ()
-    targets = FoundTargets(
-        np.array([one.photograph for one in found], dtype=np.int64),
-        np.array([one.pixel for one in found]),
-        np.array([np.sqrt(0.5 * np.trace(one.centre.covariance_px2) + LENS_PX**2) for one in found]),
+    targets = DetectedTargets(
+        np.array([one.photograph for one in detections], dtype=np.int64),
+        np.array([one.pixel for one in detections]),
+        np.array([np.sqrt(0.5 * np.trace(one.centre.covariance_px2) + LENS_PX**2) for one in detections]),
     )
     assignment = assigned_targets(block, targets, unseen)
     now = utc_now()
     return tuple(
-        _proposal(block.control_points.name[g], names[i], found[k], now)
+        _proposal(block.control_points.name[g], names[i], detections[k], now)
         for (g, i), k in sorted(assignment.target.items())
     )
 
@@ -83,10 +83,10 @@ class SearchState:
 
 
 class TargetSearch:
-    """A search for targets in a thread of its own, one at a time; ``tell`` is called when its state has changed."""
+    """A search for targets in a thread of its own, one at a time; ``notify`` is called when its state has changed."""
 
-    def __init__(self, tell: Callable[[], None] = lambda: None) -> None:
-        self._lock, self._tell = Lock(), tell
+    def __init__(self, notify: Callable[[], None] = lambda: None) -> None:
+        self._lock, self._notify = Lock(), notify
         self._state = SearchState(False, "")
 
     @property
@@ -107,42 +107,47 @@ class TargetSearch:
             words = "the search for targets failed"
             try:
                 words = search(self._progressed)
-            except PhotogramError as fault:
-                words = str(fault)
+            except PhotogramError as error:
+                words = str(error)
             finally:
                 self._set(SearchState(False, words))
 
         Thread(target=run, name="targets", daemon=True).start()
-        self._tell()
+        self._notify()
         return True
 
     def _set(self, state: SearchState) -> None:
         with self._lock:
             self._state = state
-        self._tell()
+        self._notify()
 
     def _progressed(self, done: int, total: int, _text: str) -> None:
         self._set(SearchState(True, f"looking for targets: {done} of {things(total, 'part')}"))
 
 
-def _proposal(point: str, photograph: str, found: _Found, now: str) -> Proposal:
-    covariance = found.centre.covariance_px2 + LENS_PX**2 * np.eye(2)
+def _proposal(point: str, photograph: str, detection: _Detection, now: str) -> Proposal:
+    covariance = detection.centre.covariance_px2 + LENS_PX**2 * np.eye(2)
     sigma = np.sqrt(np.diag(covariance))
-    u, v = (float(value) for value in found.pixel)
+    u, v = (float(value) for value in detection.pixel)
     mark = Mark(
-        point, photograph, (u, v), (float(sigma[0]), float(sigma[1])), float(covariance[0, 1] / (sigma[0] * sigma[1])),
-        found.centre.kind.value, now,
-    )  # fmt: skip
-    return Proposal(mark, round(float(found.centre.quality), 4))
+        point,
+        photograph,
+        (u, v),
+        (float(sigma[0]), float(sigma[1])),
+        float(covariance[0, 1] / (sigma[0] * sigma[1])),
+        detection.centre.kind.value,
+        now,
+    )
+    return Proposal(mark, round(float(detection.centre.quality), 4))
 
 
-def _found_targets(
+def _detected_targets(
     block: Block,
     places: PredictedPlaces,
     patches: PatchReader,
     unseen: frozenset[tuple[int, int]],
     progress: Progress,
-) -> list[_Found]:
+) -> list[_Detection]:
     """Return the targets around all places that have no mark, each once."""
     points = block.control_points
     marked = set(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)) | unseen
@@ -156,18 +161,18 @@ def _found_targets(
     # one photograph is decoded after the other
     wanted = [(i, Window(x, y, r - x, b - y)) for i in sorted(boxes) for x, y, r, b in merged(boxes[i])]
 
-    def look(one: tuple[int, Window]) -> list[_Found]:
+    def look(one: tuple[int, Window]) -> list[_Detection]:
         i, window = one
         try:
             cut = patches.window(i, window)
         except ControlPointError:
-            return []  # beside the picture
+            return []  # outside the picture
         grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(patches.pixels(i, window)), cv2.COLOR_RGB2GRAY), np.uint8)
         focal = block.cameras[block.photographs[i].camera].focal_px
         corner = np.array([cut.left, cut.upper], dtype=np.float64)
-        return [_Found(i, found, found.centre_px + corner) for found in propose(grey, focal)]
+        return [_Detection(i, centre, centre.centre_px + corner) for centre in propose(grey, focal)]
 
-    kept: list[_Found] = []
+    kept: list[_Detection] = []
     with ThreadPoolExecutor(2) as pool:
         for done, ((i, _), several) in enumerate(zip(wanted, pool.map(look, wanted), strict=True), 1):
             own = [other for other in kept if other.photograph == i]

@@ -1,6 +1,6 @@
 """The server of the page: on the loopback alone, behind a token that nobody can guess, with nothing from elsewhere.
 
-Every address begins with the token; anything else is not found. A request must name the loopback as its host, so that
+Every address begins with the token; anything else gets 404. A request must name the loopback as its host, so that
 no page of the web reaches the server under a name of its own (DNS rebinding), and what changes anything must be JSON
 from this page, which a foreign page cannot send.
 """
@@ -67,8 +67,8 @@ class _RefusedError(Exception):
 def _number(query: Query, name: str) -> int:
     try:
         value = int(query[name])
-    except (KeyError, ValueError) as fault:
-        raise _RefusedError(f"{name} must be a whole number") from fault
+    except (KeyError, ValueError) as error:
+        raise _RefusedError(f"{name} must be a whole number") from error
     if abs(value) > 10**7:
         raise _RefusedError(f"{name} is out of range")
     return value
@@ -135,14 +135,16 @@ def done(session: MarkingSession, body: Body) -> None:
     elif what == "redo":
         session.redo()
     else:
-        raise _RefusedError(f"nothing is called {shortened(printable(what))!r}")
+        raise _RefusedError(f"unknown action {shortened(printable(what))!r}")
 
 
 class MarkServer:
-    """Serves the page of a session; ``port`` 0 takes any that is free. Raises OSError where the port is taken."""
+    """Serves the page of a session; ``port`` 0 picks a free port. Raises OSError where the port is taken."""
 
     def __init__(self, session: MarkingSession, patches: PatchReader, title: str, port: int = 0) -> None:
-        self.session, self.patches, self.title = session, patches, title
+        self.session = session
+        self.patches = patches
+        self.title = title
         self.views, self.token = Views(session), secrets.token_urlsafe(18)
         self._http = _Http((ADDRESS, port), _Handler)
         self._http.owner = self
@@ -167,7 +169,7 @@ class MarkServer:
 
     def _begin(self) -> None:
         """Read the point that the page will begin with as soon as it is known where that is."""
-        if self.session.wait_for_outlook() and (first := self.views.state()["first"]) is not None:
+        if self.session.wait_for_assessment() and (first := self.views.state()["first"]) is not None:
             self.read_ahead(self.views.point(first), *FIRST_SHOWN)
 
     def read_ahead(self, view: PointView, shown: int, side_px: int) -> None:
@@ -240,9 +242,9 @@ class _Handler(BaseHTTPRequestHandler):
         except (_NotFoundError, KeyError):
             self.close_connection = True
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
-        except (_RefusedError, PhotogramError, ValueError) as fault:
+        except (_RefusedError, PhotogramError, ValueError) as error:
             status = HTTPStatus.BAD_REQUEST
-            self._send_json({"error": printable(str(fault))}, status)
+            self._send_json({"error": printable(str(error))}, status)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True
 
@@ -285,12 +287,12 @@ class _Handler(BaseHTTPRequestHandler):
             raise _NotFoundError
         try:
             body = json.loads(content)
-        except (ValueError, RecursionError) as fault:
-            raise _RefusedError("a request must be JSON") from fault
+        except (ValueError, RecursionError) as error:
+            raise _RefusedError("a request must be JSON") from error
         if not isinstance(body, dict):
             raise _RefusedError("a request must be a JSON object")
         done(owner.session, body)
-        self._send_json({"version": owner.session.moment().version})
+        self._send_json({"version": owner.session.snapshot().version})
 
     def _send_patch(self, query: Query) -> None:
         owner = self.server.owner
@@ -298,8 +300,8 @@ class _Handler(BaseHTTPRequestHandler):
         wanted = Window(*(_number(query, name) for name in ("x", "y", "width", "height", "scale")))
         try:
             window = owner.patches.window(photograph, wanted)
-        except ControlPointError as fault:
-            raise _RefusedError(str(fault)) from fault
+        except ControlPointError as error:
+            raise _RefusedError(str(error)) from error
         picture = owner.patches.picture(photograph, wanted)
         numbers = (window.left, window.upper, window.width, window.height, window.scale)
         headers = {"X-Window": " ".join(map(str, numbers)), "Cache-Control": "private, max-age=600"}

@@ -1,7 +1,7 @@
-"""One session of marking: the marks and how they came, kept at once, and what they say, reckoned in the background.
+"""One session of marking: the marks and how they came, kept at once, and what they say, computed in the background.
 
 Every change is on the disk, in the journal and then in the table of marks, before it is answered. What follows from it,
-the predicted places and the tests of the marks, is reckoned by one thread from the newest state; nobody waits for it.
+the predicted places and the tests of the marks, is computed by one thread from the newest state; nobody waits for it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import remove_leftovers
 from photogram.files.marks.mark_table import read_proposals, write_marks, write_proposals
-from photogram.files.tables.surveyed_points import IMPORTED, RAW, Mark, Place, PointRole, Proposal, SurveyedPoint
+from photogram.files.tables.surveyed_points import IMPORTED, RAW, Mark, MarkKey, PointRole, Proposal, SurveyedPoint
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -31,17 +31,17 @@ from photogram.marking.files.actions import (
     SetRole,
     Undo,
     state_of,
-    touched_places,
+    touched_keys,
 )
 from photogram.marking.files.journal import Journal, utc_now
-from photogram.marking.page.outlook import (
+from photogram.marking.page.assessment import (
     RAW_SIGMA_PX,
-    Outlook,
+    Assessment,
     agreeing_proposals,
+    assessed,
+    is_off_target,
     isotropic_px,
-    lies_beside,
     marked_block,
-    reckoned,
 )
 from photogram.marking.page.proposing import SearchState, TargetSearch
 from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
@@ -49,32 +49,32 @@ from photogram.survey import Block
 from photogram.wording import Progress, things
 
 PROPOSALS = "proposals.csv"
-"""File of the proposals, beside the journal."""
+"""File of the proposals, in the folder of the journal."""
 
-Propose = Callable[[Block, frozenset[Place], Progress], Iterable[Proposal]]
+Propose = Callable[[Block, frozenset[MarkKey], Progress], Iterable[Proposal]]
 """Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
 
-BESIDE_PX = 12.0
+OFF_TARGET_PX = 12.0
 """How far from such a click a target is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """The session at a moment: all of one version."""
+class Snapshot:
+    """The session at one moment: all of one version."""
 
     version: int
     state: MarkState
     roles: Mapping[str, PointRole]
     """The role of every point, in the order of the points."""
-    outlook: Outlook | None
-    """What was reckoned last, perhaps of an earlier state; None before the first."""
-    is_reckoning: bool
-    """Whether it is being reckoned anew."""
+    assessment: Assessment | None
+    """What was computed last, perhaps of an earlier state; None before the first."""
+    is_computing: bool
+    """Whether it is being computed anew."""
     basis: str
     """What the predictions come from, in a word: tags or adjustment."""
     undoable: int
     """Steps that can be undone: not back behind what the project gave."""
-    proposals: Mapping[Place, Proposal]
+    proposals: Mapping[MarkKey, Proposal]
     """Proposals that nobody has confirmed, where there is no mark and the point may be seen."""
     search: SearchState
     """Whether targets are being looked for, and what is said of it."""
@@ -83,13 +83,11 @@ class Moment:
 def _given_marks(block: Block) -> list[Mark]:
     points, now = block.control_points, utc_now()
     names = [p.name for p in block.photographs]
+    columns = (points.mark_point, points.mark_photograph, points.mark_pixel, points.mark_sigma_px)
     return [
         Mark(points.name[g], names[i], (float(u), float(v)), (float(s), float(s)), kind=IMPORTED, time=now)
-        for g, i, (u, v), s in zip(
-            points.mark_point.tolist(), points.mark_photograph.tolist(), points.mark_pixel.tolist(),
-            points.mark_sigma_px.tolist(), strict=True,
-        )
-    ]  # fmt: skip
+        for g, i, (u, v), s in zip(*(column.tolist() for column in columns), strict=True)
+    ]
 
 
 def _steps_until_import(actions: tuple[Action, ...]) -> int:
@@ -109,10 +107,10 @@ def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path 
     returns that, None where there is nothing to keep. The last action may have been cut off before its table."""
     if not table.exists():
         return None
-    found, own = table.read_bytes(), scratch / f"{table.stem}.own{table.suffix}"
+    present, own = table.read_bytes(), scratch / f"{table.stem}.own{table.suffix}"
     for made in (actions, actions[:-1]):
         write_marks(own, state_of(made).marks.values())
-        is_own = own.read_bytes() == found
+        is_own = own.read_bytes() == present
         own.unlink()
         if is_own:
             return None
@@ -141,25 +139,30 @@ class MarkingSession:
         better: Callable[[], Block | None] | None = None,
         propose: Propose | None = None,
     ) -> None:
-        self.block, self._table, self._snap, self._better, self._propose = block, marks, snap, better, propose
+        self.block = block
+        self._table = marks
+        self._snap = snap
+        self._better = better
+        self._propose = propose
         self.numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)}
         self._journal = Journal(journal)
         seen = self._journal.earlier
-        places, self._floor = touched_places(seen), _steps_until_import(seen)
+        touched = touched_keys(seen)
+        self._floor = _steps_until_import(seen)
         for folder in (journal.parent, marks.parent):  # of sessions that were killed: no other one has the journal
             remove_leftovers(folder)
-        new = tuple(mark for mark in _given_marks(block) if mark.place not in places)
+        new = tuple(mark for mark in _given_marks(block) if mark.key not in touched)
         if new:
             self._journal.append(PlaceMarks(new))
             self._floor = self._journal.state.undoable
         self.proposed_in = journal.with_name(PROPOSALS)
         proposals = read_proposals(self.proposed_in) if self.proposed_in.exists() else ()
-        self._proposals = {proposal.mark.place: proposal for proposal in proposals}
+        self._proposals = {proposal.mark.key: proposal for proposal in proposals}
         self._changed = threading.Condition()
-        self._search = TargetSearch(self._tell)
+        self._search = TargetSearch(self._notify)
         self._version = 1
-        self._is_stale, self._is_reckoning = True, False
-        self._outlook: Outlook | None = None
+        self._is_stale, self._is_computing = True, False
+        self._assessment: Assessment | None = None
         self._basis, self._known = "tags", block
         self._meant: dict[Mark, Snapped | None] = {}
         self._ended = False
@@ -167,11 +170,11 @@ class MarkingSession:
         self._state = self._journal.state
         self.set_aside = _set_aside(marks, journal.parent, seen)
         self._write()
-        self._reckoner = threading.Thread(target=self._reckon_always, name="marks", daemon=True)
+        self._assessor = threading.Thread(target=self._assess_always, name="marks", daemon=True)
 
     def start(self) -> None:
-        """Begin to reckon."""
-        self._reckoner.start()
+        """Begin to compute."""
+        self._assessor.start()
 
     def ask_for_better(self) -> None:
         """Ask for the block that knows more now, where nobody has yet."""
@@ -180,8 +183,8 @@ class MarkingSession:
             return
         try:
             block = better()
-        except PhotogramError as fault:
-            self._note_basis(f"tags ({fault})", self._known)
+        except PhotogramError as error:
+            self._note_basis(f"tags ({error})", self._known)
             return
         if block is not None:
             self._note_basis("adjustment", block)
@@ -191,8 +194,8 @@ class MarkingSession:
         with self._changed:
             self._ended = True
             self._changed.notify_all()
-        if self._reckoner.is_alive():
-            self._reckoner.join(timeout=2.0)
+        if self._assessor.is_alive():
+            self._assessor.join(timeout=2.0)
         self._journal.close()
 
     @property
@@ -207,15 +210,22 @@ class MarkingSession:
             roles[name] = "tie" if point.position is None else roles.get(name, "control")
         return {name: self._state.roles.get(name, role) for name, role in roles.items()}
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Snapshot:
         """Return the session as it is now."""
         with self._changed:
-            return Moment(
-                self._version, self._state, self.roles, self._outlook, self._is_stale or self._is_reckoning,
-                self._basis, max(self._state.undoable - self._floor, 0), self._open_proposals(), self._search.state,
-            )  # fmt: skip
+            return Snapshot(
+                self._version,
+                self._state,
+                self.roles,
+                self._assessment,
+                self._is_stale or self._is_computing,
+                self._basis,
+                max(self._state.undoable - self._floor, 0),
+                self._open_proposals(),
+                self._search.state,
+            )
 
-    def _open_proposals(self) -> dict[Place, Proposal]:
+    def _open_proposals(self) -> dict[MarkKey, Proposal]:
         state = self._state
         return {
             place: proposal
@@ -229,11 +239,11 @@ class MarkingSession:
             self._changed.wait_for(lambda: self._version != version or self._ended, seconds)
             return self._version
 
-    def wait_for_outlook(self) -> bool:
-        """Wait until something has been reckoned; returns False where the session has ended before."""
+    def wait_for_assessment(self) -> bool:
+        """Wait until something has been computed; returns False where the session has ended before."""
         with self._changed:
-            self._changed.wait_for(lambda: self._outlook is not None or self._ended)
-            return self._outlook is not None
+            self._changed.wait_for(lambda: self._assessment is not None or self._ended)
+            return self._assessment is not None
 
     # ---- what is done --------------------------------------------------------------------------------------------
 
@@ -255,9 +265,9 @@ class MarkingSession:
                 f"({pixel[0]:.1f}, {pixel[1]:.1f}) px lies outside of {photograph}: click within the photograph"
             )
         mark = Mark(point, photograph, pixel, (RAW_SIGMA_PX, RAW_SIGMA_PX), kind=RAW, time=utc_now(), raw_pixel=pixel)
-        found = None if raw or self._snap is None else self._snap(self._click(point, number, pixel, reach_px))
-        if found is not None and self._contains(number, found.pixel):
-            mark = measured_mark(mark, found)
+        target = None if raw or self._snap is None else self._snap(self._click(point, number, pixel, reach_px))
+        if target is not None and self._contains(number, target.pixel):
+            mark = measured_mark(mark, target)
         self._do(PlaceMarks((mark,)))
         return mark
 
@@ -267,16 +277,20 @@ class MarkingSession:
 
     def _click(self, point: str, photograph: int, pixel: tuple[float, float], reach_px: float) -> Click:
         with self._changed:
-            state, outlook, known = self._state, self._outlook, self._known
+            state = self._state
+            assessment = self._assessment
+            known = self._known
         others = tuple(
             OtherMark(self.numbers[m.photograph], m.pixel, isotropic_px(m))
             for m in state.marks.values()
-            if m.point == point and m.photograph in self.numbers and not m.is_doubtful
-            and not (outlook is not None and m.place in outlook.compared and outlook.compared[m.place].rejected)
-        )  # fmt: skip
+            if m.point == point
+            and m.photograph in self.numbers
+            and not m.is_doubtful
+            and not (assessment is not None and m.key in assessment.compared and assessment.compared[m.key].rejected)
+        )
         position = np.full(3, np.nan)
-        if outlook is not None and point in outlook.names:
-            position = outlook.position_world_m[outlook.names.index(point)]
+        if assessment is not None and point in assessment.names:
+            position = assessment.position_world_m[assessment.names.index(point)]
         return Click(known, photograph, pixel, reach_px, others, position)
 
     def remove(self, point: str, photograph: str) -> None:
@@ -318,7 +332,7 @@ class MarkingSession:
 
     def undo(self) -> None:
         """Undo the last step of marking; the marks that the project gave stay."""
-        if self.moment().undoable:
+        if self.snapshot().undoable:
             self._do(Undo())
 
     def redo(self) -> None:
@@ -333,47 +347,49 @@ class MarkingSession:
         look."""
         if self._propose is None:
             raise ControlPointError("targets cannot be looked for here: mark the points")
-        if not self._search.begin(lambda progress: found_in_words(self.look(progress))):
+        if not self._search.begin(lambda progress: search_result(self.look(progress))):
             raise ControlPointError("targets are being looked for already: wait until that has ended")
 
     def look(self, progress: Progress) -> int:
-        """Look for targets where points may be, and keep what is found as proposals; returns how many there are. Raises
+        """Look for targets where points may be, and keep them as proposals; returns how many there are. Raises
         AdjustmentError where nothing says where points may be, ImageError where a photograph cannot be read."""
         if self._propose is None:
             return 0
         with self._changed:
-            state, known, roles = self._state, self._known, self.roles
+            state = self._state
+            known = self._known
+            roles = self.roles
         block = marked_block(known, state, roles, self.numbers)
-        found = tuple(self._propose(block, state.not_visible, progress))
-        self.set_proposals(found)
-        return len(found)
+        proposals = tuple(self._propose(block, state.not_visible, progress))
+        self.set_proposals(proposals)
+        return len(proposals)
 
     def set_proposals(self, proposals: Iterable[Proposal]) -> None:
         """Keep proposals, in place of those before, in a file of their own."""
         kept = tuple(proposals)
         write_proposals(self.proposed_in, kept)
         with self._changed:
-            self._proposals = {proposal.mark.place: proposal for proposal in kept}
+            self._proposals = {proposal.mark.key: proposal for proposal in kept}
             self._is_stale = True
-        self._tell()
+        self._notify()
 
     def confirm(self, point: str, photograph: str) -> None:
         """Make a proposal a mark. Raises ControlPointError as ``mark``, and where nothing is proposed."""
         self._check(point, photograph)
-        proposal = self.moment().proposals.get((point, photograph))
+        proposal = self.snapshot().proposals.get((point, photograph))
         if proposal is None:
             raise ControlPointError(f"nothing is proposed for {point} in {photograph}: mark it")
         self._do(ConfirmProposals((proposal,)))
 
     def confirm_agreeing(self) -> int:
         """Make those proposals marks that agree with the rest, in one step; returns how many others are left."""
-        moment = self.moment()
-        confirmed = tuple(moment.proposals[place] for place in sorted(agreeing(moment)))
+        snapshot = self.snapshot()
+        confirmed = tuple(snapshot.proposals[place] for place in sorted(agreeing(snapshot)))
         if confirmed:
             self._do(ConfirmProposals(confirmed))
-        return len(moment.proposals) - len(confirmed)
+        return len(snapshot.proposals) - len(confirmed)
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         with self._changed:
             self._version += 1
             self._changed.notify_all()
@@ -409,8 +425,8 @@ class MarkingSession:
 
     # ---- what follows --------------------------------------------------------------------------------------------
 
-    def _reckon_always(self) -> None:
-        self._reckon()
+    def _assess_always(self) -> None:
+        self._assess()
         if not self._ended:
             self.ask_for_better()
         while True:
@@ -418,73 +434,80 @@ class MarkingSession:
                 self._changed.wait_for(lambda: self._is_stale or self._ended)
                 if self._ended:
                     return
-            self._reckon()
+            self._assess()
 
     def _note_basis(self, basis: str, block: Block) -> None:
         with self._changed:
-            self._basis, self._known, self._is_stale = basis, block, True
+            self._basis = basis
+            self._known = block
+            self._is_stale = True
             self._version += 1
             self._changed.notify_all()
 
-    def _reckon(self) -> None:
+    def _assess(self) -> None:
         with self._changed:
-            state, known, roles = self._state, self._known, self.roles
+            state = self._state
+            known = self._known
+            roles = self.roles
             proposals = self._open_proposals()
-            self._is_stale, self._is_reckoning = False, True
+            self._is_stale, self._is_computing = False, True
 
-        def all_told(beside: Mapping[Place, Snapped]) -> Outlook:
-            outlook = reckoned(known, state, roles, self.numbers, beside)
+        def assessment_of(off_target: Mapping[MarkKey, Snapped]) -> Assessment:
+            assessment = assessed(known, state, roles, self.numbers, off_target)
             if not proposals:
-                return outlook
-            agreeing = agreeing_proposals(known, state, roles, self.numbers, proposals, beside)
-            return replace(outlook, agreeing=agreeing)
+                return assessment
+            agreeing = agreeing_proposals(known, state, roles, self.numbers, proposals, off_target)
+            return replace(assessment, agreeing=agreeing)
 
-        known_beside = self._known_beside(state)
-        outlook = all_told(known_beside)
-        self._publish(outlook, is_reckoning=True)
-        beside = self._beside(state)
-        self._publish(outlook if beside == known_beside else all_told(beside), is_reckoning=False)
+        known_off_target = self._known_off_target(state)
+        assessment = assessment_of(known_off_target)
+        self._publish(assessment, is_computing=True)
+        off_target = self._off_target(state)
+        self._publish(assessment if off_target == known_off_target else assessment_of(off_target), is_computing=False)
 
-    def _publish(self, outlook: Outlook, is_reckoning: bool) -> None:
+    def _publish(self, assessment: Assessment, is_computing: bool) -> None:
         with self._changed:
-            self._outlook, self._is_reckoning = outlook, is_reckoning
+            self._assessment, self._is_computing = assessment, is_computing
             self._version += 1
             self._changed.notify_all()
 
-    def _beside(self, state: MarkState) -> dict[Place, Snapped]:
-        """Return what clicks that were taken as they are lie beside; each is looked at once."""
+    def _off_target(self, state: MarkState) -> dict[MarkKey, Snapped]:
+        """Return the targets that clicks taken as they are have missed; each is looked at once."""
         own = [m for m in state.marks.values() if m.kind == RAW and m.photograph in self.numbers]
         self._meant = {mark: self._meant[mark] if mark in self._meant else self._measured(mark) for mark in own}
-        return self._known_beside(state)
+        return self._known_off_target(state)
 
-    def _known_beside(self, state: MarkState) -> dict[Place, Snapped]:
-        """Return what clicks lie beside, as far as they have been looked at."""
+    def _known_off_target(self, state: MarkState) -> dict[MarkKey, Snapped]:
+        """Return the targets that clicks have missed, as far as they have been looked at."""
         looked = ((mark, self._meant.get(mark)) for mark in state.marks.values())
-        return {mark.place: there for mark, there in looked if there is not None and lies_beside(mark, there)}
+        return {mark.key: there for mark, there in looked if there is not None and is_off_target(mark, there)}
 
     def _measured(self, mark: Mark) -> Snapped | None:
         if self._snap is None:
             return None
         try:
-            return self._snap(self._click(mark.point, self.numbers[mark.photograph], mark.pixel, BESIDE_PX))
+            return self._snap(self._click(mark.point, self.numbers[mark.photograph], mark.pixel, OFF_TARGET_PX))
         except ImageError:
-            return None  # who looks at the photograph is told
+            return None  # who looks at the photograph gets the error
 
 
-def found_in_words(count: int) -> str:
+def search_result(count: int) -> str:
     """Return how a search for targets ended."""
     return f"{things(count, 'target')} found" if count else "no target found where points may be"
 
 
-def agreeing(moment: Moment) -> frozenset[Place]:
-    """Return the open proposals that agree with the marks and with each other, by what was reckoned last."""
-    return frozenset() if moment.outlook is None else moment.outlook.agreeing & moment.proposals.keys()
+def agreeing(snapshot: Snapshot) -> frozenset[MarkKey]:
+    """Return the open proposals that agree with the marks and with each other, by what was computed last."""
+    return frozenset() if snapshot.assessment is None else snapshot.assessment.agreeing & snapshot.proposals.keys()
 
 
-def measured_mark(click: Mark, found: Snapped) -> Mark:
+def measured_mark(click: Mark, target: Snapped) -> Mark:
     """Return the mark of a click at the place that it means."""
-    sigma = np.sqrt(np.diag(found.covariance_px2))
+    sigma = np.sqrt(np.diag(target.covariance_px2))
     return replace(
-        click, pixel=found.pixel, sigma_px=(float(sigma[0]), float(sigma[1])), kind=found.kind,
-        rho=float(found.covariance_px2[0, 1] / (sigma[0] * sigma[1])),
-    )  # fmt: skip
+        click,
+        pixel=target.pixel,
+        sigma_px=(float(sigma[0]), float(sigma[1])),
+        kind=target.kind,
+        rho=float(target.covariance_px2[0, 1] / (sigma[0] * sigma[1])),
+    )

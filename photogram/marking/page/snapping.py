@@ -79,7 +79,7 @@ class Click:
 
 
 Snap = Callable[[Click], Snapped | None]
-"""Finds the place that a click means, None where nothing is found."""
+"""Finds the place that a click means, None where there is no target."""
 
 
 class Snapper:
@@ -96,21 +96,21 @@ class Snapper:
         snap(grey, np.array([31.5, 31.5]))
 
     def centre(self, click: Click) -> Snapped | None:
-        """Return the place that a click means, None where nothing is found. Raises ImageError where a photograph cannot
-        be read."""
+        """Return the place that a click means, None where there is no target. Raises ImageError where a photograph
+        cannot be read."""
         reach = float(np.clip(click.reach_px, *REACH_PX))
         grey, corner = self._grey(click.photograph, click.pixel, LOOK_PX + round(reach) + 1)
         near = np.array(click.pixel) - corner
-        found, of_templates = snap(grey, near, reach, _camera(click.block, click.photograph).focal_px), 0.0
-        if found is None or np.hypot(*(found.centre_px - near)) > HAND_PX:
+        measured, of_templates = snap(grey, near, reach, _camera(click.block, click.photograph).focal_px), 0.0
+        if measured is None or np.hypot(*(measured.centre_px - near)) > HAND_PX:
             alike, sigma_px = self._matched(click, grey, near, reach)
-            if alike is not None and (found is None or _means_another(found, alike, near)):
-                found, of_templates = alike, sigma_px
-        if found is None:
+            if alike is not None and (measured is None or _means_another(measured, alike, near)):
+                measured, of_templates = alike, sigma_px
+        if measured is None:
             return None
-        covariance = found.covariance_px2 + (LENS_PX**2 + of_templates**2) * np.eye(2)
-        u, v = (float(value) for value in found.centre_px + corner)
-        return Snapped((u, v), covariance, found.kind.value)
+        covariance = measured.covariance_px2 + (LENS_PX**2 + of_templates**2) * np.eye(2)
+        u, v = (float(value) for value in measured.centre_px + corner)
+        return Snapped((u, v), covariance, measured.kind.value)
 
     def _matched(
         self, click: Click, grey: ByteArray, near: FloatArray, reach_px: float

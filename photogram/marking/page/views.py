@@ -1,4 +1,4 @@
-"""What the page is told, as plain records: the points and how far each is, and the photographs of one in order."""
+"""What the page shows, as plain records: the points and how far each is, and the photographs of one in order."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
-from photogram.files.tables.surveyed_points import Mark, Place
+from photogram.files.tables.surveyed_points import Mark, MarkKey
 from photogram.marking.mark_comparison import ComparedMark
+from photogram.marking.page.assessment import RAW_SIGMA_PX, Assessment
 from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
-from photogram.marking.page.outlook import RAW_SIGMA_PX, Outlook
-from photogram.marking.page.session import MarkingSession, Moment, agreeing
+from photogram.marking.page.session import MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
 from photogram.marking.predictions import SURE, PredictedPlaces
 from photogram.marking.targets.kinds import Kind
@@ -67,8 +67,8 @@ class ProposalRecord(TypedDict):
     agrees: bool
 
 
-class BesideRecord(TypedDict):
-    """A target beside which a click was taken as it is."""
+class OffTargetRecord(TypedDict):
+    """The target that a click taken as it is has missed."""
 
     u: float
     v: float
@@ -90,7 +90,7 @@ class PhotographRecord(TypedDict):
     gain: float | None
     proposal: ProposalRecord | None
     mark: MarkRecord | None
-    beside: BesideRecord | None
+    off_target: OffTargetRecord | None
     rejected: bool
     w: float | None
     off_px: float | None
@@ -137,7 +137,7 @@ class StateView(TypedDict):
     search: str
     undoable: int
     redoable: int
-    reckoning: bool
+    computing: bool
     basis: str
     problem: str
     blunders: list[str]
@@ -176,19 +176,26 @@ def _ellipse(covariance_px2: FloatArray) -> EllipseRecord:
 def _mark(mark: Mark) -> MarkRecord:
     sigma = None if mark.sigma_px is None else float(np.sqrt(np.mean(np.square(mark.sigma_px))))
     return {
-        "u": mark.pixel[0], "v": mark.pixel[1], "sigma_px": sigma, "kind": mark.kind, "doubtful": mark.is_doubtful,
-    }  # fmt: skip
+        "u": mark.pixel[0],
+        "v": mark.pixel[1],
+        "sigma_px": sigma,
+        "kind": mark.kind,
+        "doubtful": mark.is_doubtful,
+    }
 
 
-def _proposal(moment: Moment, place: Place) -> ProposalRecord | None:
-    proposal = moment.proposals.get(place)
+def _proposal(snapshot: Snapshot, place: MarkKey) -> ProposalRecord | None:
+    proposal = snapshot.proposals.get(place)
     if proposal is None:
         return None
     mark = _mark(proposal.mark)
     return {
-        "u": mark["u"], "v": mark["v"], "sigma_px": mark["sigma_px"], "kind": mark["kind"],
-        "agrees": place in agreeing(moment),
-    }  # fmt: skip
+        "u": mark["u"],
+        "v": mark["v"],
+        "sigma_px": mark["sigma_px"],
+        "kind": mark["kind"],
+        "agrees": place in agreeing(snapshot),
+    }
 
 
 def accused(blunder: Blunder) -> tuple[str, ...]:
@@ -196,15 +203,17 @@ def accused(blunder: Blunder) -> tuple[str, ...]:
     return blunder.points if blunder.kind == "exchanged points" else blunder.points[:1]
 
 
-def said_beside(mark: Mark, found: Snapped) -> str:
-    """Return what is said of a click that was taken as it is beside a target."""
-    distance = float(np.hypot(*np.subtract(mark.pixel, found.pixel)))
-    what = "what the other marks show" if found.kind == Kind.MATCHED.value else f"the centre of a target ({found.kind})"
-    return f"{distance:.1f} px beside {what}"
+def off_target_words(mark: Mark, target: Snapped) -> str:
+    """Return what is said of a click that was taken as it is and missed a target."""
+    distance = float(np.hypot(*np.subtract(mark.pixel, target.pixel)))
+    what = (
+        "what the other marks show" if target.kind == Kind.MATCHED.value else f"the centre of a target ({target.kind})"
+    )
+    return f"{distance:.1f} px off {what}"
 
 
 def said_of(compared: ComparedMark, others: int) -> str:
-    """Return what is said of a mark beside the others of its point, of which there are so many."""
+    """Return what is said of a mark compared with the others of its point, of which there are so many."""
     many = _NUMBERS[others] if others < len(_NUMBERS) else str(others)
     if not compared.rejected:
         return f"{compared.distance_px:.1f} px from the {many} others" if others > 1 else ""
@@ -220,48 +229,48 @@ class Views:
 
     def __init__(self, session: MarkingSession) -> None:
         self._session = session
-        self._gains: tuple[Outlook | None, dict[str, dict[int, float]]] = (None, {})
+        self._gains: tuple[Assessment | None, dict[str, dict[int, float]]] = (None, {})
 
     def state(self) -> StateView:
         """Return the whole session."""
-        moment = self._session.moment()
-        outlook = moment.outlook
-        comparison = None if outlook is None else outlook.comparison
-        points = [self._point(moment, name) for name in moment.roles]
+        snapshot = self._session.snapshot()
+        assessment = snapshot.assessment
+        comparison = None if assessment is None else assessment.comparison
+        points = [self._point(snapshot, name) for name in snapshot.roles]
         return {
-            "version": moment.version,
+            "version": snapshot.version,
             "points": points,
             "first": next((p["name"] for p in points if not p["enough"]), points[0]["name"] if points else None),
             "photographs": len(self._session.block.photographs),
-            "proposals": len(moment.proposals),
-            "agreeing": len(agreeing(moment)),
-            "searching": moment.search.is_running,
-            "search": moment.search.words,
-            "undoable": moment.undoable,
-            "redoable": moment.state.redoable,
-            "reckoning": moment.is_reckoning,
-            "basis": moment.basis,
-            "problem": "" if outlook is None else outlook.problem,
+            "proposals": len(snapshot.proposals),
+            "agreeing": len(agreeing(snapshot)),
+            "searching": snapshot.search.is_running,
+            "search": snapshot.search.words,
+            "undoable": snapshot.undoable,
+            "redoable": snapshot.state.redoable,
+            "computing": snapshot.is_computing,
+            "basis": snapshot.basis,
+            "problem": "" if assessment is None else assessment.problem,
             "blunders": [] if comparison is None else [b.sentence for b in comparison.blunders],
-            "warnings": self._warnings(moment),
+            "warnings": self._warnings(snapshot),
         }
 
-    def _warnings(self, moment: Moment) -> list[str]:
+    def _warnings(self, snapshot: Snapshot) -> list[str]:
         """Return what is weak about the control that is marked in two photographs or more."""
-        counts = _counts(moment)
-        outlook = moment.outlook
-        control = [n for n, role in moment.roles.items() if role == "control" and counts.get(n, 0) >= 2]
-        if outlook is None or not control:
+        counts = _counts(snapshot)
+        assessment = snapshot.assessment
+        control = [n for n, role in snapshot.roles.items() if role == "control" and counts.get(n, 0) >= 2]
+        if assessment is None or not control:
             return []
         if len(control) < 3:
             return [f"{things(len(control), 'control point')} marked in two photographs or more: three are needed"]
-        at = outlook.position_world_m[[outlook.names.index(n) for n in control if n in outlook.names]]
+        at = assessment.position_world_m[[assessment.names.index(n) for n in control if n in assessment.names]]
         at = at[np.isfinite(at).all(axis=1)]
         if len(at) < 3:
             return []
         spread = np.linalg.svd(at[:, :2] - at[:, :2].mean(axis=0), compute_uv=False)
         if spread[1] < IN_LINE * spread[0]:
-            return ["the control points marked so far lie nearly in one line: mark one beside it"]
+            return ["the control points marked so far lie nearly in one line: mark one off it"]
         flown = [pose.position_world_m[2] for pose in self._session.block.poses if pose is not None]
         above = float(np.median(flown) - np.median(at[:, 2])) if flown else 0.0
         if np.ptp(at[:, 2]) < AT_ONE_HEIGHT * above:
@@ -271,57 +280,59 @@ class Views:
             ]
         return []
 
-    def _point(self, moment: Moment, name: str) -> PointRecord:
-        outlook, marks = moment.outlook, _counts(moment).get(name, 0)
-        own = [m for m in moment.state.marks.values() if m.point == name]
-        wrong = outlook is not None and (
-            any(self._of_mark(outlook, m) is not None and outlook.compared[m.place].rejected for m in own)
-            or any(self._beside(outlook, m) is not None for m in own)
-            or (outlook.comparison is not None and any(name in accused(b) for b in outlook.comparison.blunders))
+    def _point(self, snapshot: Snapshot, name: str) -> PointRecord:
+        assessment, marks = snapshot.assessment, _counts(snapshot).get(name, 0)
+        own = [m for m in snapshot.state.marks.values() if m.point == name]
+        wrong = assessment is not None and (
+            any(self._of_mark(assessment, m) is not None and assessment.compared[m.key].rejected for m in own)
+            or any(self._off_target(assessment, m) is not None for m in own)
+            or (assessment.comparison is not None and any(name in accused(b) for b in assessment.comparison.blunders))
         )
-        gains = list(self._gains_of(outlook, name, moment).values())
-        enough = outlook is not None and not wrong and is_enough(marks, gains)
-        words = in_words(marks, None if outlook is None else outlook.sigma_m(name))
+        gains = list(self._gains_of(assessment, name, snapshot).values())
+        enough = assessment is not None and not wrong and is_enough(marks, gains)
+        words = in_words(marks, None if assessment is None else assessment.sigma_m(name))
         return {
             "name": name,
-            "role": moment.roles[name],
-            "surveyed": moment.roles[name] != "tie",
+            "role": snapshot.roles[name],
+            "surveyed": snapshot.roles[name] != "tie",
             "marks": marks,
-            "proposals": sum(point == name for point, _ in moment.proposals),
+            "proposals": sum(point == name for point, _ in snapshot.proposals),
             "wrong": wrong,
             "doubtful": sum(m.is_doubtful for m in own),
             "enough": enough,
             "words": f"{words}: more gain little" if enough else words,
         }
 
-    def _of_mark(self, outlook: Outlook, mark: Mark) -> ComparedMark | None:
-        """Return what was found of a mark, None where it is another one now."""
-        return outlook.compared.get(mark.place) if outlook.marks.get(mark.place) == mark else None
+    def _of_mark(self, assessment: Assessment, mark: Mark) -> ComparedMark | None:
+        """Return the comparison of a mark, None where it is another one now."""
+        return assessment.compared.get(mark.key) if assessment.marks.get(mark.key) == mark else None
 
-    def _beside(self, outlook: Outlook, mark: Mark) -> Snapped | None:
-        """Return what a mark lies beside, None where it is another one now."""
-        return outlook.beside.get(mark.place) if outlook.marks.get(mark.place) == mark else None
+    def _off_target(self, assessment: Assessment, mark: Mark) -> Snapped | None:
+        """Return the target that a mark has missed, None where it is another one now."""
+        return assessment.off_target.get(mark.key) if assessment.marks.get(mark.key) == mark else None
 
-    def _gains_of(self, outlook: Outlook | None, name: str, moment: Moment) -> dict[int, float]:
+    def _gains_of(self, assessment: Assessment | None, name: str, snapshot: Snapshot) -> dict[int, float]:
         """Return by photograph what one more mark of a point would gain, where it is not marked and may be seen."""
-        if outlook is None or outlook.places is None or outlook.sigma_m(name) is None:
+        if assessment is None or assessment.places is None or assessment.sigma_m(name) is None:
             return {}
-        if self._gains[0] is not outlook:
-            self._gains = (outlook, {})
+        if self._gains[0] is not assessment:
+            self._gains = (assessment, {})
         known = self._gains[1]
         if name not in known:
-            known[name] = self._reckoned_gains(outlook, name)
-        state, photographs = moment.state, self._session.block.photographs
+            known[name] = self._computed_gains(assessment, name)
+        state, photographs = snapshot.state, self._session.block.photographs
         return {
             i: gain
             for i, gain in known[name].items()
             if (name, photographs[i].name) not in state.marks and (name, photographs[i].name) not in state.not_visible
         }
 
-    def _reckoned_gains(self, outlook: Outlook, name: str) -> dict[int, float]:
-        places, sigma_m, block = outlook.places, outlook.sigma_m(name), self._session.block
-        g = outlook.names.index(name)
-        position = outlook.position_world_m[g]
+    def _computed_gains(self, assessment: Assessment, name: str) -> dict[int, float]:
+        places = assessment.places
+        sigma_m = assessment.sigma_m(name)
+        block = self._session.block
+        g = assessment.names.index(name)
+        position = assessment.position_world_m[g]
         if places is None or sigma_m is None or not np.isfinite(position).all():
             return {}
         axes = block.frame.rotation_world_from_map(np.zeros(3))
@@ -339,59 +350,63 @@ class Views:
     def point(self, name: str) -> PointView:
         """Return a point and its photographs, in the order in which they are shown. Raises KeyError where there is no
         such point."""
-        moment = self._session.moment()
-        record = self._point(moment, name) if name in moment.roles else None
+        snapshot = self._session.snapshot()
+        record = self._point(snapshot, name) if name in snapshot.roles else None
         if record is None:
             raise KeyError(name)
-        photographs, radii = self._photographs(moment, name)
+        photographs, radii = self._photographs(snapshot, name)
         return {
-            "version": moment.version,
+            "version": snapshot.version,
             "point": record,
             "span_px": span_px(radii, [(p["width_px"], p["height_px"]) for p in photographs]),
             "photographs": photographs,
-            "next": self._following(moment, name),
-            "problem": "" if moment.outlook is None else moment.outlook.problem,
+            "next": self._following(snapshot, name),
+            "problem": "" if snapshot.assessment is None else snapshot.assessment.problem,
         }
 
-    def _following(self, moment: Moment, name: str) -> str | None:
-        """Return which other point to mark next, the one whose marks would tell most; None where all have enough."""
-        names = list(moment.roles)
+    def _following(self, snapshot: Snapshot, name: str) -> str | None:
+        """Return which other point to mark next, the one whose marks would gain most; None where all have enough."""
+        names = list(snapshot.roles)
         after = names[names.index(name) + 1 :] + names[: names.index(name)]
-        left = [other for other in after if not self._point(moment, other)["enough"]]
-        return max(left, key=lambda other: self._told_nats(moment, other), default=None)
+        left = [other for other in after if not self._point(snapshot, other)["enough"]]
+        return max(left, key=lambda other: self._information_nats(snapshot, other), default=None)
 
-    def _told_nats(self, moment: Moment, name: str) -> float:
-        """Return what marks of a point in FEW photographs would tell of these, ½ ln det (I + C / σ²) of each (Shannon),
-        those that tell most; minus infinity where nothing says where the point is."""
-        outlook = moment.outlook
-        places = None if outlook is None else outlook.places
-        if outlook is None or places is None or name not in outlook.names:
+    def _information_nats(self, snapshot: Snapshot, name: str) -> float:
+        """Return what marks of a point in FEW photographs would add to these, ½ ln det (I + C / σ²) of each (Shannon),
+        those that add most; minus infinity where nothing says where the point is."""
+        assessment = snapshot.assessment
+        places = None if assessment is None else assessment.places
+        if assessment is None or places is None or name not in assessment.names:
             return -np.inf
-        photographs, marks, hidden = self._session.block.photographs, moment.state.marks, moment.state.not_visible
-        told = []
-        for k in places.of_point(outlook.names.index(name)).tolist():
+        photographs = self._session.block.photographs
+        marks = snapshot.state.marks
+        hidden = snapshot.state.not_visible
+        gains = []
+        for k in places.of_point(assessment.names.index(name)).tolist():
             place = name, photographs[int(places.photograph[k])].name
             if places.inside[k] and place not in marks and place not in hidden:
                 share = np.eye(2) + places.covariance_px2[k] / RAW_SIGMA_PX**2
-                told.append(0.5 * float(np.linalg.slogdet(share)[1]))
-        return sum(sorted(told, reverse=True)[:FEW]) if told else -np.inf
+                gains.append(0.5 * float(np.linalg.slogdet(share)[1]))
+        return sum(sorted(gains, reverse=True)[:FEW]) if gains else -np.inf
 
-    def _photographs(self, moment: Moment, name: str) -> tuple[list[PhotographRecord], list[float]]:
-        block, outlook = self._session.block, moment.outlook
-        places = None if outlook is None else outlook.places
+    def _photographs(self, snapshot: Snapshot, name: str) -> tuple[list[PhotographRecord], list[float]]:
+        block, assessment = self._session.block, snapshot.assessment
+        places = None if assessment is None else assessment.places
         at: dict[int, int] = {}
-        if places is not None and outlook is not None and name in outlook.names:
-            own = places.of_point(outlook.names.index(name))
+        if places is not None and assessment is not None and name in assessment.names:
+            own = places.of_point(assessment.names.index(name))
             at = {int(places.photograph[k]): int(k) for k in own if self._may_show(places, int(k))}
-        places_with_one = (*moment.state.marks, *moment.proposals)
+        places_with_one = (*snapshot.state.marks, *snapshot.proposals)
         numbers = self._session.numbers
         marked = [numbers[title] for point, title in places_with_one if point == name and title in numbers]
-        # where nothing says where the point is all photographs may show it; what is not reckoned yet is waited for
-        shown = sorted({*at, *marked}) if at or outlook is None else list(range(len(block.photographs)))
-        gains = self._gains_of(outlook, name, moment)
-        records, radii, pixel = list[PhotographRecord](), list[float](), list[tuple[float, float]]()
+        # where nothing says where the point is all photographs may show it; what is not computed yet is waited for
+        shown = sorted({*at, *marked}) if at or assessment is None else list(range(len(block.photographs)))
+        gains = self._gains_of(assessment, name, snapshot)
+        records = list[PhotographRecord]()
+        radii = list[float]()
+        pixel = list[tuple[float, float]]()
         for i in shown:
-            record = self._photograph(moment, name, i, at.get(i), gains.get(i))
+            record = self._photograph(snapshot, name, i, at.get(i), gains.get(i))
             records.append(record)
             if record["ellipse"] is not None and record["mark"] is None and record["inside"]:
                 radii.append(record["ellipse"]["long_px"])
@@ -404,7 +419,7 @@ class Views:
         order = best_first(
             np.array(pixel, dtype=np.float64),
             np.array([[r["width_px"], r["height_px"]] for r in records], dtype=np.float64),
-            self._azimuths(outlook, name, shown),
+            self._azimuths(assessment, name, shown),
             np.array([r["inside"] and not r["hidden"] for r in records], dtype=bool),
             np.array([r["mark"] is not None for r in records], dtype=bool),
         )
@@ -417,27 +432,27 @@ class Views:
         size, pixel = np.array([camera.width_px, camera.height_px]), places.pixel[place]
         return bool(np.all((pixel + reach >= -0.5) & (pixel - reach <= size - 0.5)))
 
-    def _azimuths(self, outlook: Outlook | None, name: str, photographs: Sequence[int]) -> FloatArray:
+    def _azimuths(self, assessment: Assessment | None, name: str, photographs: Sequence[int]) -> FloatArray:
         block, position = self._session.block, np.full(3, np.nan)
-        if outlook is not None and name in outlook.names:
-            position = outlook.position_world_m[outlook.names.index(name)]
+        if assessment is not None and name in assessment.names:
+            position = assessment.position_world_m[assessment.names.index(name)]
         poses: list[Pose | None] = [block.poses[i] for i in photographs]
         if not np.isfinite(position).all():
             return np.zeros(len(poses))
         return np.array([0.0 if pose is None else azimuth_rad(position, pose) for pose in poses])
 
     def _photograph(
-        self, moment: Moment, name: str, photograph: int, place: int | None, gain: float | None
+        self, snapshot: Snapshot, name: str, photograph: int, place: int | None, gain: float | None
     ) -> PhotographRecord:
-        block, outlook = self._session.block, moment.outlook
-        places = None if outlook is None else outlook.places
+        block, assessment = self._session.block, snapshot.assessment
+        places = None if assessment is None else assessment.places
         camera, title = _camera(block, photograph), block.photographs[photograph].name
-        mark = moment.state.marks.get((name, title))
-        compared = None if mark is None or outlook is None else self._of_mark(outlook, mark)
-        words = "" if compared is None else said_of(compared, max(_counts(moment)[name] - 1, 0))
-        beside = None if mark is None or outlook is None else self._beside(outlook, mark)
-        if mark is not None and beside is not None and not (compared is not None and compared.rejected):
-            words = said_beside(mark, beside)
+        mark = snapshot.state.marks.get((name, title))
+        compared = None if mark is None or assessment is None else self._of_mark(assessment, mark)
+        words = "" if compared is None else said_of(compared, max(_counts(snapshot)[name] - 1, 0))
+        off_target = None if mark is None or assessment is None else self._off_target(assessment, mark)
+        if mark is not None and off_target is not None and not (compared is not None and compared.rejected):
+            words = off_target_words(mark, off_target)
         return {
             "name": title,
             "width_px": camera.width_px,
@@ -445,13 +460,13 @@ class Views:
             "u": float(places.pixel[place, 0]) if places is not None and place is not None else None,
             "v": float(places.pixel[place, 1]) if places is not None and place is not None else None,
             "ellipse": _ellipse(places.covariance_px2[place]) if places is not None and place is not None else None,
-            "north_rad": self._north_rad(outlook, name, photograph),
+            "north_rad": self._north_rad(assessment, name, photograph),
             "inside": bool(places.inside[place]) if places is not None and place is not None else True,
-            "hidden": (name, title) in moment.state.not_visible,
+            "hidden": (name, title) in snapshot.state.not_visible,
             "gain": gain,
-            "proposal": _proposal(moment, (name, title)),
+            "proposal": _proposal(snapshot, (name, title)),
             "mark": None if mark is None else _mark(mark),
-            "beside": None if beside is None else {"u": beside.pixel[0], "v": beside.pixel[1]},
+            "off_target": None if off_target is None else {"u": off_target.pixel[0], "v": off_target.pixel[1]},
             "rejected": compared is not None and compared.rejected,
             "w": None if compared is None else compared.w,
             "off_px": None if compared is None else compared.distance_px,
@@ -459,27 +474,30 @@ class Views:
             "words": words,
         }
 
-    def _north_rad(self, outlook: Outlook | None, name: str, photograph: int) -> float | None:
+    def _north_rad(self, assessment: Assessment | None, name: str, photograph: int) -> float | None:
         """Return the direction of north at a point in a photograph, None where nothing says it."""
         block = self._session.block
-        if outlook is None or name not in outlook.names:
+        if assessment is None or name not in assessment.names:
             return None
-        position = outlook.position_world_m[outlook.names.index(name)]
+        position = assessment.position_world_m[assessment.names.index(name)]
         scale = ground_scale(_camera(block, photograph), block.poses[photograph], position)
         return None if scale is None else float(np.arctan2(scale[1, 1], scale[0, 1]))
 
     def plan(self) -> PlanView:
         """Return the survey in plan: surveyed points, and photographs that have a position."""
-        moment, block = self._session.moment(), self._session.block
+        snapshot, block = self._session.snapshot(), self._session.block
         given = block.control_points
         points = [_place(n, given.position_world_m[g]) for g, n in enumerate(given.name)]
-        for name, point in moment.state.points.items():
+        for name, point in snapshot.state.points.items():
             if point.position is not None:
                 points.append(
                     _place(name, block.frame.world_from_map(block.frame.map_from_unit(np.array([point.position])))[0])
                 )
-        seen = [_place(p.name, pose.position_world_m) for p, pose in zip(block.photographs, block.poses, strict=True)
-                if pose is not None]  # fmt: skip
+        seen = [
+            _place(p.name, pose.position_world_m)
+            for p, pose in zip(block.photographs, block.poses, strict=True)
+            if pose is not None
+        ]
         return {"points": [p for p in points if np.isfinite(p["east_m"])], "photographs": seen}
 
 
@@ -487,9 +505,9 @@ def _place(name: str, position_world_m: FloatArray) -> PlaceRecord:
     return {"name": name, "east_m": float(position_world_m[0]), "north_m": float(position_world_m[1])}
 
 
-def _counts(moment: Moment) -> dict[str, int]:
+def _counts(snapshot: Snapshot) -> dict[str, int]:
     counts: dict[str, int] = {}
-    for mark in moment.state.marks.values():
+    for mark in snapshot.state.marks.values():
         counts[mark.point] = counts.get(mark.point, 0) + 1
     return counts
 

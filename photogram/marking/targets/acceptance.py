@@ -1,4 +1,4 @@
-"""Whether a fitted pattern is a target, or a likeness that nature made.
+"""Whether a fitted pattern is a target, or something natural that resembles one.
 
 A sum over all pixels can be good where one part is wrong: a stone is bright all around but for one side, a shadow's
 edge is half of a cross. So every sector of the pattern is asked by itself, and each level against the noise.
@@ -8,7 +8,7 @@ strength is √det H σ² with the Hessian H of the grey values under a Gaussian
 or a shadow, has none.
 
 No limit of one of these alone finds a target that is small and blurred on rough ground and refuses a round stone: the
-one is weak in one respect, the other in another. So beside wide limits there is one for the sum of their logarithms, a
+one is weak in one respect, the other in another. So besides wide limits there is one for the sum of their logarithms, a
 linear discriminant (Fisher 1936) with the weights of a logistic regression (Cox 1958) between the targets and the
 ground of rendered photographs.
 """
@@ -23,6 +23,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray, nmad
 from photogram.marking.targets.fitting import Fit, pixels
+from photogram.marking.targets.initial_values import texture
 from photogram.marking.targets.picture import (
     BLUR,
     CX,
@@ -36,7 +37,6 @@ from photogram.marking.targets.picture import (
     Pattern,
     level_share,
 )
-from photogram.marking.targets.starts import texture
 
 SECTORS = 8
 LEAST_PIXELS = 4
@@ -51,8 +51,10 @@ AROUND_PX, FURTHER_PX = 10, 20
 """How far around a target the texture is taken, and how far the ground's blobs."""
 BLOB_PX, MOST_BLOBS = 2.0, 0.9
 """Blur under which blobs are taken, and the share of the ground where they are weaker than the usual strongest."""
-LEAST_EXPLAINED, LEAST_CONTRAST_DN, LEAST_OVER_BLOBS = 0.91, 25.0, 12.0
-"""Wide limits of what a target of any pattern must show."""
+LEAST_EXPLAINED = 0.91
+"""Share of the variance that the picture of any pattern must explain; like the next two a wide limit."""
+LEAST_CONTRAST_DN = 25.0
+LEAST_OVER_BLOBS = 12.0
 UNEXPECTED = 1.25
 """By how much the score of a target that nobody expects must be larger: it is looked for in many more places."""
 SMALL, SMALL_PX = 4.0, 4.5
@@ -230,7 +232,7 @@ def _weakest_sector(fit: Fit, outside: FloatArray) -> float:
 
 
 def _weakest_bar(fit: Fit, q: FloatArray) -> float:
-    """Return the same for the thirds of both bars and what lies beside them, the last with what lies behind it."""
+    """Return the same for the thirds of both bars and what lies next to them, the last with what lies behind it."""
     end = fit.reach if fit.pattern == Pattern.OPEN_CORNER else 1.0
     third = np.clip(np.floor(3.0 * np.maximum(q[:, 0], q[:, 1]) / end), 0, 2).astype(np.int64)
     return _weakest(fit, 3 * (q[:, 0] > q[:, 1]) + third, np.ones(len(q), bool))
@@ -255,23 +257,23 @@ def is_target(fit: Fit, around: Ground, is_expected: bool = True) -> bool:
     least = LEAST[fit.pattern]
     if fit.explained_at_best < least.explained:  # as of most, and the rest takes time
         return False
-    found = evidence(fit, around)
-    is_small = fit.pattern == Pattern.CIRCLE and found.width_px < SMALL_PX
+    shown = evidence(fit, around)
+    is_small = fit.pattern == Pattern.CIRCLE and shown.width_px < SMALL_PX
     return (
-        found.score >= least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
-        and found.weakest_sector >= least.weakest_sector
-        and found.contrast_dn >= LEAST_CONTRAST_DN
-        and found.contrast_over_noise >= least.contrast_over_noise
-        and found.contrast_over_texture >= least.contrast_over_texture
-        and found.contrast_over_blobs >= LEAST_OVER_BLOBS
-        and found.contrast_over_strongest_blob >= least.contrast_over_strongest_blob
-        and found.outer_edge >= LEAST_OUTER_EDGE
-        and found.width_px >= least.width_px
-        and least.length_px <= found.length_px <= 140.0
-        and found.length_px <= 4.0 * found.width_px
-        and found.sharpness >= least.sharpness
-        and found.sigma_px <= least.sigma_px
-        and least.shape[0] <= found.shape <= least.shape[1]
+        shown.score >= least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
+        and shown.weakest_sector >= least.weakest_sector
+        and shown.contrast_dn >= LEAST_CONTRAST_DN
+        and shown.contrast_over_noise >= least.contrast_over_noise
+        and shown.contrast_over_texture >= least.contrast_over_texture
+        and shown.contrast_over_blobs >= LEAST_OVER_BLOBS
+        and shown.contrast_over_strongest_blob >= least.contrast_over_strongest_blob
+        and shown.outer_edge >= LEAST_OUTER_EDGE
+        and shown.width_px >= least.width_px
+        and least.length_px <= shown.length_px <= 140.0
+        and shown.length_px <= 4.0 * shown.width_px
+        and shown.sharpness >= least.sharpness
+        and shown.sigma_px <= least.sigma_px
+        and least.shape[0] <= shown.shape <= least.shape[1]
         and _is_seen(fit, around)
     )
 

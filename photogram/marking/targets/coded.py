@@ -1,4 +1,4 @@
-"""Coded targets, AprilTag (Olson 2011) and ArUco (Garrido-Jurado et al. 2014): found by OpenCV, then fitted as a whole.
+"""Coded targets, AprilTag (Olson 2011) and ArUco (Garrido-Jurado et al. 2014): detected by OpenCV, then fitted whole.
 
 The corners that the detector gives are those of the black square. The homography of the square and its code is fitted
 to the grey values: q = A (p − c) / (1 + h·(p − c)), so that c is where the diagonals meet, the image of the centre.
@@ -38,7 +38,7 @@ SHORTEST_PX = 40.0
 """Perimeter from which a coded target may be read: a field has two pixels or less there."""
 _BLUR = 8  # place of the blur among the ten parameters: c, A, h, blur; the levels follow
 LEAST_FIELD_PX = 2.2
-"""Side of a field from which a code can be told from other squares."""
+"""Side of a field from which a code can be distinguished from other squares."""
 RIM = 0.5
 """Fields around the black square that are fitted too: they are white."""
 
@@ -74,7 +74,7 @@ def find_coded(grey: NDArray[np.uint8] | NDArray[np.float32]) -> list[MeasuredCe
     # a detector that works with whole pixels finds small targets in an enlarged patch
     factor = 2 if max(byte.shape) <= 1000 else 1
     large = cv2.resize(byte, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else byte
-    found: list[MeasuredCentre] = []
+    centres: list[MeasuredCentre] = []
     detector = _detector(round(factor * SHORTEST_PX / max(large.shape), 3))
     names = list(FAMILIES)
     for shown in (large, _sharpened(large, factor)):
@@ -83,12 +83,12 @@ def find_coded(grey: NDArray[np.uint8] | NDArray[np.float32]) -> list[MeasuredCe
             continue
         for quadrangle, number, index in zip(corners, np.ravel(numbers), np.ravel(family), strict=True):
             corner = (np.asarray(quadrangle, np.float64).reshape(4, 2) + 0.5) / factor - 0.5
-            if any(np.hypot(*(f.centre_px - corner.mean(axis=0))) < 4.0 for f in found):
+            if any(np.hypot(*(f.centre_px - corner.mean(axis=0))) < 4.0 for f in centres):
                 continue
             measured = _fitted(grey.astype(np.float64), corner, names[int(index)], int(number))
             if measured is not None:
-                found.append(measured)
-    return found
+                centres.append(measured)
+    return centres
 
 
 def _sharpened(grey: ByteArray, factor: int) -> ByteArray:
@@ -131,9 +131,15 @@ def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> M
     own_noise = centre_covariance(place, -np.asarray(solution.jac), residual, np.ones(len(own)), np.zeros(len(own)))
     covariance = MODEL_ERROR**2 * own_noise
     return MeasuredCentre(
-        Kind.CODED, theta[:2].copy(), covariance, explained, float(sides.max()), float(theta[_BLUR]), contrast,
+        Kind.CODED,
+        theta[:2].copy(),
+        covariance,
+        explained,
+        float(sides.max()),
+        float(theta[_BLUR]),
+        contrast,
         (family, number),
-    )  # fmt: skip
+    )
 
 
 def _centred(H: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Least squares of a target's picture against grey values (Levenberg 1944, Marquardt 1963), and the covariance of its
 centre.
 
-Pixels beside a target show whatever lies there, so they have a variance of their own and weigh less. Residuals of
+Pixels around a target show whatever lies there, so they have a variance of their own and weigh less. Residuals of
 photographs are correlated between neighbours (demosaicing, JPEG, texture), which σ² (JᵀJ)⁻¹ ignores. With the influence
 k_i (2,) of pixel i on the centre, σ_i the noise around it and ρ(l) the correlation of residuals at the lag l,
 
@@ -58,8 +58,12 @@ side of an L moves the corner; what it lacks all around a ring or a crossing cou
 `benchmarks/targets.py` shows whether they are true."""
 LOCAL_PX = 2.0
 """Over how far the noise of a place is taken from the residuals around it."""
-SHRINKINGS, WELL_EXPLAINED, SMALLEST_FIELD_PX = 5, 0.985, 3.0
-"""How often fields that go on are looked at more closely, until what share is explained, down to which radius."""
+SHRINKINGS = 5
+"""How often fields that go on are looked at more closely, at most."""
+WELL_EXPLAINED = 0.985
+"""Share of the squares that is enough for them."""
+SMALLEST_FIELD_PX = 3.0
+"""Radius below which they are not looked at more closely."""
 ENDS = (1e-2, 1e-3, 1e-6)
 """Share of the squares below which a step is the last: one for each time that pixels and weights are chosen anew."""
 ITERATIONS = (8, 10, 15)
@@ -67,7 +71,7 @@ ITERATIONS = (8, 10, 15)
 ENOUGH_PIXELS = 300
 """How many pixels are enough for all but the last fit."""
 ZONES = 30.0
-"""Ratio of the variances beside and in a target, at most."""
+"""Ratio of the variances around and in a target, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +108,7 @@ class Fit:
 
     @cached_property
     def explained_at_best(self) -> float:
-        """The same, or of the weighted squares where that is more: rough ground beside a target, which no picture
+        """The same, or of the weighted squares where that is more: rough ground around a target, which no picture
         explains, counts less in them, but so does the difference of the target from the ground."""
         return _explained_at_best(self.grey, self.residual, self.weight)
 
@@ -128,7 +132,8 @@ def _minimise(
     """Return the parameters at the minimum of the weighted squares, and its value."""
     n, p = len(grey), len(free)
     theta, trial = start.copy(), start.copy()
-    shown, jacobian, other_jacobian = np.empty(n), np.empty((n, 13)), np.empty((n, 13))
+    shown, jacobian = np.empty(n), np.empty((n, 13))
+    other_jacobian = np.empty((n, 13))
     draw(pattern, theta, place, shown, jacobian)
     r = (grey - shown) * root_weight
     cost = (r**2).sum()
@@ -158,7 +163,8 @@ def _minimise(
             lower = (other**2).sum()
             if lower < cost:
                 last = cost - lower < tolerance * cost
-                improved, cost, damping, r = True, lower, max(0.2 * damping, 1e-9), other
+                improved, cost = True, lower
+                damping, r = max(0.2 * damping, 1e-9), other
                 theta[:] = trial
                 jacobian, other_jacobian = other_jacobian, jacobian
                 break
@@ -186,18 +192,18 @@ def fit(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float = 1.
     ``start`` (COUNT,) are its rough parameters, levels included; ``reach`` is where an open pattern ends. Fields that
     go on are fitted as far around their corner as the patch shows them.
     """
-    found = _fitted(grey, pattern, start, reach)
+    result = _fitted(grey, pattern, start, reach)
     closer = start.copy()
     for _ in range(SHRINKINGS if pattern == Pattern.FIELDS else 0):
-        if found is not None:
-            if found.explained > WELL_EXPLAINED:
+        if result is not None:
+            if result.explained > WELL_EXPLAINED:
                 break
-            closer[:] = found.theta
+            closer[:] = result.theta
         closer[2:6] *= 1.3
         if np.linalg.svd(closer[2:6].reshape(2, 2), compute_uv=False)[0] > 1.0 / SMALLEST_FIELD_PX:
             break
-        found = _fitted(grey, pattern, closer, reach) or found
-    return found
+        result = _fitted(grey, pattern, closer, reach) or result
+    return result
 
 
 def _fitted(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float = 1.0) -> Fit | None:
@@ -242,7 +248,7 @@ def _thinned(place: IntArray) -> IntArray:
 
 
 def _as_large(theta: FloatArray, start: FloatArray) -> FloatArray:
-    """Return the parameters of fields that go on, with normals as long as those they start with: no picture tells how
+    """Return the parameters of fields that go on, with normals as long as those they start with: no picture shows how
     long they are, and they say which pixels are taken."""
     own = theta.copy()
     for row in (slice(2, 4), slice(4, 6)):
@@ -256,20 +262,20 @@ def _is_sane(theta: FloatArray, start: FloatArray) -> bool:
 
 
 def _outside(pattern: Pattern, theta: FloatArray, place: FloatArray) -> FloatArray:
-    """Return the share (N,) of each pixel that lies beside the pattern."""
+    """Return the share (N,) of each pixel that lies outside the pattern."""
     return level_share(pattern, theta, place, OUTSIDE) if OUTSIDE in FREE[pattern] else np.zeros(len(place))
 
 
 def _zones(pattern: Pattern, theta: FloatArray, place: FloatArray, residual: FloatArray) -> tuple[float, float]:
-    """Return the variance of residuals in a target and beside it."""
+    """Return the variance of residuals in a target and around it."""
     outside = _outside(pattern, theta, place)
     inner, outer = residual[outside <= 0.1], residual[outside > 0.9]
     if len(inner) < 12:  # bars so thin that nothing lies quite within them
         inner = residual[outside <= 0.9]
     least = LEAST_NOISE_DN**2
     inside = max(float((inner**2).mean()) if len(inner) else least, least)
-    beside = max(float((outer**2).mean()) if len(outer) >= 8 else inside, least)
-    return max(inside, beside / ZONES), max(beside, inside / ZONES)
+    around = max(float((outer**2).mean()) if len(outer) >= 8 else inside, least)
+    return max(inside, around / ZONES), max(around, inside / ZONES)
 
 
 def _weight(pattern: Pattern, theta: FloatArray, place: FloatArray, zones: tuple[float, float]) -> FloatArray:
@@ -292,14 +298,15 @@ def centre_covariance(
     low = place.min(axis=0)
     width, height = (int(n) for n in place.max(axis=0) - low + 1)
     at = (place[:, 1] - low[1], place[:, 0] - low[0])
-    there, field, square = np.zeros((height, width)), np.zeros((height, width)), np.zeros((height, width))
+    there, field = np.zeros((height, width)), np.zeros((height, width))
+    square = np.zeros((height, width))
     there[at], field[at] = 1.0, residual
     # what the fit has taken away from a residual (MacKinnon & White 1985)
     square[at] = residual**2 / np.maximum(1.0 - leverage, 0.2)
-    beside = np.zeros((height, width))
-    beside[at] = outside > 0.5
+    surroundings = np.zeros((height, width))
+    surroundings[at] = outside > 0.5
     local = np.full((height, width), LEAST_NOISE_DN**2)
-    for part in (there * (1.0 - beside), beside):
+    for part in (there * (1.0 - surroundings), surroundings):
         if part.any():
             noise = _smoothed(square * part) / np.maximum(_smoothed(part), 1e-9)
             local = np.where(part > 0.0, np.maximum(noise, local), local)
@@ -340,7 +347,7 @@ def _correlogram(field: FloatArray, there: FloatArray, lost: float) -> dict[tupl
             if (dy, dx) == (0, 0) or lag > LAGS or own < 8.0:
                 continue
             value = float(products[dy, dx]) / own / square + lost / count
-            if lag > 1.5 and value < 2.0 / math.sqrt(own):  # not told from none (Bartlett 1946)
+            if lag > 1.5 and value < 2.0 / math.sqrt(own):  # not distinct from none (Bartlett 1946)
                 continue
             rho[dy, dx] = min(value, 1.0) * min(1.0, 2.0 - 2.0 * lag / (LAGS + 1.0))
     return rho

@@ -128,15 +128,15 @@ def _correlated(
     other = score[np.maximum(np.abs(rows - row), np.abs(columns - column)) >= APART_PX]
     if other.size and float(other.max()) > RIVAL * best:
         return None
-    found: FloatArray = np.array([column, row]) + low + HALF_PX + mark
-    return found
+    pixel: FloatArray = np.array([column, row]) + low + HALF_PX + mark
+    return pixel
 
 
 def _refined(
     shown: FloatArray, offset: FloatArray, grey: FloatArray, start: FloatArray, near: FloatArray, reach_px: float
 ) -> MeasuredCentre | None:
-    """Return the place found by least squares from ``start`` (2,), for grey values ``shown`` (N,) at ``offset`` (N, 2)
-    from the mark."""
+    """Return the place estimated by least squares from ``start`` (2,), for grey values ``shown`` (N,) at ``offset``
+    (N, 2) from the mark."""
     spline = spline_filter(gaussian_filter(grey, BLUR_PX), order=3)
     theta = np.array([start[0], start[1], 1.0, 0.0, 0.0, 1.0])
     for _ in range(ITERATIONS):
@@ -147,10 +147,8 @@ def _refined(
         design = np.column_stack([shown, np.ones(len(shown))])
         level = np.linalg.lstsq(design, value, rcond=None)[0]
         residual = value - design @ level
-        J = np.column_stack(
-            [-slope_u, -slope_v, -slope_u * offset[:, 0], -slope_u * offset[:, 1], -slope_v * offset[:, 0],
-             -slope_v * offset[:, 1], design]
-        )  # fmt: skip
+        turned = (-slope_u[:, None] * offset, -slope_v[:, None] * offset)
+        J = np.column_stack([-slope_u, -slope_v, *turned, design])
         step = np.linalg.lstsq(J, residual, rcond=None)[0]
         theta = theta + np.clip(step[:6], -1.0, 1.0)
         if not np.isfinite(theta).all() or np.hypot(*(theta[:2] - near)) > reach_px:

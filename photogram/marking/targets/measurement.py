@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.marking.targets.acceptance import SADDLES, axes_px, contrast_dn, ground, is_target
 from photogram.marking.targets.coded import find_coded
-from photogram.marking.targets.cross_starts import cross_starts
+from photogram.marking.targets.cross_initial_values import cross_initial_values
 from photogram.marking.targets.fitting import Fit, fit
-from photogram.marking.targets.kinds import Kind, MeasuredCentre
-from photogram.marking.targets.picture import BLUR, Pattern
-from photogram.marking.targets.starts import (
-    Start,
-    corner_starts,
-    region_starts,
+from photogram.marking.targets.initial_values import (
+    InitialValues,
+    corner_initial_values,
+    region_initial_values,
     regions,
-    saddle_starts,
+    saddle_initial_values,
     saddles,
 )
+from photogram.marking.targets.kinds import Kind, MeasuredCentre
+from photogram.marking.targets.picture import BLUR, Pattern
 
 GreyPatch = NDArray[np.uint8] | NDArray[np.float32]
 
@@ -80,19 +80,21 @@ def snap(
         return None
     place = near - low
     own = part.astype(np.float64)
-    found = _accepted(own, _starts_near(own, place, reach_px), FITS, is_expected=True)
-    nearest = min((_distance(f, place) for f in found if f.pattern in SADDLES), default=np.inf)
+    fits = _accepted(own, _initial_values_near(own, place, reach_px), FITS, is_expected=True)
+    nearest = min((_distance(f, place) for f in fits if f.pattern in SADDLES), default=np.inf)
     # of a board's corners the nearest is meant, and none that lies beyond the fields around the rough place; two
     # sides of a square, and rows of its fields, pass for an L or a cross whose corner lies far from it
-    found = [f for f in found if f.pattern not in SADDLES or _distance(f, place) <= nearest + 1.0]
-    found = [f for f in found if f.pattern not in CLOSE or _distance(f, place) <= CLOSE_SHARE * axes_px(f)[0] + 1.0]
+    fits = [f for f in fits if f.pattern not in SADDLES or _distance(f, place) <= nearest + 1.0]
+    fits = [f for f in fits if f.pattern not in CLOSE or _distance(f, place) <= CLOSE_SHARE * axes_px(f)[0] + 1.0]
     measured = [
         (_gain(f) * _nearness(_distance(f, place) / reach_px), _measured(f, low, focal_px))
-        for f in found
+        for f in fits
         if _distance(f, place) <= reach_px
     ]
     measured += [
-        (_coded_gain(c), _moved(c, low)) for c in find_coded(part) if np.hypot(*(c.centre_px - place)) <= reach_px
+        (_coded_gain(c), replace(c, centre_px=c.centre_px + low))
+        for c in find_coded(part)
+        if np.hypot(*(c.centre_px - place)) <= reach_px
     ]
     return max(measured, key=lambda pair: pair[0])[1] if measured else None
 
@@ -102,11 +104,11 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     if grey.ndim != 2 or min(grey.shape) < 9:
         return []
     own = grey.astype(np.float64)
-    starts: list[Start] = []
+    starts: list[InitialValues] = []
     for centre, normals in saddles(own, 10 + own.size // 2500):
-        starts += saddle_starts(own, centre, normals, (0.7, 1.8))
+        starts += saddle_initial_values(own, centre, normals, (0.7, 1.8))
     for region in regions(own):
-        starts += region_starts(own, region)
+        starts += region_initial_values(own, region)
     zero = np.zeros(2, int)
     ranked = [(_coded_gain(c), c) for c in find_coded(grey)]
     ranked += [
@@ -123,16 +125,16 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     return kept
 
 
-def _starts_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[Start]:
-    starts: list[Start] = []
+def _initial_values_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
+    starts: list[InitialValues] = []
     for centre, normals in saddles(grey, 10, near, reach_px):
-        starts += saddle_starts(grey, centre, normals, (0.7, 1.8))
+        starts += saddle_initial_values(grey, centre, normals, (0.7, 1.8))
     for region in regions(grey, near, reach_px):
-        starts += region_starts(grey, region)
-    starts += corner_starts(grey, near, reach_px)
-    starts += cross_starts(grey, near, reach_px)
+        starts += region_initial_values(grey, region)
+    starts += corner_initial_values(grey, near, reach_px)
+    starts += cross_initial_values(grey, near, reach_px)
     apart = [float(np.hypot(*(s.theta[:2] - near))) / reach_px for s in starts]
-    # where a click is, its target is rather than a larger one beside it, and of a board's corners the nearest is meant
+    # where a click is, its target is rather than a larger one next to it, and of a board's corners the nearest is meant
     return [
         replace(s, promise=s.promise * float(np.exp(-(10.0 if s.pattern == Pattern.FIELDS else 3.0) * d**2)))
         for s, d in zip(starts, apart, strict=True)
@@ -140,11 +142,11 @@ def _starts_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[St
     ]
 
 
-def _accepted(grey: FloatArray, starts: list[Start], most: int, is_expected: bool) -> list[Fit]:
+def _accepted(grey: FloatArray, starts: list[InitialValues], most: int, is_expected: bool) -> list[Fit]:
     """Return the fits that are targets, of starts that differ, the most promising first: at most so many of each
     pattern, or one that promises much would leave no room for another that is true."""
-    found: list[Fit] = []
-    taken: list[Start] = []
+    accepted: list[Fit] = []
+    taken: list[InitialValues] = []
     around = ground(grey)
     for start in sorted(starts, key=lambda s: -s.promise):
         same = [other for other in taken if other.pattern == start.pattern]
@@ -155,16 +157,16 @@ def _accepted(grey: FloatArray, starts: list[Start], most: int, is_expected: boo
         if fitted is None or np.hypot(*(fitted.theta[:2] - start.theta[:2])) > _leash(start):
             continue
         if is_target(fitted, around, is_expected):
-            found.append(fitted)
-    return found
+            accepted.append(fitted)
+    return accepted
 
 
-def _leash(start: Start) -> float:
+def _leash(start: InitialValues) -> float:
     """Return how far from its start a fit may end, px."""
     return 2.0 + 0.25 / float(np.sqrt(abs(np.linalg.det(start.theta[2:6].reshape(2, 2)))))
 
 
-def _alike(one: Start, other: Start) -> bool:
+def _alike(one: InitialValues, other: InitialValues) -> bool:
     if one.pattern != other.pattern or np.hypot(*(one.theta[:2] - other.theta[:2])) > 0.7:
         return False
     ratio = one.theta[2:6].reshape(2, 2) @ np.linalg.inv(other.theta[2:6].reshape(2, 2))
@@ -173,13 +175,13 @@ def _alike(one: Start, other: Start) -> bool:
     return is_close and (one.pattern not in (Pattern.CROSS, Pattern.CORNER) or float(np.trace(ratio)) > 1.8)
 
 
-def _gain(found: Fit) -> float:
-    return found.variation * (1.0 - UNEXPLAINED * (1.0 - found.explained))
+def _gain(fitted: Fit) -> float:
+    return fitted.variation * (1.0 - UNEXPLAINED * (1.0 - fitted.explained))
 
 
-def _coded_gain(found: MeasuredCentre) -> float:
+def _coded_gain(centre: MeasuredCentre) -> float:
     """Return the gain of a coded target: no pattern within it, and no frame around it, is preferred to it."""
-    return 1e12 + found.size_px
+    return 1e12 + centre.size_px
 
 
 def _nearness(distance: float) -> float:
@@ -187,23 +189,23 @@ def _nearness(distance: float) -> float:
     return float(np.exp(-10.0 * distance**2))
 
 
-def _distance(found: Fit, place: FloatArray) -> float:
-    return float(np.hypot(*(found.theta[:2] - place)))
+def _distance(fitted: Fit, place: FloatArray) -> float:
+    return float(np.hypot(*(fitted.theta[:2] - place)))
 
 
-def _measured(found: Fit, shift: NDArray[np.int64], focal_px: float) -> MeasuredCentre:
-    covariance = found.covariance_px2
-    if found.pattern in PERSPECTIVE:
-        eccentricity = eccentricity_px2(found.theta[2:6].reshape(2, 2), focal_px)
-        covariance = covariance + PERSPECTIVE[found.pattern] ** 2 * eccentricity
+def _measured(fitted: Fit, shift: NDArray[np.int64], focal_px: float) -> MeasuredCentre:
+    covariance = fitted.covariance_px2
+    if fitted.pattern in PERSPECTIVE:
+        eccentricity = eccentricity_px2(fitted.theta[2:6].reshape(2, 2), focal_px)
+        covariance = covariance + PERSPECTIVE[fitted.pattern] ** 2 * eccentricity
     return MeasuredCentre(
-        _KINDS[found.pattern],
-        found.theta[:2] + shift,
+        _KINDS[fitted.pattern],
+        fitted.theta[:2] + shift,
         covariance,
-        found.explained,
-        axes_px(found)[0],
-        float(found.theta[BLUR]),
-        contrast_dn(found),
+        fitted.explained,
+        axes_px(fitted)[0],
+        float(fitted.theta[BLUR]),
+        contrast_dn(fitted),
     )
 
 
@@ -211,21 +213,8 @@ def eccentricity_px2(A: FloatArray, focal_px: float) -> FloatArray:
     """Return the square (2, 2) of the vector from the image of a circle's centre to the centre of its ellipse.
 
     ``A`` maps the ellipse to a unit circle. With semi-axes a and b it is b √(a² − b²) / f long and lies along the minor
-    axis (Dold 1996, for a circle near the axis of the camera); the ellipse does not tell its sign.
+    axis (Dold 1996, for a circle near the axis of the camera); the ellipse does not show its sign.
     """
     direction, half, _ = np.linalg.svd(np.linalg.inv(A))
     length = half[1] * np.sqrt(max(half[0] ** 2 - half[1] ** 2, 0.0)) / focal_px
     return np.asarray(length**2 * np.outer(direction[:, 1], direction[:, 1]))
-
-
-def _moved(found: MeasuredCentre, shift: NDArray[np.int64]) -> MeasuredCentre:
-    return MeasuredCentre(
-        found.kind,
-        found.centre_px + shift,
-        found.covariance_px2,
-        found.quality,
-        found.size_px,
-        found.blur_px,
-        found.contrast_dn,
-        found.code,
-    )

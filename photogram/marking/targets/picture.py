@@ -58,7 +58,7 @@ FREE: dict[Pattern, IntArray] = {
     Pattern.OPEN_CORNER: np.array([*_ALWAYS, OUTSIDE, FIRST, RISE_U, RISE_V]),
     Pattern.CROSSED_SQUARE: np.array([*_ALWAYS, SHAPE, OUTSIDE, FIRST, SECOND, RISE_U, RISE_V]),
 }
-"""Parameters that are estimated. What the picture cannot tell (how a circle is turned, the scale of fields that go on)
+"""Parameters that are estimated. What the picture cannot show (how a circle is turned, the scale of fields that go on)
 stays where it starts."""
 
 
@@ -96,17 +96,20 @@ def offsets(pattern: int, shape: float, offset: FloatArray, slope: FloatArray) -
         offset[0] = 0.0
         return 1
     if pattern == 2:
-        offset[0], offset[1], offset[2] = -1.0, 0.0, 1.0
+        offset[0], offset[1] = -1.0, 0.0
+        offset[2] = 1.0
         return 3
     if pattern == 5 or pattern == 9:
-        offset[0], offset[1], offset[2], offset[3] = -shape, shape, -1.0, 1.0
+        offset[0], offset[1] = -shape, shape
+        offset[2], offset[3] = -1.0, 1.0
         slope[0], slope[1] = -1.0, 1.0
         return 4
     if pattern == 6:
         offset[0], offset[1] = -1.0, 1.0
         return 2
     if pattern == 7:
-        offset[0], offset[1], offset[2], offset[3] = 0.0, shape, 0.0, 1.0
+        offset[0], offset[1] = 0.0, shape
+        offset[2], offset[3] = 0.0, 1.0
         slope[1] = 1.0
         return 4
     if pattern == 8:
@@ -121,7 +124,8 @@ def shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: 
     by the edges across x (4), across y (4), by the outer and the inner circle."""
     g[:] = 0.0
     if pattern <= 1:
-        x, y, whole = ex[0], ey[0], 1.0 if pattern == 0 else round_[0]
+        x, y = ex[0], ey[0]
+        whole = 1.0 if pattern == 0 else round_[0]
         same = x * y + (1.0 - x) * (1.0 - y)
         g[0, 0], g[0, 4] = whole * (2.0 * y - 1.0), whole * (2.0 * x - 1.0)
         g[1, 0], g[1, 4] = -g[0, 0], -g[0, 4]
@@ -129,17 +133,23 @@ def shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: 
             g[0, 8], g[1, 8] = same, 1.0 - same
         return whole * same, whole * (1.0 - same)
     if pattern == 2:
-        xm, xp, ym, yp = ex[0] - ex[1], ex[1] - ex[2], ey[0] - ey[1], ey[1] - ey[2]
-        g[0, 0], g[0, 1], g[0, 2] = ym, yp - ym, -yp
-        g[0, 4], g[0, 5], g[0, 6] = xm, xp - xm, -xp
-        g[1, 0], g[1, 1], g[1, 2] = yp, ym - yp, -ym
-        g[1, 4], g[1, 5], g[1, 6] = xp, xm - xp, -xm
+        xm, xp = ex[0] - ex[1], ex[1] - ex[2]
+        ym, yp = ey[0] - ey[1], ey[1] - ey[2]
+        g[0, 0], g[0, 1] = ym, yp - ym
+        g[0, 2] = -yp
+        g[0, 4], g[0, 5] = xm, xp - xm
+        g[0, 6] = -xp
+        g[1, 0], g[1, 1] = yp, ym - yp
+        g[1, 2] = -ym
+        g[1, 4], g[1, 5] = xp, xm - xp
+        g[1, 6] = -xm
         return xp * yp + xm * ym, xp * ym + xm * yp
     if pattern == 3:
         g[0, 8] = 1.0
         return round_[0], 0.0
     if pattern == 4:
-        g[0, 8], g[0, 9], g[1, 9] = 1.0, -1.0, 1.0
+        g[0, 8], g[0, 9] = 1.0, -1.0
+        g[1, 9] = 1.0
         return round_[0] - round_[1], round_[1]
     ax, ay = ex[0] - ex[1], ey[0] - ey[1]
     bx = by = 1.0
@@ -147,10 +157,13 @@ def shares(pattern: int, ex: FloatArray, ey: FloatArray, round_: FloatArray, g: 
         bx, by = ex[2] - ex[3], ey[2] - ey[3]
     elif pattern == 8:
         bx, by = ex[0], ey[0]
-    to_ax, to_ay, to_bx, to_by = by - ay, bx - ax, ay, ax
-    g[0, 0], g[0, 1], g[0, 4], g[0, 5] = to_ax, -to_ax, to_ay, -to_ay
+    to_ax, to_ay = by - ay, bx - ax
+    to_bx, to_by = ay, ax
+    g[0, 0], g[0, 1] = to_ax, -to_ax
+    g[0, 4], g[0, 5] = to_ay, -to_ay
     if pattern == 5 or pattern == 7 or pattern == 9:
-        g[0, 2], g[0, 3], g[0, 6], g[0, 7] = to_bx, -to_bx, to_by, -to_by
+        g[0, 2], g[0, 3] = to_bx, -to_bx
+        g[0, 6], g[0, 7] = to_by, -to_by
     elif pattern == 8:
         g[0, 0] += to_bx
         g[0, 4] += to_by
@@ -192,8 +205,10 @@ def _crossings(pattern: int) -> FloatArray:
 def _leaning(rho: float, a: float, b: float) -> tuple[float, float, float, float]:
     """Return by how much Φ₂(a, b; ρ) exceeds Φ(a) Φ(b), and its derivatives by a, b and ρ."""
     weight = math.exp(-0.5 * (a * a + b * b)) * 0.15915494309189535
-    a2, b2, a3, b3 = a * a - 1.0, b * b - 1.0, a * (a * a - 3.0), b * (b * b - 3.0)
-    r2, r3, r4 = rho**2 / 2.0, rho**3 / 6.0, rho**4 / 24.0
+    a2, b2 = a * a - 1.0, b * b - 1.0
+    a3, b3 = a * (a * a - 3.0), b * (b * b - 3.0)
+    r2, r3 = rho**2 / 2.0, rho**3 / 6.0
+    r4 = rho**4 / 24.0
     value = weight * (rho + r2 * a * b + r3 * a2 * b2 + r4 * a3 * b3)
     by_a = weight * (r2 * b + 2.0 * r3 * a * b2 + 3.0 * r4 * a2 * b3) - a * value
     by_b = weight * (r2 * a + 2.0 * r3 * b * a2 + 3.0 * r4 * b2 * a3) - b * value
@@ -241,7 +256,8 @@ def _by_lines(
 ) -> None:
     """Add to a row (COUNT,) of the Jacobian what the lines across an axis give, for a pixel at (rx, ry) px from the
     centre: ``g`` as of shares, ``by`` as of _lean, the differences of both levels from what lies outside."""
-    ax, ay, blur = theta[2 + 2 * axis], theta[3 + 2 * axis], theta[6]
+    ax, ay = theta[2 + 2 * axis], theta[3 + 2 * axis]
+    blur = theta[6]
     size = math.hypot(ax, ay)
     hx, hy = ax / size, ay / size
     for j in range(lines):
@@ -263,7 +279,9 @@ def _by_lines(
 def _by_circle(row: FloatArray, theta: FloatArray, rx: float, ry: float, rho: float, gain: float) -> float:
     """Add to a row (COUNT,) of the Jacobian what the circle |q| = rho gives, for a pixel at (rx, ry) px from the centre
     and ``gain`` the grey value by the share of the circle; return its derivative by rho."""
-    axx, axy, ayx, ayy, blur = theta[2], theta[3], theta[4], theta[5], theta[6]
+    axx, axy = theta[2], theta[3]
+    ayx, ayy = theta[4], theta[5]
+    blur = theta[6]
     x, y = axx * rx + axy * ry, ayx * rx + ayy * ry
     radius = max(math.hypot(x, y), 1e-9)
     nx, ny = -x / radius, -y / radius
@@ -288,14 +306,18 @@ def _by_circle(row: FloatArray, theta: FloatArray, rx: float, ry: float, rho: fl
 @njit(cache=True, nogil=True)
 def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, jacobian: FloatArray) -> None:
     """Write the grey values (N,) of pixels at ``place`` (N, 2) and, unless it is empty, the Jacobian (N, COUNT)."""
-    cx, cy, blur = theta[0], theta[1], theta[6]
-    axx, axy, ayx, ayy = theta[2], theta[3], theta[4], theta[5]
+    cx, cy = theta[0], theta[1]
+    blur = theta[6]
+    axx, axy = theta[2], theta[3]
+    ayx, ayy = theta[4], theta[5]
     wx, wy = math.hypot(axx, axy), math.hypot(ayx, ayy)
     offset, slope = np.zeros(4), np.zeros(4)
     lines = offsets(pattern, theta[7], offset, slope)
     is_round = pattern == 1 or pattern == 3 or pattern == 4
-    ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
-    a, b, by = np.zeros(4), np.zeros(4), np.zeros((2, 9))
+    ex, ey = np.zeros(4), np.zeros(4)
+    circle, g = np.zeros(2), np.zeros((2, 10))
+    a, b = np.zeros(4), np.zeros(4)
+    by = np.zeros((2, 9))
     rho = (axx * ayx + axy * ayy) / (wx * wy)
     count = _crossings(pattern)
     wanted = jacobian.shape[0] > 0
@@ -327,7 +349,8 @@ def draw(pattern: int, theta: FloatArray, place: FloatArray, grey: FloatArray, j
             continue
         row = jacobian[i]
         row[:] = 0.0
-        row[8], row[9], row[10] = 1.0 - first - second, first, second
+        row[8], row[9] = 1.0 - first - second, first
+        row[10] = second
         row[11], row[12] = rx * row[8], ry * row[8]
         row[0] -= theta[11] * row[8]
         row[1] -= theta[12] * row[8]
@@ -364,7 +387,7 @@ def level_share(pattern: Pattern, theta: FloatArray, place: FloatArray, level: i
 
 @njit(cache=True, nogil=True)
 def lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: float, reach: float) -> bool:
-    """Return whether a place of the target lies in the pattern or at most ``margin_px`` beside it."""
+    """Return whether a place of the target lies in the pattern or at most ``margin_px`` outside it."""
     if pattern == 0:
         return x * x + y * y <= reach * reach
     if pattern == 1 or pattern == 3 or pattern == 4:
@@ -376,7 +399,8 @@ def lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: 
         return (radius - 1.0) * radius <= margin_px * math.sqrt(ux * ux + uy * uy)
     wx = math.sqrt(theta[2] * theta[2] + theta[3] * theta[3])
     wy = math.sqrt(theta[4] * theta[4] + theta[5] * theta[5])
-    low, high, wide, end = -1.0, -1.0, 1.0, 1.0
+    low, high = -1.0, -1.0
+    wide, end = 1.0, 1.0
     if pattern == 5:
         low, wide = -theta[7], theta[7]
     elif pattern == 6:
@@ -396,8 +420,8 @@ def lies_within(pattern: int, theta: FloatArray, x: float, y: float, margin_px: 
 
 @njit(cache=True, nogil=True)
 def within(pattern: int, theta: FloatArray, place: FloatArray, margin_px: float, reach: float) -> BoolArray:
-    """Return which pixels (N,) at ``place`` (N, 2) lie in the pattern or at most ``margin_px`` beside it; open patterns
-    end at ``reach``, in the target's unit."""
+    """Return which pixels (N,) at ``place`` (N, 2) lie in the pattern or at most ``margin_px`` outside it; open
+    patterns end at ``reach``, in the target's unit."""
     inside = np.zeros(len(place), np.bool_)
     for i in range(len(place)):
         rx, ry = place[i, 0] - theta[0], place[i, 1] - theta[1]
@@ -408,7 +432,7 @@ def within(pattern: int, theta: FloatArray, place: FloatArray, margin_px: float,
 
 @njit(cache=True, nogil=True)
 def margin_px(theta: FloatArray) -> float:
-    """Return how far beside a target pixels are taken: as far as the blur of its edges reaches."""
+    """Return how far around a target pixels are taken: as far as the blur of its edges reaches."""
     return float(1.0 + 1.5 * min(max(theta[6], 0.3), 3.0))
 
 
@@ -416,7 +440,8 @@ def margin_px(theta: FloatArray) -> float:
 def box(pattern: int, theta: FloatArray, rows: int, columns: int, reach: float) -> tuple[int, int, int, int]:
     """Return the first and last column and row, u, v, u, v, of the pixels that may show a pattern in a patch of so many
     rows and columns; the last is before the first where it leaves the patch, or is no pattern."""
-    a, b, c, d = theta[2], theta[3], theta[4], theta[5]
+    a, b = theta[2], theta[3]
+    c, d = theta[4], theta[5]
     determinant = a * d - b * c
     if not np.isfinite(theta).all() or abs(determinant) < 1e-7:
         return 0, 0, -1, -1

@@ -30,7 +30,7 @@ function showSession() {
   document.title = `${session.title}: photogram mark`;
   $("survey").textContent = session.title;
   $("basis").textContent = `${marks} marks, ${session.photographs} photographs. Places from ${session.basis}`
-    + (session.reckoning ? ", reckoning …" : "");
+    + (session.computing ? ", computing …" : "");
   const entries = points.map((point) => {
     const entry = document.createElement("li"), button = document.createElement("button");
     button.type = "button";
@@ -69,7 +69,7 @@ function showSession() {
   $("find").disabled = session.searching;
   const left = session.proposals - session.agreeing;
   $("confirm").hidden = !session.proposals;
-  $("confirm").disabled = !session.agreeing || session.reckoning;
+  $("confirm").disabled = !session.agreeing || session.computing;
   $("confirm").textContent = session.agreeing
     ? `Confirm ${session.agreeing} that agree${left ? `, ${left} left` : ""}`
     : `${left} proposed, none agrees yet`;
@@ -127,7 +127,7 @@ async function refresh() {
   if (seen && asked === chosen) {
     view = seen;
     showPoint();
-    document.body.dataset.ready = session.reckoning ? "places" : "all";
+    document.body.dataset.ready = session.computing ? "places" : "all";
     document.body.dataset.version = Math.min(session.version, seen.version);
   }
 }
@@ -306,7 +306,7 @@ const COMMANDS = {
   c: () => acted({ do: "role", point: chosen, role: "check" }),
   k: () => acted({ do: "role", point: chosen, role: "control" }),
   t: () => { if (!session.searching) acted({ do: "look" }); },
-  a: () => { if (session.agreeing && !session.reckoning) acted({ do: "confirm_agreeing" }); },
+  a: () => { if (session.agreeing && !session.computing) acted({ do: "confirm_agreeing" }); },
   n: () => choose(view.next),
   o: turn,
   p: previous,

@@ -123,7 +123,7 @@ export class Patch {
     };
     line(record.name, "photograph");
     if (record.hidden) line("not visible here");
-    else if (record.rejected || record.beside) line(record.words, "wrong");
+    else if (record.rejected || record.off_target) line(record.words, "wrong");
     else if (record.mark) {
       const kind = { raw: "as clicked", imported: "given" }[record.mark.kind] ?? record.mark.kind;
       const parts = [kind, record.words, record.mark.doubtful ? "doubtful" : ""].filter(Boolean);
@@ -131,7 +131,7 @@ export class Patch {
     } else if (record.proposal) {
       line(`proposed: ${record.proposal.kind}, ${record.proposal.agrees ? "agrees with the rest" : "not confirmed by others"}`);
     } else if (record.u === null) line("nothing says where it is");
-    else if (!record.inside) line("beside the picture, by the prediction");
+    else if (!record.inside) line("outside the photograph, by the prediction");
     else line(`not marked, ± ${record.ellipse.long_px < 10 ? record.ellipse.long_px.toFixed(1) : Math.round(record.ellipse.long_px)} px`);
     this.caption.replaceChildren(...lines);
     this.figure.classList.toggle("hidden", record.hidden);
@@ -254,14 +254,14 @@ export class Patch {
       stroke(PROPOSED);
     }
     if (mark) {
-      const { rejected, beside } = record, other = rejected && record.u !== null ? record : this.moved ? null : beside;
-      const colour = rejected || beside ? WRONG : MARK, far = 13 * ratio, near = 4 * ratio, [a, b] = at(mark.u, mark.v);
+      const { rejected, off_target: missed } = record, other = rejected && record.u !== null ? record : this.moved ? null : missed;
+      const colour = rejected || missed ? WRONG : MARK, far = 13 * ratio, near = 4 * ratio, [a, b] = at(mark.u, mark.v);
       context.beginPath();
       for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
         context.moveTo(a + dx * near, b + dy * near);
         context.lineTo(a + dx * far, b + dy * far);
       }
-      if (rejected || beside) { // a diamond around it
+      if (rejected || missed) { // a diamond around it
         const r = 18 * ratio;
         context.moveTo(a, b - r); context.lineTo(a + r, b); context.lineTo(a, b + r); context.lineTo(a - r, b);
         context.closePath();

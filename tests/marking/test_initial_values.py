@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from lib.target_pictures import render
 
+from photogram.marking.targets.initial_values import (
+    corner_initial_values,
+    region_initial_values,
+    regions,
+    saddle_initial_values,
+    saddles,
+)
 from photogram.marking.targets.picture import Pattern
-from photogram.marking.targets.starts import corner_starts, region_starts, regions, saddle_starts, saddles
 
 
 @pytest.mark.parametrize("tilt", [0.0, 50.0])
@@ -15,7 +21,7 @@ def test_a_saddle_is_found_with_the_directions_of_its_edges(tilt: float) -> None
     picture = render(np.random.default_rng(5), "quartered disc", 24.0, tilt, 0.6, ground="asphalt")
     grey = picture.grey.astype(np.float64)
     near = [s for s in saddles(grey, 30) if np.hypot(*(s[0] - picture.centre_px)) < 1.5]
-    starts = [start for centre, normals in near for start in saddle_starts(grey, centre, normals, (0.7,))]
+    starts = [start for centre, normals in near for start in saddle_initial_values(grey, centre, normals, (0.7,))]
     assert max(s.explained for s in starts if s.pattern == Pattern.DISC_OF_QUADRANTS) > 0.7
 
 
@@ -33,7 +39,7 @@ def test_saddles_beyond_the_reach_are_left_out() -> None:
 def test_a_region_is_taken_for_what_it_is(shape: str, pattern: Pattern) -> None:
     picture = render(np.random.default_rng(6), shape, 26.0, 30.0, 0.6, ground="asphalt")
     grey = picture.grey.astype(np.float64)
-    starts = [s for region in regions(grey, picture.centre_px, 5.0) for s in region_starts(grey, region)]
+    starts = [s for region in regions(grey, picture.centre_px, 5.0) for s in region_initial_values(grey, region)]
     off = [np.hypot(*(s.theta[:2] - picture.centre_px)) for s in starts if s.pattern == pattern and s.explained > 0.7]
     assert min(off) < 1.5
 
@@ -42,7 +48,7 @@ def test_bars_that_go_on_start_at_their_outer_corner() -> None:
     grey = np.full((60, 60), 80.0)
     grey[30:33, 30:] = 200.0
     grey[30:, 30:33] = 200.0
-    starts = [s for s in corner_starts(grey, np.array([32.0, 28.0]), 8.0) if s.pattern == Pattern.OPEN_CORNER]
+    starts = [s for s in corner_initial_values(grey, np.array([32.0, 28.0]), 8.0) if s.pattern == Pattern.OPEN_CORNER]
     best = max(starts, key=lambda s: s.promise)
     assert np.hypot(*(best.theta[:2] - 29.5)) < 2.0
 
@@ -51,7 +57,7 @@ def test_an_empty_patch_has_nothing() -> None:
     grey = np.full((50, 50), 100.0)
     assert saddles(grey, 10) == []
     assert regions(grey) == []
-    assert corner_starts(grey, np.array([25.0, 25.0]), 8.0) == []
+    assert corner_initial_values(grey, np.array([25.0, 25.0]), 8.0) == []
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.5, -0.4])

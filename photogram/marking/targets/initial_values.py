@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray, nmad
-from photogram.marking.targets.judging import judge_all
 from photogram.marking.targets.picture import (
     BLUR,
     COUNT,
@@ -31,14 +30,18 @@ from photogram.marking.targets.picture import (
     Pattern,
     level_shares,
 )
+from photogram.marking.targets.scoring import score_all
 
 FINE_COARSE_PX = (1.0, 5.0)
 """Between which blurs a texture is taken."""
 SCALES_PX = (1.0, 1.7, 3.0, 5.0)
 """Blurs under which saddles are looked for."""
-CIRCLE_PX, MOST_ASYMMETRY, LEAST_LEAN = 3.0, 0.4, 0.25
-"""Radius of the circle around a saddle that must look the same after half a turn, how much it may differ, and the sine
-of the angle between its edges at least."""
+CIRCLE_PX = 3.0
+"""Radius of the circle around a saddle that must look the same after half a turn."""
+MOST_ASYMMETRY = 0.4
+"""How much it may differ."""
+LEAST_LEAN = 0.25
+"""Sine of the angle between the edges of a saddle, at least."""
 RADII_PX = (3.2, 4.5, 6.5, 9.5, 14.0, 20.0, 29.0, 42.0)
 """Half widths that are tried for saddles."""
 OVER_TEXTURE = 3.0
@@ -63,7 +66,7 @@ EXPLAINING = {pattern: 10.0 if pattern == Pattern.FIELDS else 4.0 for pattern in
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class InitialValues:
     """A pattern and its rough parameters."""
 
     pattern: Pattern
@@ -87,7 +90,7 @@ def parameters(centre: FloatArray, A: FloatArray, blur: float, shape: float = 0.
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Scored:
     """Parameters (M, COUNT) with the levels that fit a patch, and how well each does."""
 
     pattern: Pattern
@@ -103,27 +106,30 @@ class Judged:
         order = np.argsort(-self.promise, kind="stable")
         return [int(i) for i in order[(self.explained[order] > least) & (self.promise[order] > 0.0)][:most]]
 
-    def start(self, number: int) -> Start:
+    def one(self, number: int) -> InitialValues:
         """Return one of them as a start."""
-        return Start(
-            self.pattern, self.thetas[number].copy(), self.reach, float(self.promise[number]),
+        return InitialValues(
+            self.pattern,
+            self.thetas[number].copy(),
+            self.reach,
+            float(self.promise[number]),
             float(self.explained[number]),
-        )  # fmt: skip
+        )
 
-    def starts(self, least: float, most: int = 1) -> list[Start]:
+    def most_promising(self, least: float, most: int = 1) -> list[InitialValues]:
         """Return the most promising."""
-        return [self.start(number) for number in self.best(least, most)]
+        return [self.one(number) for number in self.best(least, most)]
 
 
-def judged(grey: FloatArray, pattern: Pattern, thetas: Sequence[FloatArray] | FloatArray, reach: float = 1.0) -> Judged:
+def scored(grey: FloatArray, pattern: Pattern, thetas: Sequence[FloatArray] | FloatArray, reach: float = 1.0) -> Scored:
     """Return parameters (COUNT,) with the levels that fit a patch (H, W)."""
     filled = np.array(thetas, dtype=np.float64).reshape(-1, COUNT)
     verdict = np.zeros((len(filled), 3))
-    judge_all(int(pattern), filled, _LEVELS[pattern], grey, reach, verdict)
+    score_all(int(pattern), filled, _LEVELS[pattern], grey, reach, verdict)
     thinning, left, total = verdict.T
     explained = np.where(thinning > 0.0, np.maximum(1.0 - left / np.maximum(total, 1e-9), 0.0), 0.0)
     promise = thinning * np.sqrt(np.maximum(total, 0.0)) * explained ** EXPLAINING[pattern]
-    return Judged(pattern, filled, reach, promise, explained)
+    return Scored(pattern, filled, reach, promise, explained)
 
 
 def texture(grey: FloatArray) -> FloatArray:
@@ -148,7 +154,10 @@ def saddles(
         strength = np.sqrt(np.maximum(lxy**2 - lxx * lyy, 0.0)) * scale**2
         size = 2 * round(1.2 * scale) + 1
         top = (strength >= cv2.dilate(strength, np.ones((size, size)))) & (strength > least)
-        top[:2], top[-2:], top[:, :2], top[:, -2:] = False, False, False, False
+        top[:2] = False
+        top[-2:] = False
+        top[:, :2] = False
+        top[:, -2:] = False
         v, u = np.nonzero(top)
         if near is not None:
             v, u = (index[np.hypot(u - near[0], v - near[1]) <= reach_px] for index in (v, u))
@@ -203,11 +212,16 @@ def _asymmetry(smooth: Float32Array, centre: FloatArray) -> FloatArray:
         return np.zeros(0)
     ring = np.concatenate(
         [
-            cv2.remap(smooth, u[i : i + 30_000].astype(np.float32), v[i : i + 30_000].astype(np.float32),
-                      cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            cv2.remap(
+                smooth,
+                u[i : i + 30_000].astype(np.float32),
+                v[i : i + 30_000].astype(np.float32),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
             for i in range(0, len(centre), 30_000)
         ]
-    )  # fmt: skip
+    )
     off = ((ring - np.roll(ring, 8, axis=1)) ** 2).mean(axis=1)
     return np.asarray(off / np.maximum(2.0 * ring.var(axis=1), 1e-9), np.float64)
 
@@ -218,7 +232,9 @@ def _is_same_saddle(centre: FloatArray, normals: FloatArray, other: FloatArray, 
     return bool(np.abs(normals @ others.T).max(axis=1).min() > 0.95)
 
 
-def saddle_starts(grey: FloatArray, centre: FloatArray, normals: FloatArray, blurs: tuple[float, ...]) -> list[Start]:
+def saddle_initial_values(
+    grey: FloatArray, centre: FloatArray, normals: FloatArray, blurs: tuple[float, ...]
+) -> list[InitialValues]:
     """Return the best start of each pattern that has a saddle at its centre."""
     lean = abs(float(np.linalg.det(normals)))
 
@@ -232,9 +248,9 @@ def saddle_starts(grey: FloatArray, centre: FloatArray, normals: FloatArray, blu
         return thetas
 
     closed, going_on = tried((1.0, 0.7, 1.4, 0.5, 2.0)), tried((1.0, 0.5, 2.0))
-    found = judged(grey, Pattern.DISC_OF_QUADRANTS, closed).starts(0.35, 2)
-    found += judged(grey, Pattern.SQUARE_OF_QUADRANTS, closed).starts(0.35, 2)
-    return found + judged(grey, Pattern.FIELDS, going_on).starts(0.35, 3)
+    candidates = scored(grey, Pattern.DISC_OF_QUADRANTS, closed).most_promising(0.35, 2)
+    candidates += scored(grey, Pattern.SQUARE_OF_QUADRANTS, closed).most_promising(0.35, 2)
+    return candidates + scored(grey, Pattern.FIELDS, going_on).most_promising(0.35, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +268,7 @@ class Region:
 def regions(grey: FloatArray, near: FloatArray | None = None, reach_px: float = np.inf) -> list[Region]:
     """Return regions brighter or darker than their surroundings in a patch (H, W), of those whose box comes as near as
     ``reach_px`` to ``near`` (2,) where it is given."""
-    found: list[Region] = []
+    accepted: list[Region] = []
     taken: set[tuple[int, ...]] = set()
     smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), np.float64)
     least = max(LEAST_CONTRAST_DN, OVER_TEXTURE * nmad(texture(grey)))
@@ -263,8 +279,8 @@ def regions(grey: FloatArray, near: FloatArray | None = None, reach_px: float = 
             own = tuple(np.round([*region.mean, 8 * np.log(region.area), 8 * np.log(region.filled_area)]).astype(int))
             if own not in taken:
                 taken.add(own)
-                found.append(region)
-    return found
+                accepted.append(region)
+    return accepted
 
 
 def _masks(smooth: FloatArray) -> Iterator[BoolArray]:
@@ -355,9 +371,11 @@ def _power(matrix: FloatArray, exponent: float) -> FloatArray:
     return np.asarray((vector * np.maximum(value, 1e-9) ** exponent) @ vector.T)
 
 
-def region_starts(grey: FloatArray, region: Region, blurs: tuple[float, ...] = (0.6, 1.2, 2.2)) -> list[Start]:
+def region_initial_values(
+    grey: FloatArray, region: Region, blurs: tuple[float, ...] = (0.6, 1.2, 2.2)
+) -> list[InitialValues]:
     """Return the best start of each pattern that a region may be."""
-    found: list[Start] = []
+    candidates: list[InitialValues] = []
     solid = region.area / region.filled_area
     # an ellipse holds 4 π √det M of its own moments
     round_ = region.filled_area / (4.0 * np.pi * np.sqrt(np.linalg.det(region.filled_moments)))
@@ -372,13 +390,13 @@ def region_starts(grey: FloatArray, region: Region, blurs: tuple[float, ...] = (
         for scale in (1.0, 1.6, 2.2):  # a region may be the inside of a ring
             for pattern, shape in tries if scale == 1.0 else [(Pattern.RING, 1.0 / scale)]:
                 thetas = [parameters(region.filled_mean, A / scale, b, shape) for b in blurs]
-                found += judged(grey, pattern, thetas).starts(0.4)
+                candidates += scored(grey, pattern, thetas).most_promising(0.4)
     for pattern in (Pattern.CROSS, Pattern.CORNER):
-        found += _bar_starts(grey, region, pattern)
-    return found
+        candidates += _bar_initial_values(grey, region, pattern)
+    return candidates
 
 
-def _bar_starts(grey: FloatArray, region: Region, pattern: Pattern) -> list[Start]:
+def _bar_initial_values(grey: FloatArray, region: Region, pattern: Pattern) -> list[InitialValues]:
     """Return the best starts of two bars that a region may be: its moments give all but how they are turned."""
     size = region.area / math.sqrt(float(np.linalg.det(region.moments)))
     misfit = [abs(math.log(size / _unit_size(pattern, shape))) for shape in BAR_SHAPES]
@@ -392,30 +410,32 @@ def _bar_starts(grey: FloatArray, region: Region, pattern: Pattern) -> list[Star
         A = root @ np.stack([c, -s, s, c], axis=-1).reshape(-1, 2, 2) @ whiten
         thetas = np.zeros((len(angles), COUNT))
         thetas[:, :2] = region.mean - np.linalg.inv(A) @ mean
-        thetas[:, 2:6], thetas[:, BLUR], thetas[:, SHAPE] = A.reshape(-1, 4), blur, shape
+        thetas[:, 2:6] = A.reshape(-1, 4)
+        thetas[:, BLUR] = blur
+        thetas[:, SHAPE] = shape
         return thetas
 
     if not shapes:
         return []
     angle = np.arange(turns) * whole / turns
     tried = [(k, shape) for shape in shapes for k in angle]
-    first = judged(grey, pattern, np.concatenate([turned(angle, shape, 1.1) for shape in shapes]))
+    first = scored(grey, pattern, np.concatenate([turned(angle, shape, 1.1) for shape in shapes]))
     best = first.best(0.0, 2)
     near = 0.3 * np.array([-1.0, 0.0, 1.0]) * whole / turns
     steps = [turned(tried[i][0] + near, tried[i][1], blur) for i in best for blur in (0.7, 2.0)]
     if not steps:
         return []
-    closer = judged(grey, pattern, np.concatenate(steps))
-    found = _best([first.start(i) for i in best] + closer.starts(0.3, 2), 0.3, 2)
+    closer = scored(grey, pattern, np.concatenate(steps))
+    candidates = _best([first.one(i) for i in best] + closer.most_promising(0.3, 2), 0.3, 2)
     if pattern == Pattern.CROSS:  # bars may end where their board does
-        found += _best([opened for start in found for opened in _opened(grey, start)], 0.3, 1)
-    return found
+        candidates += _best([opened for start in candidates for opened in _opened(grey, start)], 0.3, 1)
+    return candidates
 
 
-def _opened(grey: FloatArray, cross: Start) -> list[Start]:
+def _opened(grey: FloatArray, cross: InitialValues) -> list[InitialValues]:
     theta = cross.theta.copy()
     theta[2:6] /= theta[SHAPE]
-    return judged(grey, Pattern.OPEN_CROSS, [theta], OPEN_PART / float(theta[SHAPE])).starts(0.3)
+    return scored(grey, Pattern.OPEN_CROSS, [theta], OPEN_PART / float(theta[SHAPE])).most_promising(0.3)
 
 
 @cache
@@ -432,12 +452,12 @@ def _unit_size(pattern: Pattern, shape: float) -> float:
     return bars / math.sqrt(float(np.linalg.det(_unit_moments(pattern, shape)[1])))
 
 
-def _best(starts: list[Start], least: float, most: int = 1) -> list[Start]:
+def _best(starts: list[InitialValues], least: float, most: int = 1) -> list[InitialValues]:
     good = [s for s in starts if s.explained > least]
     return sorted(good, key=lambda s: -s.promise)[:most]
 
 
-def corner_starts(grey: FloatArray, near: FloatArray, reach_px: float) -> list[Start]:
+def corner_initial_values(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
     """Return starts of bars that meet near a place (2,) and go on: painted lines."""
     low = np.maximum(np.floor(near - reach_px).astype(int), 0)
     high = np.minimum(np.ceil(near + reach_px).astype(int) + 1, np.array(grey.shape)[::-1])
@@ -463,8 +483,8 @@ def corner_starts(grey: FloatArray, near: FloatArray, reach_px: float) -> list[S
                     going_on.append(parameters(centre, normal / wide, 0.8))
                     lengths = (2.5, 4.0, 7.0)
                     ended += [parameters(centre, normal / (wide * n), 0.8, 1.0 / n) for n in lengths]
-    open_ones = judged(grey, Pattern.OPEN_CORNER, going_on, 4.0).starts(0.4, 4)
-    return open_ones + judged(grey, Pattern.CORNER, ended).starts(0.4, 6)
+    open_ones = scored(grey, Pattern.OPEN_CORNER, going_on, 4.0).most_promising(0.4, 4)
+    return open_ones + scored(grey, Pattern.CORNER, ended).most_promising(0.4, 6)
 
 
 def _arms(smooth: np.ndarray, corner: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:

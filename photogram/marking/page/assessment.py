@@ -1,4 +1,4 @@
-"""What the marks of a moment say: where the points are to be looked for, and which marks contradict the others."""
+"""What the marks of a snapshot say: where the points are to be looked for, and which marks contradict the others."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
-from photogram.files.tables.surveyed_points import Mark, Place, PointRole, Proposal
+from photogram.files.tables.surveyed_points import Mark, MarkKey, PointRole, Proposal
 from photogram.marking.files.actions import MarkState
 from photogram.marking.mark_comparison import LEAST_MARKS, ComparedMark, MarkComparison, compared_marks
 from photogram.marking.page.snapping import Snapped
@@ -24,32 +24,32 @@ RAW_SIGMA_PX = 1.0
 """Standard deviation of a click as it is, along each axis: what hands do on a clear target at the scale it is shown."""
 
 
-BESIDE_SIGMAS = 3.5
-"""Standard deviations of a click from which on it is said to lie beside a target."""
+OFF_TARGET_SIGMAS = 3.5
+"""Standard deviations of a click from which on it is said to be off a target."""
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
-    """What the marks of a moment say."""
+class Assessment:
+    """What the marks of a snapshot say."""
 
-    marks: Mapping[Place, Mark]
+    marks: Mapping[MarkKey, Mark]
     """Those marks."""
     names: tuple[str, ...]
     """Names of the points, by which places number them."""
     places: PredictedPlaces | None
     """Where the points are to be looked for, None where nothing says it."""
     comparison: MarkComparison | None
-    """The marks beside each other, None before any comparison can be made."""
-    compared: Mapping[Place, ComparedMark]
+    """The marks compared with each other, None before any comparison can be made."""
+    compared: Mapping[MarkKey, ComparedMark]
     """The marks that were compared, by point and photograph."""
     problem: str
     """Why places or comparison are missing, empty where they are not."""
     position_world_m: FloatArray
     """Positions (G, 3) of the points, surveyed or where their marks meet; NaN where nothing places them."""
-    agreeing: frozenset[Place] = frozenset()
+    agreeing: frozenset[MarkKey] = frozenset()
     """Proposals that agree with the marks, and with each other where a point has three or more of both."""
-    beside: Mapping[Place, Snapped] = field(default_factory=dict)
-    """What the click of a mark that was taken as it is would have been taken for, where that lies well beside it."""
+    off_target: Mapping[MarkKey, Snapped] = field(default_factory=dict)
+    """What the click of a mark that was taken as it is would have been taken for, where it missed that."""
 
     def sigma_m(self, point: str) -> FloatArray | None:
         """Return the standard deviations (3,) of a marked point along the map's axes."""
@@ -64,13 +64,13 @@ def isotropic_px(mark: Mark) -> float:
     return RAW_SIGMA_PX if mark.sigma_px is None else float(np.sqrt(np.mean(np.square(mark.sigma_px))))
 
 
-def lies_beside(mark: Mark, found: Snapped) -> bool:
-    """Return whether a mark lies well beside what its click would have been taken for."""
-    return float(np.hypot(*np.subtract(mark.pixel, found.pixel))) > BESIDE_SIGMAS * isotropic_px(mark)
+def is_off_target(mark: Mark, target: Snapped) -> bool:
+    """Return whether a mark is well off what its click would have been taken for."""
+    return float(np.hypot(*np.subtract(mark.pixel, target.pixel))) > OFF_TARGET_SIGMAS * isotropic_px(mark)
 
 
 def doubted_px(mark: Mark, meant: Snapped | None) -> float:
-    """Return the standard deviation of a mark along each axis among the others: a click that lies well beside a target
+    """Return the standard deviation of a mark along each axis among the others: a click that is well off a target
     is as uncertain as that, so that it has no other mark accused in its place."""
     stated = isotropic_px(mark)
     return stated if meant is None else float(np.hypot(stated, np.hypot(*np.subtract(mark.pixel, meant.pixel))))
@@ -81,10 +81,10 @@ def marked_block(
     state: MarkState,
     roles: Mapping[str, PointRole],
     numbers: Mapping[str, int],
-    beside: Mapping[Place, Snapped] = MappingProxyType({}),
+    off_target: Mapping[MarkKey, Snapped] = MappingProxyType({}),
 ) -> Block:
     """Return a block with the points and marks of a state, in the order of ``roles``; ``numbers`` are those of the
-    photographs, ``beside`` what clicks lie well beside (``lies_beside``)."""
+    photographs, ``off_target`` what clicks are well off (``is_off_target``)."""
     given, names = block.control_points, tuple(roles)
     at = {name: g for g, name in enumerate(given.name)}
     position, sigma = np.full((len(names), 3), np.nan), np.full((len(names), 3), np.inf)
@@ -102,7 +102,7 @@ def marked_block(
         (m for m in state.marks.values() if m.point in own and m.photograph in numbers),
         key=lambda m: (own[m.point], numbers[m.photograph]),
     )
-    as_one = [doubted_px(m, beside.get(m.place)) for m in marks]
+    as_one = [doubted_px(m, off_target.get(m.key)) for m in marks]
     of_block: tuple[Role, ...] = tuple("control" if roles[name] == "control" else "check" for name in names)
     points = ControlPoints(
         names,
@@ -117,15 +117,15 @@ def marked_block(
     return replace(block, control_points=points)
 
 
-def reckoned(
+def assessed(
     block: Block,
     state: MarkState,
     roles: Mapping[str, PointRole],
     numbers: Mapping[str, int],
-    beside: Mapping[Place, Snapped] = MappingProxyType({}),
-) -> Outlook:
-    """Return what the marks of a state say, on a tagged or an adjusted block; ``beside`` as in ``marked_block``."""
-    block = marked_block(block, state, roles, numbers, beside)
+    off_target: Mapping[MarkKey, Snapped] = MappingProxyType({}),
+) -> Assessment:
+    """Return what the marks of a state say, on a tagged or an adjusted block; ``off_target`` as in ``marked_block``."""
+    block = marked_block(block, state, roles, numbers, off_target)
     points, names = block.control_points, [p.name for p in block.photographs]
     settings = AdjustmentSettings(estimate_sigmas=False)
     places: PredictedPlaces | None = None
@@ -137,15 +137,17 @@ def reckoned(
             places = comparison.places
         else:
             places = predicted_places(block, settings)
-    except PhotogramError as fault:
-        problem = str(fault)
+    except PhotogramError as error:
+        problem = str(error)
         if comparison is None and len(points.mark_point):
             places, problem = _without_marks(block, settings, problem)
     compared = {
         (points.name[points.mark_point[one.mark]], names[points.mark_photograph[one.mark]]): one
         for one in (comparison.marks if comparison else ())
     }
-    return Outlook(state.marks, points.name, places, comparison, compared, problem, _positions(block), beside=beside)
+    return Assessment(
+        state.marks, points.name, places, comparison, compared, problem, _positions(block), off_target=off_target
+    )
 
 
 def agreeing_proposals(
@@ -153,13 +155,13 @@ def agreeing_proposals(
     state: MarkState,
     roles: Mapping[str, PointRole],
     numbers: Mapping[str, int],
-    proposals: Mapping[Place, Proposal],
-    beside: Mapping[Place, Snapped] = MappingProxyType({}),
-) -> frozenset[Place]:
+    proposals: Mapping[MarkKey, Proposal],
+    off_target: Mapping[MarkKey, Snapped] = MappingProxyType({}),
+) -> frozenset[MarkKey]:
     """Return the proposals that agree with the marks and with each other, of points with LEAST_MARKS of both; the rest
     as in ``marked_block``."""
     marks = {place: proposal.mark for place, proposal in proposals.items() if place[0] in roles}
-    whole = reckoned(block, replace(state, marks={**marks, **state.marks}), roles, numbers, beside)
+    whole = assessed(block, replace(state, marks={**marks, **state.marks}), roles, numbers, off_target)
     counts = Counter(point for point, _ in whole.marks)
     return frozenset(
         place

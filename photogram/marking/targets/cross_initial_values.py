@@ -1,6 +1,6 @@
 """Rough places and shapes of crosses, also of those that are no region of their own: a board's bars that end with it.
 
-The middle of a cross looks the same after half a turn, which tells it from its surroundings whatever they are (as
+The middle of a cross looks the same after half a turn, and whatever surrounds it does not (as
 symmetry transforms do, Reisfeld, Wolfson & Yeshurun 1995). The bars are where a star of rays from there is brightest,
 or darkest.
 """
@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
+from photogram.marking.targets.initial_values import LEAST_CONTRAST_DN, InitialValues, parameters, scored
 from photogram.marking.targets.picture import SHAPE, Pattern
-from photogram.marking.targets.starts import LEAST_CONTRAST_DN, Start, judged, parameters
 
 RADII_PX = (4.0, 8.0)
 """Radii of the discs that must look the same after half a turn."""
@@ -28,14 +28,14 @@ LEAST_LEAN = 0.3
 """Sine of the angle between two bars at least."""
 HALF_WIDTHS_PX = (0.8, 1.3, 2.1, 3.4, 5.5)
 OPEN_REACH = 3.0
-"""How many half widths of its bars a cross that goes on is judged."""
+"""How many half widths of its bars a cross that goes on is scored."""
 SHAPES = (0.12, 0.16, 0.22, 0.3)
 
 
-def cross_starts(grey: FloatArray, near: FloatArray, reach_px: float) -> list[Start]:
+def cross_initial_values(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
     """Return starts of crosses in a patch (H, W) whose middle lies at most ``reach_px`` from a rough place (2,)."""
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.float32)
-    found: list[Start] = []
+    open_ones: list[InitialValues] = []
     for radius in RADII_PX:
         for centre in middles(smooth, near, reach_px, radius):
             thetas = []
@@ -46,12 +46,12 @@ def cross_starts(grey: FloatArray, near: FloatArray, reach_px: float) -> list[St
                     axes = np.column_stack([one * half * ratio**0.5, other * half / ratio**0.5]) / lean
                     thetas.append(parameters(centre, np.asarray(np.linalg.inv(axes), np.float64), 1.0))
             if thetas:
-                found += judged(grey, Pattern.OPEN_CROSS, thetas, OPEN_REACH).starts(0.3, 2)
-    closed: list[Start] = []
-    for start in found:
+                open_ones += scored(grey, Pattern.OPEN_CROSS, thetas, OPEN_REACH).most_promising(0.3, 2)
+    closed: list[InitialValues] = []
+    for start in open_ones:
         for pattern in (Pattern.CROSS, Pattern.CROSSED_SQUARE):
-            closed += judged(grey, pattern, list(_ended(start.theta))).starts(0.4, 1)
-    return found + closed
+            closed += scored(grey, pattern, list(_ended(start.theta))).most_promising(0.4, 1)
+    return open_ones + closed
 
 
 def middles(smooth: Float32Array, near: FloatArray, reach_px: float, radius_px: float) -> list[FloatArray]:
@@ -62,7 +62,8 @@ def middles(smooth: Float32Array, near: FloatArray, reach_px: float, radius_px: 
     n = 2 * reach + 1
     if wide.shape != (n + 2 * outer, n + 2 * outer):
         return []
-    off, total, square = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    off, total = np.zeros((n, n)), np.zeros((n, n))
+    square = np.zeros((n, n))
     step = range(-outer, outer + 1)
     pairs = [(x, y) for x, y in product(step, step) if (y, x) > (0, 0) and x * x + y * y <= radius_px**2]
     for x, y in pairs:

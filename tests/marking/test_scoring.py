@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.marking.targets.judging import judge, judge_all
 from photogram.marking.targets.picture import COUNT, FREE, OUTSIDE, RISE_U, SECOND, Pattern, draw, within
+from photogram.marking.targets.scoring import score, score_all
 
 
 def parameters() -> FloatArray:
@@ -26,7 +26,7 @@ def test_levels_are_found_again() -> None:
         levels = FREE[pattern][(FREE[pattern] >= OUTSIDE) & (FREE[pattern] <= SECOND)]
         theta = parameters()
         theta[OUTSIDE:] = 0.0
-        n, left, total = judge(int(pattern), theta, levels, drawn(pattern), np.array([0, 0, 39, 39]), 1, 3.0, 1.0)
+        n, left, total = score(int(pattern), theta, levels, drawn(pattern), np.array([0, 0, 39, 39]), 1, 3.0, 1.0)
         assert n == within(int(pattern), theta, place, 3.0, 1.0).sum()
         assert left < 1e-4 * total
         np.testing.assert_allclose(theta[levels], parameters()[levels], atol=0.01)
@@ -39,7 +39,7 @@ def test_a_place_that_is_off_leaves_more_squares_and_one_beyond_the_patch_is_not
     thetas[1, 0] += 2.0
     thetas[2, 0] += 300.0
     verdict = np.ones((3, 3))
-    judge_all(int(pattern), thetas, levels, drawn(pattern), 1.0, verdict)
+    score_all(int(pattern), thetas, levels, drawn(pattern), 1.0, verdict)
     assert verdict[0, 1] < 0.01 * verdict[0, 2]
     assert verdict[1, 1] > 0.2 * verdict[1, 2]
     assert (verdict[2] == 0.0).all()

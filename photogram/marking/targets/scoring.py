@@ -20,7 +20,7 @@ _ROUGH = 0.5 * erfc(-np.arange(-4.0, 4.0 + 0.5 / 64.0, 1.0 / 64.0) / np.sqrt(2.0
 
 @njit(cache=True, nogil=True)
 def _rough_phi(d: float, blur: float) -> float:
-    """Return _phi to 1e-4: enough to judge what is then fitted."""
+    """Return _phi to 1e-4: enough to score what is then fitted."""
     x = (d / blur + _ROUGH_END) * _ROUGH_STEPS
     if x <= 0.0:
         return 0.0
@@ -31,7 +31,7 @@ def _rough_phi(d: float, blur: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def judge(
+def score(
     pattern: int,
     theta: FloatArray,
     levels: IntArray,
@@ -50,10 +50,13 @@ def judge(
     offset, slope = np.zeros(4), np.zeros(4)
     lines = offsets(pattern, theta[7], offset, slope)
     is_round = pattern == 1 or pattern == 3 or pattern == 4
-    ex, ey, circle, g = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros((2, 10))
+    ex, ey = np.zeros(4), np.zeros(4)
+    circle, g = np.zeros(2), np.zeros((2, 10))
     p = len(levels)
-    normal, right, share = np.zeros((p, p)), np.zeros(p), np.zeros(3)
-    n, total, squares = 0, 0.0, 0.0
+    normal, right = np.zeros((p, p)), np.zeros(p)
+    share = np.zeros(3)
+    n, total = 0, 0.0
+    squares = 0.0
     for v in range(where[1], where[3] + 1, thinning):
         for u in range(where[0], where[2] + 1, thinning):
             rx, ry = u - theta[0], v - theta[1]
@@ -70,7 +73,8 @@ def judge(
                 circle[0] = _rough_phi((1.0 - radius) / w, theta[6])
                 circle[1] = _rough_phi((theta[7] - radius) / w, theta[6])
             first, second = shares(pattern, ex, ey, circle, g)
-            share[0], share[1], share[2] = 1.0 - first - second, first, second
+            share[0], share[1] = 1.0 - first - second, first
+            share[2] = second
             value = grey[v, u]
             n += 1
             total += value
@@ -84,15 +88,15 @@ def judge(
     damped = normal.copy()
     for i in range(p):
         damped[i, i] += 1e-6
-    found = np.linalg.solve(damped, right)
+    solution = np.linalg.solve(damped, right)
     for i in range(p):
-        theta[levels[i]] = found[i]
-    left = squares - 2.0 * (found * right).sum() + (found * (normal @ found)).sum()
+        theta[levels[i]] = solution[i]
+    left = squares - 2.0 * (solution * right).sum() + (solution * (normal @ solution)).sum()
     return n, max(left, 0.0), squares - total * total / n
 
 
 @njit(cache=True, nogil=True)
-def judge_all(
+def score_all(
     pattern: int, thetas: FloatArray, levels: IntArray, grey: FloatArray, reach: float, verdict: FloatArray
 ) -> None:
     """Write the levels that fit a patch (H, W) best into ``thetas`` (M, COUNT), and to ``verdict`` (M, 3) the thinning
@@ -105,6 +109,7 @@ def judge_all(
         side = math.sqrt(float((right - left) * (bottom - top)))
         thinning = 1 if side < 18.0 else 2 if side < 36.0 else 3 if side < 54.0 else 4
         where = np.array([left, top, right, bottom])
-        n, rest, total = judge(pattern, thetas[m], levels, grey, where, thinning, margin_px(thetas[m]), reach)
+        n, rest, total = score(pattern, thetas[m], levels, grey, where, thinning, margin_px(thetas[m]), reach)
         if n >= 15:
-            verdict[m, 0], verdict[m, 1], verdict[m, 2] = thinning, rest, total
+            verdict[m, 0], verdict[m, 1] = thinning, rest
+            verdict[m, 2] = total

@@ -10,15 +10,15 @@ import pytest
 from makers import in_best_photograph, marks_of, without_marks
 
 from photogram.errors import AdjustmentError
-from photogram.files.tables.surveyed_points import Mark, Place, PointRole, Proposal, SurveyedPoint
+from photogram.files.tables.surveyed_points import Mark, MarkKey, PointRole, Proposal, SurveyedPoint
 from photogram.marking.files.actions import MarkState
-from photogram.marking.page.outlook import (
+from photogram.marking.page.assessment import (
     RAW_SIGMA_PX,
     agreeing_proposals,
+    assessed,
+    is_off_target,
     isotropic_px,
-    lies_beside,
     marked_block,
-    reckoned,
 )
 from photogram.marking.page.snapping import Snapped
 from photogram.marking.predictions import predicted_places
@@ -49,14 +49,14 @@ def roles_of(block: Block) -> dict[str, PointRole]:
     return dict(zip(block.control_points.name, block.control_points.role, strict=True))
 
 
-def marks_of_points(block: Block, points: Iterable[int]) -> dict[Place, Mark]:
+def marks_of_points(block: Block, points: Iterable[int]) -> dict[MarkKey, Mark]:
     """The simulated marks of points, as a person has made them."""
     sigma = float(block.control_points.mark_sigma_px[0])
     every = (mark for g in points for mark in marks_of(block, g))
     return {(point, name): Mark(point, name, pixel, (sigma, sigma), kind="circle") for point, name, pixel in every}
 
 
-def state_of(marks: dict[Place, Mark], *added: SurveyedPoint) -> MarkState:
+def state_of(marks: dict[MarkKey, Mark], *added: SurveyedPoint) -> MarkState:
     return MarkState(marks, frozenset(), {}, {point.name: point for point in added}, {})
 
 
@@ -64,7 +64,7 @@ def moved(mark: Mark, du: float) -> Mark:
     return replace(mark, pixel=(mark.pixel[0] + du, mark.pixel[1]))
 
 
-# ---- the block of a moment -----------------------------------------------------------------------------------------
+# ---- the block of a snapshot -----------------------------------------------------------------------------------------
 
 
 def test_points_and_marks_are_in_order_and_the_rest_is_left(whole: Block, numbers: dict[str, int]) -> None:
@@ -72,7 +72,7 @@ def test_points_and_marks_are_in_order_and_the_rest_is_left(whole: Block, number
     order = (names[5], names[2], names[7])
     marks = marks_of_points(whole, (2, 5, 9))
     odd = Mark(names[2], "of another survey.jpg", (1.0, 2.0))
-    block = marked_block(whole, state_of({**marks, odd.place: odd}), dict.fromkeys(order, "control"), numbers)
+    block = marked_block(whole, state_of({**marks, odd.key: odd}), dict.fromkeys(order, "control"), numbers)
     made = block.control_points
     assert made.name == order
     np.testing.assert_array_equal(made.position_world_m, whole.control_points.position_world_m[[5, 2, 7]])
@@ -114,22 +114,22 @@ def test_a_mark_has_one_standard_deviation_with_the_same_mean_square(whole: Bloc
     mark = Mark(point, photograph, pixel, (0.3, 0.4))
     assert isotropic_px(mark) == pytest.approx(np.sqrt((0.09 + 0.16) / 2.0))
     assert isotropic_px(replace(mark, sigma_px=None)) == RAW_SIGMA_PX
-    made = marked_block(whole, state_of({mark.place: mark}), roles_of(whole), numbers).control_points
+    made = marked_block(whole, state_of({mark.key: mark}), roles_of(whole), numbers).control_points
     assert made.mark_sigma_px.tolist() == [isotropic_px(mark)]
 
 
-def test_a_mark_lies_beside_what_is_farther_than_its_standard_deviation_allows() -> None:
+def test_a_mark_is_off_target_where_it_is_farther_than_its_standard_deviation_allows() -> None:
     click, variance_px2 = Mark("P", "a.jpg", (100.0, 50.0), (1.0, 1.0)), 0.01 * np.eye(2)
-    assert lies_beside(click, Snapped((104.0, 50.0), variance_px2, "circle"))
-    assert not lies_beside(click, Snapped((102.0, 52.0), variance_px2, "circle"))
-    assert lies_beside(replace(click, sigma_px=(0.2, 0.2)), Snapped((100.5, 50.7), variance_px2, "circle"))
+    assert is_off_target(click, Snapped((104.0, 50.0), variance_px2, "circle"))
+    assert not is_off_target(click, Snapped((102.0, 52.0), variance_px2, "circle"))
+    assert is_off_target(replace(click, sigma_px=(0.2, 0.2)), Snapped((100.5, 50.7), variance_px2, "circle"))
 
 
 # ---- what the marks say --------------------------------------------------------------------------------------------
 
 
 def test_without_marks_the_tags_say_where_points_are(whole: Block, numbers: dict[str, int]) -> None:
-    said = reckoned(whole, state_of({}), roles_of(whole), numbers)
+    said = assessed(whole, state_of({}), roles_of(whole), numbers)
     alone = predicted_places(without_marks(whole))
     assert said.problem == ""
     assert said.comparison is None
@@ -151,7 +151,7 @@ def test_marks_of_some_points_shrink_all_ellipses(made: SimulatedBlock, whole: B
     }
     state = replace(state, marks={**state.marks, **roof})
     roles: dict[str, PointRole] = {**roles_of(whole), name: "tie", "cellar": "tie"}
-    said = reckoned(whole, state, roles, numbers)
+    said = assessed(whole, state, roles, numbers)
     assert said.problem == ""
     assert said.comparison is not None
     assert said.places is not None
@@ -175,14 +175,14 @@ def test_a_mark_that_contradicts_the_others_is_rejected(whole: Block, numbers: d
     marks = marks_of_points(whole, range(16))
     wrong = in_best_photograph(whole)[:2]
     marks[wrong] = moved(marks[wrong], 30.0)
-    said = reckoned(whole, state_of(marks), roles_of(whole), numbers)
+    said = assessed(whole, state_of(marks), roles_of(whole), numbers)
     assert [place for place, one in said.compared.items() if one.rejected] == [wrong]
     np.testing.assert_allclose(said.compared[wrong].off_px, [30.0, 0.0], atol=4.0)
     assert said.comparison is not None
     assert any(wrong[1] in str(blunder) for blunder in said.comparison.blunders)
 
 
-def test_a_click_beside_a_target_has_no_other_mark_accused(whole: Block, numbers: dict[str, int]) -> None:
+def test_a_click_off_a_target_has_no_other_mark_accused(whole: Block, numbers: dict[str, int]) -> None:
     """With five marks in a photograph that tags place to 2 m, another explains 5 px of one nearly as well."""
     marks, place = marks_of_points(whole, range(16)), ("G10", "sim_0018.JPG")
     assert sum(photograph == place[1] for _, photograph in marks) == 5
@@ -191,10 +191,10 @@ def test_a_click_beside_a_target_has_no_other_mark_accused(whole: Block, numbers
     for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False).tolist():
         u, v = marks[place].pixel + 5.0 * np.array([np.cos(angle), np.sin(angle)])
         state = state_of({**marks, place: replace(marks[place], pixel=(u, v), sigma_px=None, kind="raw")})
-        alone, said = (reckoned(whole, state, roles_of(whole), numbers, beside) for beside in ({}, meant))
+        alone, said = (assessed(whole, state, roles_of(whole), numbers, off_target) for off_target in ({}, meant))
         accused += [at for at, one in alone.compared.items() if one.rejected and at != place]
         assert not any(one.rejected for at, one in said.compared.items() if at != place)
-        assert said.beside == meant
+        assert said.off_target == meant
     assert accused, "or the test shows nothing"
 
 
@@ -204,9 +204,9 @@ def test_where_marks_cannot_be_compared_the_block_without_them_says_the_places(
     def no_comparison(*_: object) -> None:
         raise AdjustmentError("photograph 3 is not determined")
 
-    monkeypatch.setattr("photogram.marking.page.outlook.compared_marks", no_comparison)
+    monkeypatch.setattr("photogram.marking.page.assessment.compared_marks", no_comparison)
     state = state_of(marks_of_points(whole, (0, 1)))
-    said = reckoned(whole, state, roles_of(whole), numbers)
+    said = assessed(whole, state, roles_of(whole), numbers)
     assert said.problem == "photograph 3 is not determined"
     assert said.comparison is None
     assert said.sigma_m(said.names[0]) is None
@@ -218,7 +218,7 @@ def test_where_marks_cannot_be_compared_the_block_without_them_says_the_places(
 def test_where_nothing_says_anything_there_are_no_places(whole: Block, numbers: dict[str, int]) -> None:
     lost = replace(whole, poses=tuple(None for _ in whole.poses))
     for marks in ({}, marks_of_points(whole, (0, 1))):
-        said = reckoned(lost, state_of(marks), roles_of(whole), numbers)
+        said = assessed(lost, state_of(marks), roles_of(whole), numbers)
         assert said.places is None
         assert "no photograph" in said.problem
         assert not said.compared
