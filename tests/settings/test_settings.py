@@ -11,8 +11,9 @@ from photogram.change.m3c2 import M3C2Settings
 from photogram.errors import SettingError
 from photogram.project.project import SECTIONS
 from photogram.settings.settings import Default, Setting, Settings, Title, Within, settings_of
+from photogram.simulation.planning.flight_plan import FlightPlan
 
-KINDS = (*SECTIONS.values(), M3C2Settings)
+KINDS = (*SECTIONS.values(), M3C2Settings, FlightPlan)
 
 
 @dataclass(frozen=True)
@@ -84,4 +85,4 @@ def test_the_unit_of_a_setting_is_that_of_its_name(kind: type[Settings]) -> None
     units = {"_m": "m", "_px": "px", "_deg": "°", "_dn": "grey values", "_cells": "cells"}
     for setting in settings_of(kind):
         named = [unit for suffix, unit in units.items() if setting.name.endswith(suffix)]
-        assert not named or setting.unit == named[0], setting.name
+        assert setting.within is None or not named or setting.unit == named[0], setting.name

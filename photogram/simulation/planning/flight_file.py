@@ -16,19 +16,12 @@ from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
 from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, PositionSigma
 from photogram.projection import CAMERA_PARAMETERS
-from photogram.settings.settings import Within
 from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
 
-
-def _of(name: str) -> Within:
-    """Return the range of a field of FlightPlan."""
-    return Within(*RANGES[name])
-
-
-Side = Annotated[float, _of("width_m")]
-Size = Annotated[int, _of("width_px")]
-Share = Annotated[float, _of("forward_overlap")]
-Strips = Annotated[int, _of("cross_strips")]
+Side = Annotated[float, RANGES["width_m"]]
+Size = Annotated[int, RANGES["width_px"]]
+Share = Annotated[float, RANGES["forward_overlap"]]
+Strips = Annotated[int, RANGES["cross_strips"]]
 
 
 class SiteEntry(Entry):
@@ -36,7 +29,7 @@ class SiteEntry(Entry):
 
     width_m: Side | None = None
     length_m: Side | None = None
-    relief_m: Annotated[float, _of("relief_m")] | None = None
+    relief_m: Annotated[float, RANGES["relief_m"]] | None = None
 
 
 _KNOWN = {p.sigma_key: (Freedom | None, None) for p in CAMERA_PARAMETERS if p.usual}
@@ -52,21 +45,21 @@ class CameraEntry(Entry):
 
     width_px: Size | None = None
     height_px: Size | None = None
-    focal_px: Annotated[float, _of("focal_px")] | None = None
+    focal_px: Annotated[float, RANGES["focal_px"]] | None = None
     sigmas: CalibrationEntry = CalibrationEntry()
 
 
 class FlightEntry(Entry):
     """Height, overlaps and strips."""
 
-    gsd_m: Annotated[float, _of("gsd_m")] | None = None
-    flying_height_m: Annotated[float, _of("flying_height_m")] | None = None
+    gsd_m: Annotated[float, RANGES["gsd_m"]] | None = None
+    flying_height_m: Annotated[float, RANGES["flying_height_m"]] | None = None
     forward_overlap: Share | None = None
     side_overlap: Share | None = None
     cross_strips: Strips | None = None
-    cross_height: Annotated[float, _of("cross_height")] | None = None
+    cross_height: Annotated[float, RANGES["cross_height"]] | None = None
     oblique_strips: Strips | None = None
-    oblique_angle_deg: Annotated[float, _of("oblique_angle_deg")] | None = None
+    oblique_angle_deg: Annotated[float, RANGES["oblique_angle_deg"]] | None = None
 
 
 class GnssEntry(Entry):
@@ -80,7 +73,7 @@ class GnssEntry(Entry):
 class ControlEntry(Entry):
     """The control points."""
 
-    points: Annotated[int, _of("control_points")] | None = None
+    points: Annotated[int, RANGES["control_points"]] | None = None
     layout: Layout | None = None
     positions_m: Sequence[Place] | None = None
     sigma_m: PositionSigma | None = None
@@ -90,9 +83,9 @@ class ControlEntry(Entry):
 class TiePointsEntry(Entry):
     """What matching will find."""
 
-    per_photograph: Annotated[int, _of("tie_points_per_photograph")] | None = None
-    sigma_px: Annotated[float, _of("tie_point_sigma_px")] | None = None
-    detection: Annotated[float, _of("tie_point_detection")] | None = None
+    per_photograph: Annotated[int, RANGES["tie_points_per_photograph"]] | None = None
+    sigma_px: Annotated[float, RANGES["tie_point_sigma_px"]] | None = None
+    detection: Annotated[float, RANGES["tie_point_detection"]] | None = None
 
 
 class FlightFile(Entry):
@@ -110,57 +103,31 @@ class PlanSettings(TypedDict, total=False):
     """What is said of a flight: those fields of FlightPlan that are not to be as usual."""
 
     width_m: float
-    """Extent of the site to the east."""
     length_m: float
-    """Extent of the site to the north."""
     relief_m: float
-    """Relief from valley to hill."""
     width_px: int
-    """Width of the photographs."""
     height_px: int
-    """Height of the photographs."""
     focal_px: float
-    """Focal length."""
     calibration: Calibration
-    """Prior sigmas of the calibration."""
     gsd_m: float
-    """Ground sampling distance."""
     flying_height_m: float
-    """Flying height above mean ground."""
     forward_overlap: float
-    """Forward overlap, 0 to 1."""
     side_overlap: float
-    """Side overlap, 0 to 1."""
     cross_strips: int
-    """Number of strips across the others."""
     cross_height: float
-    """Their flying height over that of the others."""
     oblique_strips: int
-    """Number of oblique strips along the longer side."""
     oblique_angle_deg: float
-    """Their forward tilt."""
     gnss: Gnss
-    """Kind of GNSS positions."""
     gnss_sigma_m: Vector
-    """Their sigmas."""
     gnss_offset_sigma_m: Vector
-    """Sigmas of the GNSS offset."""
     control_points: int
-    """Number of control points laid out by ``control_layout``."""
     control_layout: Layout
-    """Their layout."""
     control_world_m: tuple[tuple[float, float], ...]
-    """Further control points: east, north from the centre of the site."""
     control_sigma_m: Vector
-    """Sigmas of the control points."""
     mark_sigma_px: float
-    """Standard deviation of the marks."""
     tie_points_per_photograph: int
-    """Tie points per photograph."""
     tie_point_sigma_px: float
-    """Standard deviation of their image coordinates."""
     tie_point_detection: float
-    """Share of the photographs showing a tie point in which it is found."""
 
 
 _NAMES = {

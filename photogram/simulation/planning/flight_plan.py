@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, READOUT
 from photogram.quality.flight_lines import Course, flown
+from photogram.settings.settings import Default, Settings, Within, settings_of
 from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan
@@ -35,16 +36,7 @@ INSET = 0.04  # of the site's sides, by which control points keep off its edges
 MOST_OBSERVATIONS = 120_000  # of tie points, that a prediction can handle
 MOST_PHOTOGRAPHS = 2000
 ATTITUDE_NOISE_DEG, POSITION_NOISE_M = 1.5, 0.5  # how exactly a drone keeps to its plan
-RANGES: dict[str, tuple[float, float]] = {
-    "width_m": (1, 100_000), "length_m": (1, 100_000), "relief_m": (0, 9000),
-    "width_px": (100, 200_000), "height_px": (100, 200_000), "focal_px": (10, 1_000_000),
-    "gsd_m": (0.0001, 100), "flying_height_m": (1, 50_000),
-    "forward_overlap": (0, 0.97), "side_overlap": (0, 0.97),
-    "cross_strips": (0, 200), "cross_height": (0.3, 3), "oblique_strips": (0, 200), "oblique_angle_deg": (1, 45),
-    "control_points": (0, 500), "mark_sigma_px": (0.001, 1000),
-    "tie_points_per_photograph": (20, 10_000), "tie_point_sigma_px": (0.001, 100), "tie_point_detection": (0.05, 1),
-}  # fmt: skip
-"""What the figures of a FlightPlan may be, ends included."""
+MOST_CONTROL = 500  # control points
 
 FRAME = LocalFrame("EPSG:25832", (500_000.0, 5_800_000.0, 0.0), "grid")
 
@@ -68,75 +60,58 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class FlightPlan:
+class FlightPlan(Settings):
     """A flight over a rectangle centred at (0, 0), with sides to east and north.
 
     Strips run along the longer side, from edge to edge; the image width is across the direction of flight. Give
     ``gsd_m`` or ``flying_height_m``, one follows from the other; without both the ground sampling distance is 2 cm.
     """
 
-    width_m: float = 200.0
-    """Extent of the site to the east."""
-    length_m: float = 300.0
-    """Extent of the site to the north."""
-    relief_m: float = 10.0
-    """Relief from valley to hill."""
-    width_px: int = 5472
-    """Width of the photographs."""
-    height_px: int = 3648
-    """Height of the photographs."""
-    focal_px: float = 3660.0
-    """Focal length."""
-    calibration: Calibration = Calibration()
-    """Prior sigmas of the calibration."""
-    gsd_m: float | None = None
-    """Ground sampling distance."""
-    flying_height_m: float | None = None
-    """Flying height above mean ground."""
-    forward_overlap: float = 0.8
-    """Forward overlap, 0 to 1."""
-    side_overlap: float = 0.7
-    """Side overlap, 0 to 1."""
-    cross_strips: int = 0
-    """Number of strips across the others."""
-    cross_height: float = 1.2
-    """Their flying height over that of the others."""
-    oblique_strips: int = 0
-    """Number of oblique strips along the longer side."""
-    oblique_angle_deg: float = 25.0
-    """Their forward tilt."""
-    gnss: Gnss = "rtk"
-    """Kind of GNSS positions."""
-    gnss_sigma_m: Vector | None = None
-    """Their sigmas; None: those of the kind."""
-    gnss_offset_sigma_m: Vector | None = None
-    """Sigmas of the GNSS offset; None: those of the kind."""
-    control_points: int = 5
-    """Number of control points laid out by ``control_layout``."""
-    control_layout: Layout = "corners"
-    """Their layout."""
-    control_world_m: tuple[tuple[float, float], ...] = ()
-    """Further control points: east, north from the centre of the site."""
-    control_sigma_m: Vector = (0.01, 0.01, 0.015)
-    """Sigmas of the control points."""
-    mark_sigma_px: float = 0.5
-    """Standard deviation of the marks."""
-    tie_points_per_photograph: int = 300
-    """Tie points per photograph."""
-    tie_point_sigma_px: float = 0.5
-    """Standard deviation of their image coordinates."""
-    tie_point_detection: float = 0.5
-    """Share of the photographs showing a tie point in which it is found."""
+    width_m: Annotated[float, Within(1, 100_000, "m"), "Extent of the site to the east."] = 200.0
+    length_m: Annotated[float, Within(1, 100_000, "m"), "Extent of the site to the north."] = 300.0
+    relief_m: Annotated[float, Within(0, 9000, "m"), "Relief from valley to hill."] = 10.0
+    width_px: Annotated[int, Within(100, 200_000, "px"), "Width of the photographs."] = 5472
+    height_px: Annotated[int, Within(100, 200_000, "px"), "Height of the photographs."] = 3648
+    focal_px: Annotated[float, Within(10, 1_000_000, "px"), "Focal length."] = 3660.0
+    calibration: Annotated[Calibration, "Prior sigmas of the calibration."] = Calibration()
+    gsd_m: Annotated[
+        float | None, Within(0.0001, 100, "m"), "Ground sampling distance.", Default("2 cm, or by the flying height")
+    ] = None
+    flying_height_m: Annotated[
+        float | None,
+        Within(1, 50_000, "m"),
+        "Flying height above mean ground.",
+        Default("by the ground sampling distance"),
+    ] = None
+    forward_overlap: Annotated[float, Within(0, 0.97), "Forward overlap, 0 to 1."] = 0.8
+    side_overlap: Annotated[float, Within(0, 0.97), "Side overlap, 0 to 1."] = 0.7
+    cross_strips: Annotated[int, Within(0, 200), "Number of strips across the others."] = 0
+    cross_height: Annotated[float, Within(0.3, 3), "Their flying height over that of the others."] = 1.2
+    oblique_strips: Annotated[int, Within(0, 200), "Number of oblique strips along the longer side."] = 0
+    oblique_angle_deg: Annotated[float, Within(1, 45, "°"), "Their forward tilt."] = 25.0
+    gnss: Annotated[Gnss, "Kind of GNSS positions."] = "rtk"
+    gnss_sigma_m: Annotated[Vector | None, "Their sigmas.", Default("those of the kind")] = None
+    gnss_offset_sigma_m: Annotated[Vector | None, "Sigmas of the GNSS offset.", Default("those of the kind")] = None
+    control_points: Annotated[
+        int, Within(0, MOST_CONTROL), "Number of control points laid out by `control_layout`."
+    ] = 5
+    control_layout: Annotated[Layout, "Their layout."] = "corners"
+    control_world_m: Annotated[
+        tuple[tuple[float, float], ...], "Further control points: east, north from the centre of the site."
+    ] = ()
+    control_sigma_m: Annotated[Vector, "Sigmas of the control points."] = (0.01, 0.01, 0.015)
+    mark_sigma_px: Annotated[float, Within(0.001, 1000, "px"), "Standard deviation of the marks."] = 0.5
+    tie_points_per_photograph: Annotated[int, Within(20, 10_000), "Tie points per photograph."] = 300
+    tie_point_sigma_px: Annotated[float, Within(0.001, 100, "px"), "Standard deviation of their pixels."] = 0.5
+    tie_point_detection: Annotated[
+        float, Within(0.05, 1), "Share of the photographs showing a tie point in which it is found."
+    ] = 0.5
 
     def __post_init__(self) -> None:
         if self.gsd_m is not None and self.flying_height_m is not None:
             raise ValueError("give gsd_m or flying_height_m, not both: one follows from the other")
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if value is not None:
-                check_range(name, value, low, high)
-        if self.control > RANGES["control_points"][1]:
-            check_range("the number of control points", self.control, *RANGES["control_points"])
+        super().__post_init__()
+        check_range("the number of control points", self.control, 0, MOST_CONTROL)
         if not self.height_m > 2 * self.relief_m:
             raise ValueError(
                 f"a flying height of {self.height_m:.0f} m is too low for a relief of {self.relief_m:g} m: "
@@ -203,6 +178,10 @@ class FlightPlan:
         """Return the camera as it is known before the flight."""
         middle = np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
         return Camera("planned", self.width_px, self.height_px, self.focal_px, middle, sigmas=self.calibration.sigmas)
+
+
+RANGES = {setting.name: setting.within for setting in settings_of(FlightPlan) if setting.within}
+"""What the figures of a FlightPlan may be."""
 
 
 def courses(plan: FlightPlan) -> list[Course]:

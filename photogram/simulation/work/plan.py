@@ -148,10 +148,9 @@ _OPTIONS = {
 def _check_ranges(options: PlanOptions) -> None:
     """Refuse figures that cannot be. Raises typer.BadParameter."""
     for name, option in _OPTIONS.items():
-        low, high = RANGES[name]
         value = getattr(options, name)
-        if value is not None and not low <= value <= high:
-            raise typer.BadParameter(f"{value:g} must be from {low:g} to {high:g}", param_hint=option)
+        if value is not None and not RANGES[name].holds(value):
+            raise typer.BadParameter(f"{value:g} must be {RANGES[name]}", param_hint=option)
 
 
 def run(file: Path | None, options: PlanOptions, *, changes: bool, picture: Path | None, as_json: bool) -> None:
