@@ -1,8 +1,8 @@
 """Which test files a change can reach: by what imports what, read from the sources, nothing being imported.
 
 A test stands on the modules that it names, that its helpers name, that the fixtures and commands it uses stand on, and
-on all that these import. Surveys for tests of the core are simulated; so a wing counts only where a test itself names
-it, and the tests of a wing are those of its own rooms and commands. Of a file that is not known, all tests are named.
+on all that these import. A wing counts only where a test itself names it or calls one of its commands; simulation,
+which makes the surveys of many tests, only in its own tests. Of a file that is not known, all tests are named.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from photogram.cli.registry import COMMANDS
 ROOT = Path(__file__).resolve().parents[1]
 ALWAYS = r'rglob\("\*\.py"\)'  # tests that read the sources of every module
 DOOR = "photogram"
+MAKER = "photogram.simulation"
 CONFTEST = "tests/conftest.py"
 
 _IMPORT = re.compile(r"^\s*from\s+(photogram[\w.]*)\s+import\s+(\([^)]*\)|[^\n(]*)", re.MULTILINE)
@@ -90,7 +91,10 @@ class Suite:
             given |= self._named(self.texts[file])
         for fixture in _parameters(self.texts[test]) & self._fixtures.keys():
             given |= self._fixtures[fixture]
-        modules = self._named(self.texts[test]) | {module for module in given if not self._is_of_wing(module)}
+        own = self._named(self.texts[test])
+        if not test.startswith(f"tests/{MAKER.rpartition('.')[2]}/"):
+            own = {module for module in own if not f"{module}.".startswith(f"{MAKER}.")}
+        modules = own | {module for module in given if not self._is_of_wing(module)}
         if "photogram.cli.main" in modules:
             called = [name for name in self.commands if f'"{name}"' in self.texts[test]]
             modules |= {self.commands[name].split(":")[0] for name in called or self.commands}

@@ -134,5 +134,9 @@ def test_of_this_house_a_wing_reaches_its_own_tests_and_the_core_whole_surveys()
     adjusting = suite.reached_by(["photogram/adjustment/adjustment.py"])
     assert adjusting is not None
     assert {"tests/surveys/test_resume.py", "tests/adjustment/test_adjustment.py"} <= set(adjusting)
+    rendering = suite.reached_by(["photogram/simulation/rendering.py"])
+    assert rendering is not None
+    assert {"tests/simulation/test_rendering.py", "tests/cli/test_main.py"} <= set(rendering)
+    assert "tests/sfm/test_orientation.py" not in rendering
     assert suite.reached_by(["pyproject.toml"]) is None
     assert "photogram.errors" in imported["photogram.geodesy.frames"]
