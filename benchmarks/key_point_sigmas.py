@@ -31,7 +31,7 @@ from photogram.files.records import read_record
 from photogram.pipeline.pipeline import load_project
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
-from photogram.sfm.tie_points.features import SMALLEST_PX, picture_scale
+from photogram.sfm.tie_points.detector import detector_named
 from photogram.simulation.demonstration import write_demonstration
 from photogram.survey import TRANSFERRED, Features, TiePoints
 
@@ -41,13 +41,13 @@ FEWEST = 60  # observations that make a figure
 
 def relative_sizes(project: Project, work: Path, tie: TiePoints) -> np.ndarray:
     """Return the size (N,) of each observation's key point over that of the smallest; NaN where it has none."""
-    size = np.full(len(tie.photograph), np.nan)
+    size, detector = np.full(len(tie.photograph), np.nan), detector_named(project.features.detector)
     for index in np.unique(tie.photograph).tolist():
         camera = project.cameras[project.photographs[index].camera]
-        scale = picture_scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+        scale = detector.scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
         own = (tie.photograph == index) & (tie.feature != TRANSFERRED)
         features = read_record(work / "features.stage" / f"{index:05d}.npz", Features)
-        size[own] = np.maximum(features.size_px[tie.feature[own]] / (SMALLEST_PX * scale), 1.0)
+        size[own] = np.maximum(features.size_px[tie.feature[own]] / (detector.traits.smallest_px * scale), 1.0)
     return size
 
 

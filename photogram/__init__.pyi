@@ -56,7 +56,8 @@ from .results import Adjustment
 from .sfm.orientation import Orientation, OrientationSettings, orient
 from .sfm.resection import Resection, resect
 from .sfm.sky import find_sky
-from .sfm.tie_points.features import FeatureSettings, find_features
+from .sfm.tie_points.detector import FeatureSettings
+from .sfm.tie_points.features import find_features
 from .sfm.tie_points.matching import MatchingSettings, match_pair
 from .sfm.tie_points.tracks import join_matches
 from .simulation.planning.flight_plan import FlightPlan

@@ -28,6 +28,11 @@ def memory_bytes() -> int:
     return min([whole, *_memory_limits()])
 
 
+def within_half_of_memory(bytes_each: float) -> int:
+    """Return how many pieces of work of so many bytes half of the memory holds at once, 1 at least."""
+    return max(1, int(0.5 * memory_bytes() // bytes_each))
+
+
 def free_memory_bytes() -> int:
     """Return the memory that this process may take and that nothing else holds now, where the system tells (Linux);
     else as ``memory_bytes``."""

@@ -136,6 +136,10 @@ class CommonError:
         return self.flight in (None, photograph.flight) and self.camera in (None, photograph.camera)
 
 
+Metric = Literal["euclidean", "hamming"]
+"""Of descriptors: bytes that are coordinates, or bits."""
+
+
 @dataclass(frozen=True, eq=False)
 class Features:
     """Key points of one photograph."""
@@ -150,6 +154,8 @@ class Features:
     """Descriptors (N, D), uint8."""
     colour: ByteArray
     """Red, green, blue (N, 3), uint8."""
+    metric: Metric = "euclidean"
+    """In which descriptors are compared."""
 
     def __post_init__(self) -> None:
         n = len(self.pixel)

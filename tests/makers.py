@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import cv2
 import gtsam
 import numpy as np
 import pytest
@@ -108,6 +109,18 @@ def undrawing() -> Iterator[None]:
         ):
             patch.setattr(canvas, method, stand_in(canvas, method, EMPTY_PICTURES[kind]))
         yield
+
+
+def textured(width: int, height: int, seed: int) -> np.ndarray:
+    """Return a picture (height, width, 3) of noise with detail from one pixel up to 32, in colour."""
+    rng = np.random.default_rng(seed)
+    layers = []
+    for wavelength in (1, 2, 4, 8, 16, 32):
+        layer = cv2.GaussianBlur(rng.standard_normal((height, width)), (0, 0), wavelength)
+        layers.append(layer / layer.std())
+    total = np.sum(layers, axis=0)
+    grey = np.clip(128 + 35 * total / total.std(), 0, 255).astype(np.uint8)
+    return np.dstack([grey, np.roll(grey, 1, axis=1), 255 - grey])
 
 
 def read_json(path: Path) -> Json:

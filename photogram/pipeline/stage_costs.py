@@ -10,19 +10,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-import numpy as np
-
-from photogram.camera import Camera
 from photogram.project.project import Project
-from photogram.project.schema import REDUCTIONS
 from photogram.project.validation.resources import SurfaceSize
-from photogram.sfm.tie_points.features import picture_scale
+from photogram.sfm.tie_points.detector import Traits, detector_named
 from photogram.surface.dense.pyramid import reductions_of
 
 # ---- time ----------------------------------------------------------------------------------------------------------
 
 Part = Literal[
-    "photographs", "megapixels", "searched_megapixels", "products", "pairs", "key_points", "observations",
+    "photographs", "megapixels", "search", "comparisons", "pairs", "key_points", "observations",
     "dense_mcells", "raster_mcells", "contoured_mcells", "terrain_mcells", "orthophoto_mpx", "comparison",
 ]  # fmt: skip
 Kind = Literal["features", "matches", "dense", "plain"]
@@ -31,11 +27,14 @@ Kind = Literal["features", "matches", "dense", "plain"]
 @dataclass(frozen=True)
 class Workload:
     """How much there is to do; megapixels, megacells of the surface that photographs show, and megapixels of the
-    orthophoto; ``raster_mcells`` are those of the rectangle around the surface."""
+    orthophoto; ``raster_mcells`` are those of the rectangle around the surface. Seconds are those of one worker of the
+    reference machine that searches a megapixel, or compares 10⁸ pairs of descriptors."""
 
     photographs: int
     megapixels: float
     searched_megapixels: float
+    search_s_per_mpx: float
+    match_s_per_product: float
     key_points: float
     pairs: float
     observations: float
@@ -60,15 +59,12 @@ class Rate:
 
 # ---- bytes ---------------------------------------------------------------------------------------------------------
 
-BYTES_PER_KEY_POINT = 163
-"""On disk and in memory: pixel 16, size and angle 16, descriptor 128, colour 3."""
+BYTES_PER_KEY_POINT = 35
+"""On disk and in memory, its descriptor aside: pixel 16, size and angle 16, colour 3."""
 
 BYTES_PER_OBSERVATION = 350
 """Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
 becomes an observation."""
-
-BYTES_PER_PX = 12
-"""Of a photograph in memory: its colours, its grey values, and a copy of each at work."""
 
 MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 14.0, 22.0, 27.0
 """On disk for a cell of the surface: what the matching writes of it, and of one of a coarser level, and what the
@@ -128,6 +124,16 @@ class Extent:
         """Return the most key points that are detected."""
         return len(self.project.photographs) * self.project.features.maximum
 
+    @property
+    def detector(self) -> Traits:
+        """Return what the detector of key points says of itself."""
+        return detector_named(self.project.features.detector).traits
+
+    @property
+    def key_point_bytes(self) -> float:
+        """Return what the key points take, on disk or in memory."""
+        return self.key_points * (BYTES_PER_KEY_POINT + self.detector.descriptor_bytes)
+
     @cached_property
     def pixels(self) -> float:
         """Return how many pixels all photographs have together."""
@@ -154,16 +160,7 @@ class Extent:
     @property
     def block_bytes(self) -> float:
         """Return what the tie points and their adjustment take in memory."""
-        return self.key_points * (BYTES_PER_KEY_POINT + BYTES_PER_OBSERVATION / 3)
-
-    def tile_px(self, camera: Camera) -> float:
-        """Return how many pixels the largest tile has in which key points of a photograph are detected."""
-        features = self.project.features
-        scale = picture_scale(camera.width_px * camera.height_px, features, REDUCTIONS[self.project.quality])
-        sides = [side / scale for side in (camera.width_px, camera.height_px)]
-        tiles = [max(1.0, np.ceil(side / features.tile_px)) for side in sides]
-        beyond = [features.overlap_px * min(count - 1.0, 2.0) for count in tiles]
-        return float(np.prod([side / count + more for side, count, more in zip(sides, tiles, beyond, strict=True)]))
+        return self.key_point_bytes + self.key_points * BYTES_PER_OBSERVATION / 3
 
 
 FEWER, COARSER = "lower features.maximum or quality", "choose a larger surface.cell_m"

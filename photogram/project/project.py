@@ -56,7 +56,7 @@ from photogram.project.start import ProjectStart, check_start, project_start, re
 from photogram.projection import RADIAL_TERMS
 from photogram.quality.asprs import ReportSettings
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.tie_points.features import FeatureSettings
+from photogram.sfm.tie_points.detector import FeatureSettings
 from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.sfm.tie_points.matching import MatchingSettings
 from photogram.sfm.tie_points.pairs import PairSettings

@@ -23,6 +23,17 @@ from photogram.wording import shortened
 
 
 @dataclass(frozen=True)
+class Choices:
+    """The values that a text may have, as metadata of its type: where code finds them, so that no Literal can."""
+
+    values: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let pydantic take these values alone."""
+        return core_schema.literal_schema(list(self.values))
+
+
+@dataclass(frozen=True)
 class Within:
     """The range of a number, ends included, as metadata of a type; where ``or_zero``, 0 is allowed beside it."""
 
@@ -116,6 +127,11 @@ class Setting:
             raise SettingError(self.name, f"must be {words}, found {value!r}")
 
 
+def _with_choices(kind: Any, choices: Choices | None) -> Any:  # noqa: ANN401
+    """Return the Literal of the choices, or the type itself where there are none."""
+    return Literal[choices.values] if choices else kind
+
+
 def _one(marks: Sequence[object], kind: type[Any]) -> Any:  # noqa: ANN401
     return next((mark for mark in marks if isinstance(mark, kind)), None)
 
@@ -136,7 +152,7 @@ def _settings_of(kind: type[Any]) -> tuple[Setting, ...]:
         settings.append(
             Setting(
                 name=field.name,
-                kind=of_type,
+                kind=_with_choices(of_type, _one(marks, Choices)),
                 default=field.default,
                 within=_one(marks, Within),
                 title=title.words if title else field.name.replace("_", " "),

@@ -13,7 +13,8 @@ from photogram.pipeline.stage_costs import Workload
 from photogram.pipeline.stage_names import STAGE_NAMES
 
 WORK = Workload(
-    photographs=20, megapixels=240.0, searched_megapixels=60.0, key_points=2e5, pairs=150.0, observations=7e4,
+    photographs=20, megapixels=240.0, searched_megapixels=60.0, search_s_per_mpx=0.45,
+    match_s_per_product=0.22, key_points=2e5, pairs=150.0, observations=7e4,
     dense_mcells=8.0, raster_mcells=12.0, orthophoto_mpx=30.0, comparison=True,
 )  # fmt: skip
 
@@ -40,10 +41,10 @@ def test_seconds_are_rate_times_amount_shared_among_the_workers() -> None:
     assert one == eight  # of one block
 
 
-def test_twice_the_pairs_of_twice_the_key_points_are_eight_times_the_products() -> None:
+def test_twice_the_pairs_of_twice_the_key_points_are_eight_times_the_comparisons() -> None:
     more = replace(WORK, pairs=2 * WORK.pairs, key_points=2 * WORK.key_points)
-    assert amounts(more)["products"] == pytest.approx(8 * amounts(WORK)["products"])
-    assert amounts(WORK)["products"] == pytest.approx(150.0)  # 10⁴ by 10⁴ each: 10⁸
+    assert amounts(more)["comparisons"] == pytest.approx(8 * amounts(WORK)["comparisons"])
+    assert amounts(WORK)["comparisons"] == pytest.approx(0.22 * 150.0)  # 10⁴ by 10⁴ each: 10⁸
 
 
 def test_a_slower_part_of_the_machine_slows_what_resembles_it() -> None:

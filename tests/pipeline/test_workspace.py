@@ -23,7 +23,7 @@ from photogram.pipeline.stages.matches import MatchesSummary
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
-from photogram.sfm.tie_points.features import FeatureSettings
+from photogram.sfm.tie_points.detector import FeatureSettings
 from photogram.survey import Features
 
 EMPTY = ["made-by-photogram.txt", "stage.json"]

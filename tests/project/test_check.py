@@ -29,7 +29,7 @@ from photogram.project.findings import Finding
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.check import check_survey, header_findings, project_faults, survey_findings
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.tie_points.features import FeatureSettings
+from photogram.sfm.tie_points.detector import FeatureSettings
 from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.sfm.tie_points.matching import MatchingSettings
 from photogram.sfm.tie_points.pairs import PairSettings

@@ -22,7 +22,7 @@ from photogram.files.tables.control_files import read_marks, read_points
 from photogram.geodesy.frames import LocalFrame
 from photogram.project.project import Project, read_project
 from photogram.projection import PARAMETER_NAMES
-from photogram.sfm.tie_points.features import FeatureSettings
+from photogram.sfm.tie_points.detector import FeatureSettings
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "dtu_phantom4" / "project.yaml"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit  # noqa: TID251 - nothing of it is kept
 
-from photogram.sfm.tie_points.byte_distances import PANELS, Tile, distances_of_tile, usable_tiles
+from photogram.sfm.tie_points.matchers.byte_distances import PANELS, Tile, distances_of_tile, usable_tiles
 
 
 @pytest.mark.parametrize("groups", [1, 3, 32])

@@ -7,7 +7,8 @@ import pytest
 
 from photogram.camera import Camera, Pose
 from photogram.errors import ImageError
-from photogram.sfm.tie_points.features import FeatureSettings, find_features
+from photogram.sfm.tie_points.detector import FeatureSettings
+from photogram.sfm.tie_points.features import find_features
 from photogram.sfm.tie_points.guided_matching import TransferSettings, cut_patches, transfer_to
 from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.survey import TiePoints

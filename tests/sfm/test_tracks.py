@@ -4,12 +4,14 @@ from dataclasses import fields, replace
 from itertools import combinations, pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.arrays import FloatArray
+from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, undistort
-from photogram.sfm.tie_points.features import SMALLEST_PX, FeatureSettings, coarseness, find_features, picture_scale
+from photogram.sfm.tie_points.detector import DETECTORS, FeatureSettings, detector_named
+from photogram.sfm.tie_points.features import coarseness, find_features
 from photogram.sfm.tie_points.matching import MatchingSettings, match_pair
 from photogram.sfm.tie_points.tracks import coloured, join_matches, key_point_sigmas_px, seen_in_all, without_conflicts
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate
@@ -129,9 +131,10 @@ def test_nothing_matched_gives_no_points() -> None:
     assert len(seen_in_all(joined.tie_points, [0, 1])) == 0
 
 
-def test_a_sigma_grows_with_the_cube_root_of_the_size() -> None:
+def test_a_sigma_grows_with_a_power_of_the_size() -> None:
     size = np.array([1.7, 1.8, 14.4, 48.6])
-    np.testing.assert_allclose(key_point_sigmas_px(size, 1.8, 0.5), [0.5, 0.5, 1.0, 1.5])
+    np.testing.assert_allclose(key_point_sigmas_px(size, 1.8, 1 / 3, 0.5), [0.5, 0.5, 1.0, 1.5])
+    np.testing.assert_allclose(key_point_sigmas_px(size, 1.8, 1.0, 0.5), [0.5, 0.5, 4.0, 13.5])
 
 
 def missed_lines(
@@ -154,17 +157,26 @@ def missed_lines(
     return np.asarray(across / np.hypot(slope[0] * sigma[0], slope[1] * sigma[1]))
 
 
-def test_matches_miss_their_true_epipolar_lines_as_their_sigmas_say() -> None:
-    """In rendered photographs, by the size of the key points and the quality of the picture they were found in."""
+@pytest.fixture(scope="module")
+def rendered() -> tuple[Camera, tuple[Pose, ...], list[ByteArray]]:
+    """Three photographs in a row, with their true camera and poses."""
     survey = simulate(SurveyPlan(strips=1, photographs_per_strip=3, control_points=3, check_points=0), 5)
-    pixels = [p for _, p in render_photographs(survey)]
-    camera, poses, settings = survey.truth.camera, survey.truth.poses, FeatureSettings(maximum=6000)
-    count, scatter = camera.width_px * camera.height_px, []
+    return survey.truth.camera, survey.truth.poses, [p for _, p in render_photographs(survey)]
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_matches_miss_their_true_epipolar_lines_as_their_sigmas_say(
+    rendered: tuple[Camera, tuple[Pose, ...], list[ByteArray]], name: str
+) -> None:
+    """In rendered photographs, by the size of the key points and the quality of the picture they were found in."""
+    (camera, poses, pixels), settings = rendered, FeatureSettings(maximum=6000, detector=name)
+    detector, count, scatter = detector_named(name), camera.width_px * camera.height_px, []
     for reduction in (1, 2, 4):
         coarser = coarseness(count, settings, reduction)
-        smallest_px = SMALLEST_PX * picture_scale(count, settings, reduction)
+        smallest_px, exponent = detector.traits.smallest_px, detector.traits.size_exponent
+        smallest_px *= detector.scale(count, settings, reduction)
         found = [find_features(str(i), p, settings, reduction) for i, p in enumerate(pixels)]
-        sigma = [key_point_sigmas_px(f.size_px, smallest_px, coarser) for f in found]
+        sigma = [key_point_sigmas_px(f.size_px, smallest_px, exponent, coarser) for f in found]
         missed, size = [], []
         for i, j in ((0, 1), (1, 2), (0, 2)):
             matches, good = match_pair((i, j), (camera, camera), (found[i], found[j]), MatchingSettings(), coarser)

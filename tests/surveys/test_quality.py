@@ -10,7 +10,8 @@ import pytest
 
 from photogram.files.records import read_record
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.sfm.tie_points.features import FeatureSettings, coarseness, picture_scale
+from photogram.sfm.tie_points.detector import FeatureSettings, detector_named
+from photogram.sfm.tie_points.features import coarseness
 from photogram.survey import TiePoints
 
 
@@ -21,7 +22,8 @@ def test_coarseness_is_that_of_the_picture_against_full_quality() -> None:
     assert [coarseness(12_000_000, auto, r) for r in (1, 2, 4)] == [1, 1, 2]
     assert [coarseness(24_000_000, auto, r) for r in (1, 2, 4)] == [1, 2, 2]
     assert [coarseness(12_000_000, FeatureSettings(doubled="yes"), r) for r in (1, 2, 4)] == [1, 2, 4]
-    assert [picture_scale(12_000_000, auto, r) for r in (1, 2, 4)] == [2, 2, 4]
+    assert [detector_named("sift").scale(12_000_000, auto, r) for r in (1, 2, 4)] == [2, 2, 4]
+    assert [coarseness(12_000_000, FeatureSettings(detector="orb"), r) for r in (1, 2, 4)] == [1, 2, 4]
 
 
 @pytest.mark.usefixtures("undrawn")

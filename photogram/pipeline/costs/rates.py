@@ -22,13 +22,14 @@ from photogram.pipeline.stage_costs import Part, Workload
 
 
 def amounts(work: Workload) -> dict[Part, float]:
-    """Return how much there is of each part of the work; ``products`` are of two descriptors, 10⁸ of them."""
+    """Return how much there is of each part of the work; of search and comparisons the seconds that detector and
+    matcher state."""
     products = work.pairs * (work.key_points / max(work.photographs, 1)) ** 2 / 1e8
     found: dict[Part, float] = {
         "photographs": work.photographs,
         "megapixels": work.megapixels,
-        "searched_megapixels": work.searched_megapixels,
-        "products": products,
+        "search": work.search_s_per_mpx * work.searched_megapixels,
+        "comparisons": work.match_s_per_product * products,
         "pairs": work.pairs,
         "key_points": work.key_points,
         "observations": work.observations,

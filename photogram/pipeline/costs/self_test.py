@@ -25,7 +25,8 @@ from photogram.compilation import kernels
 from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
-from photogram.sfm.tie_points.features import FeatureSettings, find_features
+from photogram.sfm.tie_points.detector import FeatureSettings
+from photogram.sfm.tie_points.features import find_features
 from photogram.sfm.tie_points.matching import MatchingSettings, candidate_matches
 from photogram.surface.dense.pyramid import STEP_PX, Level, Prior
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Scene, match_block

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage
-from photogram.pipeline.stage_costs import BYTES_PER_KEY_POINT, FEWER, LAYER_BYTES, PICTURE_BYTES, POINT_BYTES, Extent
+from photogram.pipeline.stage_costs import FEWER, LAYER_BYTES, PICTURE_BYTES, POINT_BYTES, Extent
 from photogram.project.project import Project
 from photogram.project.validation.resources import MachineNeeds, surface_size
 from photogram.surface.dense.pyramid import MOST_LEVELS
@@ -29,7 +29,7 @@ photographs at 0.79 to 0.82."""
 
 def sparse_disk_bytes(extent: Extent) -> float:
     """Return about how much key points, matches and clouds of tie points take on disk."""
-    return extent.key_points * BYTES_PER_KEY_POINT * 1.5
+    return extent.key_point_bytes * 1.5
 
 
 def surface_disk_bytes(extent: Extent) -> float:

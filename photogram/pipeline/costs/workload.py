@@ -16,12 +16,10 @@ from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.project.start import known_observations
 from photogram.project.validation.resources import surface_size
-from photogram.sfm.tie_points.features import picture_scale
+from photogram.sfm.tie_points.detector import detector_named
+from photogram.sfm.tie_points.matching import MATCHERS
 from photogram.sfm.tie_points.pairs import select_pairs
 from photogram.survey import Photograph
-
-KEY_POINTS_PER_MPX = 6000.0
-"""Key points that a megapixel of the picture which SIFT is given shows at most, on ground with texture."""
 
 OBSERVATIONS_PER_KEY_POINT = 0.35
 """Observations of tie points after the transfer: 0.15 over a beach, 0.6 over a town with 80 % overlap."""
@@ -42,10 +40,10 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
     """Return how much work a survey is; ``tags`` are those of ``project.photographs``."""
     cameras = [project.cameras[p.camera] for p in project.photographs]
     pixels = np.array([float(c.width_px * c.height_px) for c in cameras])
-    reduction = REDUCTIONS[project.quality]
-    scale = np.array([picture_scale(int(n), project.features, reduction) for n in pixels])
+    detector, reduction = detector_named(project.features.detector), REDUCTIONS[project.quality]
+    scale = np.array([detector.scale(int(n), project.features, reduction) for n in pixels])
     searched = pixels / scale**2 / 1e6
-    key_points = float(np.minimum(project.features.maximum, KEY_POINTS_PER_MPX * searched).sum())
+    key_points = float(np.minimum(project.features.maximum, detector.traits.key_points_per_mpx * searched).sum())
     observations, pairs = OBSERVATIONS_PER_KEY_POINT * key_points, float(expected_pairs(project, tags))
     known = known_observations(project.start)
     if known is not None:
@@ -58,6 +56,8 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
         photographs=len(cameras),
         megapixels=float(pixels.sum()) / 1e6,
         searched_megapixels=float(searched.sum()),
+        search_s_per_mpx=detector.traits.seconds_per_mpx,
+        match_s_per_product=MATCHERS[detector.traits.metric].seconds,
         key_points=key_points,
         pairs=pairs,
         observations=observations,

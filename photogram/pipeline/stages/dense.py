@@ -17,7 +17,6 @@ from photogram.files.npz_json import write_json
 from photogram.grid import Window
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
-    BYTES_PER_PX,
     LIBRARIES_BYTES,
     MATCHED_CELL_BYTES,
     Costs,
@@ -30,6 +29,7 @@ from photogram.pipeline.store.dependence import stretches
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
+from photogram.sfm.tie_points.features import BYTES_PER_PX
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
     MINIMUM_RAYS,

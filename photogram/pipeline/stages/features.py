@@ -11,15 +11,16 @@ from typing_extensions import TypedDict
 from photogram.errors import ImageError
 from photogram.files.npz_json import write_json
 from photogram.files.records import read_record, write_record
+from photogram.machine import within_half_of_memory
 from photogram.pipeline.stage import Stage, line_of
-from photogram.pipeline.stage_costs import BYTES_PER_KEY_POINT, BYTES_PER_PX, Costs, Extent, Memory, Rate
+from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
 from photogram.pipeline.store.dependence import given_masks, starts_from_tie_points, stretches
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
 from photogram.sfm.orientation import OrientationSettings
-from photogram.sfm.tie_points.features import coarseness, find_features, photographs_at_once
+from photogram.sfm.tie_points.features import coarseness, find_features, search_bytes
 from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.survey import Features
 from photogram.wording import Progress, things
@@ -71,6 +72,12 @@ def transfer_thresholds(project: Project) -> TransferSettings:
     return replace(project.transfer, search_px=round(farther * project.transfer.search_px))
 
 
+def _bytes_of_one(project: Project) -> float:
+    """Return what the search in one photograph takes in memory, of the camera whose takes most."""
+    reduction = REDUCTIONS[project.quality]
+    return max(search_bytes(c.width_px, c.height_px, project.features, reduction) for c in project.cameras)
+
+
 def detect_features(run: Run, folder: Path, progress: Progress) -> FeaturesSummary:
     """Find key points, one file per photograph; photographs that an interrupted run has finished are kept. None are
     needed where the project starts from tie points.
@@ -79,8 +86,7 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> FeaturesSumma
     """
     masked = masked_shares(run, folder)
     given = starts_from_tie_points(run.project)
-    largest = max(camera.width_px * camera.height_px for camera in run.project.cameras)
-    at_once = photographs_at_once(largest // REDUCTIONS[run.project.quality] ** 2)
+    at_once = within_half_of_memory(_bytes_of_one(run.project))
     counts = []
     photographs = range(0 if given else len(run.names))
     for index, count in enumerate(each(run, folder, _DETECTED, photographs, at_once=at_once)):
@@ -144,18 +150,12 @@ def _settings(run: Run) -> object:
     return [run.photograph_fingerprints, project.features, project.quality, *none, *given_masks(run), *stretches(run)]
 
 
-BYTES_PER_TILE_PX = 240
-"""In memory of the search for key points in one tile (OpenCV's SIFT, whose scale space is twice as wide and high),
-measured on tiles of 800 and of 1728 px."""
-
 AT_ONCE = 0.7
 """Share of the workers that hold the most at the same time."""
 
 
 def _memory(extent: Extent) -> Memory:
-    cameras = extent.project.cameras
-    one = max(BYTES_PER_PX * c.width_px * c.height_px + BYTES_PER_TILE_PX * extent.tile_px(c) for c in cameras)
-    return Memory(one * max(1.0, AT_ONCE * extent.workers))
+    return Memory(_bytes_of_one(extent.project) * max(1.0, AT_ONCE * extent.workers))
 
 
 FEATURES: Stage = Stage(
@@ -167,9 +167,9 @@ FEATURES: Stage = Stage(
     line_of(FeaturesSummary, _words),
     Costs(
         0.05,
-        (Rate("searched_megapixels", 0.45, "features"), Rate("megapixels", 0.02)),
+        (Rate("search", 1.0, "features"), Rate("megapixels", 0.02)),
         is_tested=True,
-        disk_bytes=lambda extent: BYTES_PER_KEY_POINT * extent.key_points,
+        disk_bytes=lambda extent: extent.key_point_bytes,
         memory=_memory,
     ),
 )

@@ -11,13 +11,13 @@ from typing_extensions import TypedDict
 from photogram.arrays import BoolArray
 from photogram.files.npz_json import read_arrays, write_arrays, write_json
 from photogram.pipeline.stage import Stage, line_of
-from photogram.pipeline.stage_costs import Costs, Memory, Rate
+from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
 from photogram.pipeline.stages.features import NOT_NEEDED, coarseness_of
 from photogram.pipeline.store.dependence import starts_from_tie_points
 from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
-from photogram.sfm.tie_points.matching import match_pair
+from photogram.sfm.tie_points.matching import MATCHERS, match_pair
 from photogram.sfm.tie_points.pairs import SelectedPairs, select_pairs
 from photogram.sfm.tie_points.retrieval import most_similar
 from photogram.survey import Matches
@@ -88,7 +88,7 @@ PAIRS: Stage = Stage(
     line_of(PairsSummary, lambda summary: f"{things(summary['pairs'], 'pair')} selected"),
     Costs(
         0.02,
-        (Rate("products", 0.04, "matches"), Rate("photographs", 0.002, pieces=False)),
+        (Rate("comparisons", 0.18, "matches"), Rate("photographs", 0.002, pieces=False)),
         0.6,
         ("photogram.sfm.tie_points.pairs", "photogram.sfm.tie_points.matching"),
     ),
@@ -141,8 +141,11 @@ MATCH_BYTES = 10.0
 """On disk for a key point; measured at half of it over a beach, and at twice over ground with texture everywhere and
 much overlap."""
 
-PAIR_BYTES = 4800.0
-"""In memory for a key point of two photographs that are compared: descriptors as floats, and 1024 rows of products."""
+
+def _memory(extent: Extent) -> Memory:
+    compared = MATCHERS[extent.detector.metric].bytes_per_key_point
+    return Memory(compared * extent.workers * extent.project.features.maximum)
+
 
 MATCHES: Stage = Stage(
     "matches",
@@ -153,9 +156,9 @@ MATCHES: Stage = Stage(
     line_of(MatchesSummary, lambda said: f"{said['verified_pairs']} of {things(said['pairs'], 'pair')} verified"),
     Costs(
         0.02,
-        (Rate("products", 0.22, "matches"), Rate("pairs", 0.02)),
+        (Rate("comparisons", 1.0, "matches"), Rate("pairs", 0.02)),
         is_tested=True,
         disk_bytes=lambda extent: MATCH_BYTES * extent.key_points,
-        memory=lambda extent: Memory(PAIR_BYTES * extent.workers * extent.project.features.maximum),
+        memory=_memory,
     ),
 )

@@ -18,7 +18,7 @@ from photogram.pipeline.store.dependence import starts_from_tie_points, tie_poin
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
-from photogram.sfm.tie_points.features import SMALLEST_PX, picture_scale
+from photogram.sfm.tie_points.detector import detector_named
 from photogram.sfm.tie_points.tracks import (
     Joined,
     coloured,
@@ -42,9 +42,11 @@ class TiePointsSummary(TypedDict):
 def _key_point_sigmas_px(project: Project, photograph: int, features: Features) -> FloatArray:
     """Return the standard deviations (N,) of the key points of a photograph."""
     camera = project.cameras[project.photographs[photograph].camera]
-    scale = picture_scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
+    detector = detector_named(project.features.detector)
+    scale = detector.scale(camera.width_px * camera.height_px, project.features, REDUCTIONS[project.quality])
     best_px = project.adjustment.tie_point_sigma_px * coarseness_of(project, photograph)
-    return key_point_sigmas_px(features.size_px, SMALLEST_PX * scale, best_px)
+    traits = detector.traits
+    return key_point_sigmas_px(features.size_px, traits.smallest_px * scale, traits.size_exponent, best_px)
 
 
 def _given_tie_points(run: Run, given: TiePoints, progress: Progress) -> Joined:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -13,8 +14,13 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, undistort
 from photogram.projection import SIDEWAYS
 from photogram.settings.settings import Settings, Within
-from photogram.sfm.tie_points.nearest_descriptors import nearest_descriptors
-from photogram.survey import Features, Matches
+from photogram.sfm.tie_points.matchers.euclidean import Euclidean
+from photogram.sfm.tie_points.matchers.hamming import Hamming
+from photogram.sfm.tie_points.matchers.nearest import Matcher
+from photogram.survey import Features, Matches, Metric
+
+MATCHERS: Mapping[Metric, Matcher] = {"euclidean": Euclidean(), "hamming": Hamming()}
+"""Who compares descriptors, by their metric."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ def candidate_matches(first: Features, second: Features, settings: MatchingSetti
     """Match descriptors by ratio test, mutually: returns the indices (M, 2) of candidate matches."""
     if len(first) < 2 or len(second) < 2:
         return np.zeros((0, 2), dtype=np.int64)
-    near = nearest_descriptors(first.descriptor, second.descriptor)
+    near = MATCHERS[first.metric].nearest(first.descriptor, second.descriptor)
     distinct = near.distance[:, 0] < settings.ratio**2 * near.distance[:, 1]
     mutual = near.back[near.nearest] == np.arange(len(first))
     matched = np.flatnonzero(distinct & mutual)

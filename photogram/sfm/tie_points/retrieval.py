@@ -1,9 +1,9 @@
 """Photographs that look alike, found by their own key points: VLAD vectors compared by dot product.
 
 A photograph's vector gathers, for each visual word of a vocabulary made from the survey itself, how its descriptors
-differ from that word (Jégou et al. 2010, sec. 3.1; here on RootSIFT descriptors), each word's sum scaled to unit length
-(Arandjelović & Zisserman 2013, sec. 4), every component by its square root (Jégou & Chum 2012). Large key points are
-taken first: on overlapping photographs they are found again far more often than small ones.
+differ from that word (Jégou et al. 2010, sec. 3.1; here on RootSIFT descriptors, or on bits), each word's sum scaled
+to unit length (Arandjelović & Zisserman 2013, sec. 4), every component by its square root (Jégou & Chum 2012). Large
+key points are taken first: on overlapping photographs they are found again far more often than small ones.
 
 Descriptors, words and vectors are whole numbers so small that every product and sum is exact in float32: the result
 does not depend on the order in which a machine adds.
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import Float32Array, FloatArray, IntArray
+from photogram.sfm.tie_points.matching import MATCHERS
 from photogram.survey import Features
 
 _WORDS = 128  # at most; each needs _SUPPORT descriptors of the sample
@@ -30,10 +31,11 @@ _BLOCK = 512  # photographs compared at once
 
 
 def _selected(features: Features) -> Float32Array:
-    """Return the descriptors (M, D) of the largest key points, spread over the photograph."""
-    n = len(features)
+    """Return the descriptors (M, D) of the largest key points, spread over the photograph, as points whose means are
+    descriptors, too."""
+    n, coordinates = len(features), MATCHERS[features.metric].coordinates
     if n <= _DESCRIPTORS:
-        return features.descriptor.astype(np.float32)
+        return coordinates(features.descriptor).astype(np.float32)
     low, high = features.pixel.min(axis=0), features.pixel.max(axis=0)
     place = (features.pixel - low) / np.maximum(high - low, 1.0) * _CELLS
     cell = np.minimum(place.astype(np.int64), _CELLS - 1) @ np.array([1, _CELLS])
@@ -41,7 +43,7 @@ def _selected(features: Features) -> Float32Array:
     rank = np.empty(n, dtype=np.int64)
     rank[order] = np.arange(n) - np.searchsorted(cell[order], cell[order])
     chosen = np.lexsort((np.arange(n), -features.size_px, rank))[:_DESCRIPTORS]
-    return features.descriptor[chosen].astype(np.float32)
+    return coordinates(features.descriptor[chosen]).astype(np.float32)
 
 
 def _nearest_word(descriptor: Float32Array, word: Float32Array) -> IntArray:

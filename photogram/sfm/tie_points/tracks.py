@@ -12,14 +12,11 @@ from scipy.sparse.csgraph import connected_components
 from photogram.arrays import ByteArray, FloatArray
 from photogram.survey import Features, Matches, TiePoints
 
-SIZE_EXPONENT = 1 / 3
-"""Power of a key point's size with which the standard deviation of its place grows, as measured (see the page
-Mathematics)."""
 
-
-def key_point_sigmas_px(size_px: FloatArray, smallest_px: float, sigma_px: float) -> FloatArray:
-    """Return the standard deviations (N,) of key points of a size (N,): ``sigma_px`` for those of ``smallest_px``."""
-    return np.asarray(sigma_px * (np.maximum(size_px, smallest_px) / smallest_px) ** SIZE_EXPONENT)
+def key_point_sigmas_px(size_px: FloatArray, smallest_px: float, exponent: float, sigma_px: float) -> FloatArray:
+    """Return the standard deviations (N,) of key points of a size (N,): ``sigma_px`` for those of ``smallest_px``,
+    growing with a power of the size (see the page Mathematics)."""
+    return np.asarray(sigma_px * (np.maximum(size_px, smallest_px) / smallest_px) ** exponent)
 
 
 @dataclass(frozen=True, eq=False)

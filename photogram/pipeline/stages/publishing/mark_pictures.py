@@ -11,11 +11,12 @@ import numpy as np
 from photogram.camera import Camera
 from photogram.errors import ImageError
 from photogram.files.photographs.images import read_patches
+from photogram.machine import within_half_of_memory
 from photogram.pipeline.store.run import Run
 from photogram.report.figures.mark_patches import PhotographPatch, mark_figure, reduced, shown_marks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.record.ground import GroundPointRecord, MarkRecord, NotShownRecord
-from photogram.sfm.tie_points.features import photographs_at_once
+from photogram.sfm.tie_points.features import BYTES_PER_PX
 
 HALF_PX, MOST_HALF_PX = 32.0, 256.0
 """Half of the side of what is shown around a mark: a target and what surrounds it; more where the adjustment puts the
@@ -55,7 +56,7 @@ def mark_pictures(run: Run, points: Sequence[GroundPointRecord]) -> MarkPictures
     not_shown: list[NotShownRecord] = []
     ordered = sorted(of_photograph)
     largest = max((camera.width_px * camera.height_px for camera in run.project.cameras), default=1)
-    at_once = photographs_at_once(largest)
+    at_once = within_half_of_memory(BYTES_PER_PX * largest)
     for begin in range(0, len(ordered), at_once):
         some = ordered[begin : begin + at_once]
         for i, found in zip(some, run.executor.map(lambda i: _cut(run, i, of_photograph[i]), some), strict=True):

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from photogram.sfm.tie_points.byte_distances import usable_tiles
-from photogram.sfm.tie_points.nearest_descriptors import LONGEST, nearest_descriptors
+from photogram.sfm.tie_points.matchers.byte_distances import usable_tiles
+from photogram.sfm.tie_points.matchers.euclidean import LONGEST, nearest_descriptors
 
 WAYS = [True, False] if usable_tiles() else [True]
 

@@ -10,7 +10,6 @@ precision, which holds these numbers exactly. The result is the same on any mach
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.sfm.tie_points.byte_distances import WIDE, distances_of_tile, usable_tiles
+from photogram.sfm.tie_points.matchers.byte_distances import WIDE, distances_of_tile, usable_tiles
+from photogram.sfm.tie_points.matchers.nearest import NearestDescriptors
 
 Uint32Array = NDArray[np.uint32]
 WholeArray = NDArray[np.integer[Any]]
@@ -37,17 +37,6 @@ _TILES = usable_tiles()
 _TILE = (*_TILES, WIDE)[0]
 _HEIGHT, _WIDTH, _TOGETHER = _TILE.rows, _TILE.columns, _TILE.together
 _read_tile_of_numbers = distances_of_tile(_TILE)
-
-
-@dataclass(frozen=True, eq=False)
-class NearestDescriptors:
-    """Of the descriptors of two photographs: for each of the first the ``nearest`` (N,) of the second, with the squared
-    ``distance`` (N, 2) to its two nearest; for each of the second the nearest ``back`` (M,) of the first. Of those
-    equally near the first one."""
-
-    nearest: IntArray
-    distance: Float32Array
-    back: IntArray
 
 
 @njit(cache=True, nogil=True)
@@ -188,3 +177,18 @@ def nearest_descriptors(first: ByteArray, second: ByteArray, *, by_blas: bool = 
             )  # fmt: skip
     n, m = len(first), len(second)
     return NearestDescriptors(nearest[:n].astype(np.int64), distance[:n].astype(np.float32), back[:m].astype(np.int64))
+
+
+class Euclidean:
+    """The matcher of descriptors of bytes, each a coordinate; distances are squared."""
+
+    seconds = 0.22
+    bytes_per_key_point = 4800.0  # descriptors as floats, and 1024 rows of products
+
+    def nearest(self, first: ByteArray, second: ByteArray) -> NearestDescriptors:
+        """Return the nearest descriptors both ways, as `nearest_descriptors`."""
+        return nearest_descriptors(first, second)
+
+    def coordinates(self, descriptor: ByteArray) -> ByteArray:
+        """Return the descriptors (N, D) themselves."""
+        return descriptor
