@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 
 from photogram.files.photographs.images import read_tags, write_photograph
+from photogram.pipeline.pipeline import load_project, run_pipeline
 
 Values = dict[str, Any]
 Run = Callable[..., Any]
@@ -177,13 +179,24 @@ def test_photographs_that_show_nothing_in_common(survey: Path, photogram: Run) -
 # ---- control -------------------------------------------------------------------------------------------------------
 
 
-def strip_tags(survey: Path) -> None:
-    for path in (survey / "photographs").iterdir():
+@pytest.fixture(scope="module")
+def matched_survey(pristine_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the survey, its photographs without tags, up to its tie points; not to be written to."""
+    folder = Path(shutil.copytree(pristine_survey, tmp_path_factory.mktemp("untagged") / "survey"))
+    for path in (folder / "photographs").iterdir():
         pixels = np.asarray(Image.open(path))
         Image.fromarray(pixels).save(path, "JPEG", quality=95)
+    run_pipeline(load_project(folder / "project.yaml"), until="tie_points")
+    return folder
 
 
-def test_too_few_control_points_and_nothing_else(survey: Path, photogram: Run, edit: Edit) -> None:
+@pytest.fixture
+def untagged(matched_survey: Path, tmp_path: Path) -> Path:
+    """A copy of it, for one test."""
+    return Path(shutil.copytree(matched_survey, tmp_path / "survey"))
+
+
+def test_too_few_control_points_and_nothing_else(untagged: Path, photogram: Run, edit: Edit) -> None:
     """Two points: each photograph can be joined to the others, but the block cannot be placed in the map."""
 
     def leave_two(values: Values) -> None:
@@ -191,39 +204,35 @@ def test_too_few_control_points_and_nothing_else(survey: Path, photogram: Run, e
         control = [p for p in points if p["role"] == "control"]
         values["control_points"]["list"] = control[:2] + [p for p in points if p["role"] == "check"]
 
-    strip_tags(survey)
-    edit(survey / "project.yaml", leave_two)
-    outcome = photogram("adjust", survey / "project.yaml", "--no-check")
+    edit(untagged / "project.yaml", leave_two)
+    outcome = photogram("adjust", untagged / "project.yaml", "--no-check")
     check_fault(
         outcome, "cannot be georeferenced in EPSG:25832", "control points are marked", "give at least three of either"
     )
 
 
-def test_check_points_do_not_stand_in_for_control(survey: Path, photogram: Run, edit: Edit) -> None:
+def test_check_points_do_not_stand_in_for_control(untagged: Path, photogram: Run, edit: Edit) -> None:
     def demote(values: Values) -> None:
         for p in values["control_points"]["list"]:
             p["role"] = "check"
 
-    strip_tags(survey)
-    edit(survey / "project.yaml", demote)
-    check_fault(photogram("adjust", survey / "project.yaml", "--no-check"), "control points", "GNSS")
+    edit(untagged / "project.yaml", demote)
+    check_fault(photogram("adjust", untagged / "project.yaml", "--no-check"), "control points", "GNSS")
 
 
-def test_collinear_control(survey: Path, photogram: Run, edit: Edit) -> None:
+def test_collinear_control(untagged: Path, photogram: Run, edit: Edit) -> None:
     def line_up(values: Values) -> None:
         for i, p in enumerate(values["control_points"]["list"]):
             p["position_m"] = [602330.0 + 2.0 * i, 5794110.0 + 1.0 * i, 120.0]
 
-    strip_tags(survey)
-    edit(survey / "project.yaml", line_up)
-    outcome = photogram("adjust", survey / "project.yaml", "--no-check")
+    edit(untagged / "project.yaml", line_up)
+    outcome = photogram("adjust", untagged / "project.yaml", "--no-check")
     check_fault(outcome, "cannot be georeferenced in EPSG:25832", "control points are marked", "not collinear")
 
 
-def test_no_control_and_no_positions(survey: Path, photogram: Run, edit: Edit) -> None:
-    strip_tags(survey)
-    edit(survey / "project.yaml", lambda v: v.pop("control_points"))
-    outcome = photogram("adjust", survey / "project.yaml", "--no-check")
+def test_no_control_and_no_positions(untagged: Path, photogram: Run, edit: Edit) -> None:
+    edit(untagged / "project.yaml", lambda v: v.pop("control_points"))
+    outcome = photogram("adjust", untagged / "project.yaml", "--no-check")
     check_fault(outcome, "neither control points nor GNSS positions", "give control_points")
 
 
