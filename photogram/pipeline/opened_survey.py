@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from photogram.arrays import ByteArray
 from photogram.errors import ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.geodesy.crs import crs_label
@@ -97,7 +95,7 @@ class OpenedSurvey:
         number = self._number(photograph)
         return self._read("features", lambda run: run.features(number))
 
-    def pixels(self, photograph: str) -> NDArray[np.uint8]:
+    def pixels(self, photograph: str) -> ByteArray:
         """Return the photograph of a name as red, green, blue (height_px, width_px, 3). Raises ProjectError where there
         is no such photograph, ImageError where its file cannot be read."""
         number = self._number(photograph)

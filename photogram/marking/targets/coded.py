@@ -12,11 +12,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from photogram.arrays import ByteArray, FloatArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.marking.targets.fitting import centre_covariance
 from photogram.marking.targets.kinds import Kind, MeasuredCentre
 
@@ -68,7 +67,7 @@ def _fields(family: str, number: int) -> FloatArray:
     return np.pad(np.asarray(picture, np.float64) / 255.0, 1, constant_values=1.0)
 
 
-def find_coded(grey: NDArray[np.uint8] | NDArray[np.float32]) -> list[MeasuredCentre]:
+def find_coded(grey: ByteArray | Float32Array) -> list[MeasuredCentre]:
     """Return the coded targets in a patch (H, W) of grey values, each fitted."""
     byte = np.ascontiguousarray(np.clip(grey, 0, 255).astype(np.uint8))
     # a detector that works with whole pixels finds small targets in an enlarged patch

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
 
-from photogram.arrays import FloatArray, check_shape
+from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shape
 from photogram.marking.targets.fitting import centre_covariance
 from photogram.marking.targets.kinds import Kind, MeasuredCentre
 
-GreyPatch = NDArray[np.uint8] | NDArray[np.float32]
+GreyPatch = ByteArray | Float32Array
 
 HALF_PX = 10
 """Half of the side of what is compared."""

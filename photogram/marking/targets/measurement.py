@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from photogram.marking.targets.acceptance import SADDLES, axes_px, contrast_dn, ground, is_target
 from photogram.marking.targets.coded import find_coded
 from photogram.marking.targets.cross_initial_values import cross_initial_values
@@ -23,7 +22,7 @@ from photogram.marking.targets.initial_values import (
 from photogram.marking.targets.kinds import Kind, MeasuredCentre
 from photogram.marking.targets.picture import BLUR, Pattern
 
-GreyPatch = NDArray[np.uint8] | NDArray[np.float32]
+GreyPatch = ByteArray | Float32Array
 
 REACH_PX = 10.0
 """How far from a rough place the centre of a target may lie."""
@@ -193,7 +192,7 @@ def _distance(fitted: Fit, place: FloatArray) -> float:
     return float(np.hypot(*(fitted.theta[:2] - place)))
 
 
-def _measured(fitted: Fit, shift: NDArray[np.int64], focal_px: float) -> MeasuredCentre:
+def _measured(fitted: Fit, shift: IntArray, focal_px: float) -> MeasuredCentre:
     covariance = fitted.covariance_px2
     if fitted.pattern in PERSPECTIVE:
         eccentricity = eccentricity_px2(fitted.theta[2:6].reshape(2, 2), focal_px)

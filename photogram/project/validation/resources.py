@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
@@ -87,7 +86,7 @@ def _pixels(project: Project) -> float:
     return float(sum(camera.width_px * camera.height_px for camera in cameras))
 
 
-def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: NDArray[np.bool_]) -> tuple[float, float]:
+def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: BoolArray) -> tuple[float, float]:
     """Return the area of the rectangle, along the axes of the world, around all ground that MINIMUM_RAYS photographs
     show, in m², and the share of it that they show."""
     corners = np.array([_footprint_m(project, survey, i) for i in np.flatnonzero(known).tolist()])

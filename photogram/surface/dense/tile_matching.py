@@ -19,7 +19,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError
 from photogram.geodesy.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
@@ -121,8 +121,8 @@ class Heights:
     height_m: Float32Array
     sigma_m: Float32Array
     correlation: Float32Array
-    rays: NDArray[np.uint8]
-    seen: NDArray[np.uint8]
+    rays: ByteArray
+    seen: ByteArray
 
     def part(self, rows: slice, columns: slice) -> Heights:
         """Return a part of the window."""
@@ -181,7 +181,7 @@ def _nothing(shape: tuple[int, int]) -> Heights:
     return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
 
 
-def _seen(ground: Ground, shape: tuple[int, int]) -> NDArray[np.uint8]:
+def _seen(ground: Ground, shape: tuple[int, int]) -> ByteArray:
     """Return in how many photographs each cell is looked up."""
     count = (ground.views >= 0).sum(axis=2).astype(np.uint8)
     return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
@@ -250,7 +249,7 @@ def plan_orthophoto(
     settings: OrthophotoSettings | None = None,
     *,
     grid: MapGrid | None = None,
-    camera: NDArray[np.int64] | None = None,
+    camera: IntArray | None = None,
     forced: ForcedOf | None = None,
     masks: Masks | None = None,
 ) -> Orthophoto:
@@ -283,7 +282,7 @@ def chosen_orthophoto(
     looks: Looks,
     samples: Sequence[tuple[IntArray, FloatArray]],
     settings: OrthophotoSettings,
-    camera: NDArray[np.int64] | None,
+    camera: IntArray | None,
 ) -> Orthophoto:
     """Choose seams and gains once all photographs were looked at, with the ``samples`` (V,) that ``Looks.at`` gave."""
     balance = Balance.none(len(looks.views))
