@@ -169,9 +169,14 @@ def test_points_and_roles_of_marking_are_exported(survey: Path) -> None:
     new = SurveyedPoint("N1", (easting + 1.5, northing, height), (0.01, 0.01, 0.02))
     moved = SurveyedPoint(third, (easting, northing + 2.0, height), (0.03, 0.03, 0.03))
     journal(
-        survey, AddPoint(new), AddPoint(SurveyedPoint("T1")), AddPoint(moved), SetRole(first, "check"),
-        SetRole(second, "tie"), PlaceMarks((mark("N1", "sim_0001.JPG"), mark("T1", "sim_0001.JPG"))),
-    )  # fmt: skip
+        survey,
+        AddPoint(new),
+        AddPoint(SurveyedPoint("T1")),
+        AddPoint(moved),
+        SetRole(first, "check"),
+        SetRole(second, "tie"),
+        PlaceMarks((mark("N1", "sim_0001.JPG"), mark("T1", "sim_0001.JPG"))),
+    )
     written = exported(survey)
     positions, pixels, points, _ = read_back(survey / "marked.csv", "csv")
     roles = {p.name: p.role for p in points}

@@ -122,7 +122,8 @@ def done(session: MarkingSession, body: Body) -> None:
     elif what == "role":
         session.set_role(_text(body, "point"), _role(body))
     elif what == "point":
-        name, position, sigma_m = _text(body, "name"), _three(body, "position"), _three(body, "sigma_m")
+        name = _text(body, "name")
+        position, sigma_m = _three(body, "position"), _three(body, "sigma_m")
         session.add_point(SurveyedPoint(name, position, sigma_m or UNSTATED))
     elif what == "look":
         session.search()
