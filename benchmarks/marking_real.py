@@ -93,7 +93,7 @@ def with_marks(block: Block, chosen: BoolArray) -> Block:
         block,
         control_points=replace(
             p, mark_point=p.mark_point[chosen], mark_photograph=p.mark_photograph[chosen],
-            mark_pixel=p.mark_pixel[chosen], mark_sigma_px=p.mark_sigma_px[chosen],
+            mark_pixel=p.mark_pixel[chosen], mark_covariance_px2=p.mark_covariance_px2[chosen],
         ),
     )  # fmt: skip
 
@@ -112,7 +112,7 @@ def beside_places(block: Block, known: Block, chosen: BoolArray) -> str:
             missed += 1
             continue
         difference = points.mark_pixel[m] - places.pixel[k]
-        spread = places.covariance_px2[k] + points.mark_sigma_px[m] ** 2 * np.eye(2)
+        spread = places.covariance_px2[k] + points.mark_covariance_px2[m]
         within += int(difference @ np.linalg.solve(spread, difference) < SURE)
         off.append(float(np.hypot(*difference)))
         radius.append(float(places.radius_px[k]))

@@ -18,7 +18,6 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import calibration_sigmas, calibrations
 from photogram.factors.common_errors import attitude_errors, parts, position_effects
 from photogram.factors.constraints import constraint_factor, taking_part
-from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import RobustLoss, robust_terms, steer
 from photogram.factors.elimination.reprojection import (
     Linearisation,
@@ -185,12 +184,8 @@ def kept_in_front(problem: Problem, before: State, after: State) -> State:
 
 def cost(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> float:
     """Return half the sum of squared whitened residuals, those of tie points under the robust loss."""
-    tie = residuals(problem.tie, state.cameras, state.tie_point)
-    marks = residuals(problem.marks, state.cameras, state.control)
-    tie, marks = (
-        np.where(np.isfinite(whitened), whitened, [BEHIND_PX, 0.0] / o.sigma_px[:, None])
-        for whitened, o in ((tie, problem.tie), (marks, problem.marks))
-    )
+    tie = problem.tie.with_penalty(residuals(problem.tie, state.cameras, state.tie_point))
+    marks = problem.marks.with_penalty(residuals(problem.marks, state.cameras, state.control))
     robust, _, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
     return 0.5 * float(robust.sum() + np.sum(marks**2)) + float(graph.error(ground_values(problem, state)))
 

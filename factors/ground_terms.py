@@ -19,7 +19,6 @@ import numpy as np
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import calibration_sigmas
 from photogram.factors.elimination.bundle import Bundle, SingularPointError
-from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.elimination.loss import steering
 from photogram.factors.elimination.points import first_observations, lay_out
 from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms, make_layout
@@ -175,9 +174,8 @@ class GroundTerms:
 
     def _mark_cost(self, state: State) -> float:
         marks = self._marks
-        whitened = residuals(marks, state.cameras, state.control)
-        behind = np.array([BEHIND_PX, 0.0]) / marks.sigma_px[:, None]
-        return 0.5 * float(np.sum(np.where(np.isfinite(whitened), whitened, behind) ** 2))
+        whitened = marks.with_penalty(residuals(marks, state.cameras, state.control))
+        return 0.5 * float(np.sum(whitened**2))
 
     def linearise(self, state: State) -> Terms:
         """Return the terms of all factors at ``state``."""

@@ -8,6 +8,7 @@ all of them share: to first order it moves as a control point does that nobody s
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.factors.covariance import Covariances, joint_points, point_columns
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.points import first_observations
-from photogram.factors.elimination.reprojection import Observations, linearise
+from photogram.factors.elimination.reprojection import Observations, linearise, observed_marks
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import GroundTerms
@@ -58,12 +59,8 @@ def ground_columns(
     if not len(known):
         return known, np.zeros((0, 3, 3)), np.zeros((found.layout.columns + found.layout.border, 0, 3))
     marks = np.isin(points.mark_point, known) & np.isfinite(points.mark_sigma_px)
-    observations = Observations(
-        points.mark_photograph[marks],
-        np.searchsorted(known, points.mark_point[marks]).astype(np.int64),
-        points.mark_pixel[marks],
-        points.mark_sigma_px[marks],
-    )
+    number = np.searchsorted(known, points.mark_point[marks]).astype(np.int64)
+    observations = replace(observed_marks(points, marks), point=number)
     linear = linearise(observations, state.cameras, ground_world_m[known])
     V = np.zeros((len(known), 3, 3))
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))

@@ -48,7 +48,8 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
         own: FloatArray = np.asarray(state.cameras.camera[rays.photograph] == camera).astype(np.float64)
         bare = without_fields(state.cameras, rays.photograph, rays.pixel)
         more = _score(
-            first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, state.cameras, X,
+            first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, rays.mixing,
+            state.cameras, X,
             known, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns, loss, threshold, L,
         )  # fmt: skip
         information, score = information + more[0], score + more[1]
@@ -67,7 +68,8 @@ def least_statistic(problem: Problem, state: State, camera: int, parameter: int)
     cameras, nothing = len(state.cameras.model), np.zeros(0)
     bare = without_fields(state.cameras, rays.photograph, rays.pixel)
     information, score = _score(
-        first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, state.cameras, X,
+        first_observations(rays.point, len(X)), rays.photograph, rays.pixel, bare, rays.sigma_px, rays.mixing,
+        state.cameras, X,
         np.zeros((len(X), 3, 3)), own, parameter, np.full(len(state.position), -1, dtype=np.int64),
         np.zeros((cameras, 3), dtype=np.int64), np.zeros_like(state.cameras.parameters), 0, KINDS[problem.robust_loss],
         problem.robust_threshold, nothing,
@@ -78,6 +80,7 @@ def least_statistic(problem: Problem, state: State, camera: int, parameter: int)
 @njit(cache=True, nogil=True, error_model="numpy")
 def _score(
     first: IntArray, photograph: IntArray, pixel: FloatArray, bare: FloatArray, sigma: FloatArray,
+    mixing: FloatArray,
     cameras: OrientedCameras, X: FloatArray, known: FloatArray, own: FloatArray, parameter: int, place_of: IntArray,
     free_of: IntArray, unit: FloatArray, columns: int, loss: int, threshold: float, L: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
@@ -106,6 +109,10 @@ def _score(
                 c = cameras.camera[photograph[i]]
                 fill_field_slopes(cameras, c, pixel[i, 0], pixel[i, 1], 1.0, coefficients, C[n], 0, PARAMETERS)
             du, dv = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
+            if len(mixing):
+                dv = mixing[i, 0] * dv + mixing[i, 1] * du
+                for rows in (A[n], C[n], B[n]):
+                    rows[1] = mixing[i, 0] * rows[1] + mixing[i, 1] * rows[0]
             s = np.sqrt(robust(du * du + dv * dv, loss, threshold)[1])
             for k in range(2):
                 r[n, k] = s * (du if k == 0 else dv)

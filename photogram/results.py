@@ -36,7 +36,7 @@ class Reliability:
     ground_left_out_covariance_m2: FloatArray
     """Covariances of the differences (G, 3, 3)."""
     mark_redundancy: FloatArray
-    """Marks of control points (M, 2)."""
+    """Marks of control points (M, 2): u, and v freed of its correlation with u."""
     mark_w: FloatArray
     """The same (M, 2)."""
     mark_left_out_px: FloatArray

@@ -259,6 +259,12 @@ class TiePoints:
         )
 
 
+def rms_sigma_px(covariance_px2: FloatArray) -> FloatArray:
+    """Return the root mean square (M,) of the standard deviations of u and v of covariances (M, 2, 2), which is that of
+    any two directions at right angles; infinite for rejected marks."""
+    return np.asarray(np.sqrt((covariance_px2[:, 0, 0] + covariance_px2[:, 1, 1]) / 2.0))
+
+
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
     """Surveyed ground points (G), control and check, and their marks in photographs (M)."""
@@ -277,8 +283,8 @@ class ControlPoints:
     """Index of the point of each mark (M,)."""
     mark_pixel: FloatArray
     """Measured image coordinates (M, 2)."""
-    mark_sigma_px: FloatArray
-    """Standard deviations (M,) of each coordinate; infinite for a rejected mark."""
+    mark_covariance_px2: FloatArray
+    """Covariances (M, 2, 2) of u and v; infinite variances for a rejected mark."""
     controlled: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
     """Which of easting, northing and height (G, 3) are control; all those of a control point and none of a check point
     if not given."""
@@ -297,7 +303,7 @@ class ControlPoints:
         check_shape("sigma_m", self.sigma_m, (g, 3))
         check_shape("mark_point", self.mark_point, (m,))
         check_shape("mark_pixel", self.mark_pixel, (m, 2))
-        check_shape("mark_sigma_px", self.mark_sigma_px, (m,))
+        check_shape("mark_covariance_px2", self.mark_covariance_px2, (m, 2, 2))
 
     def __len__(self) -> int:
         return len(self.name)
@@ -306,6 +312,12 @@ class ControlPoints:
         control = self.role.count("control")
         counts = f"{things(control, 'control point')}, {things(len(self) - control, 'check point')}"
         return f"<ControlPoints: {counts}, {things(len(self.mark_point), 'mark')}>"
+
+    @property
+    def mark_sigma_px(self) -> FloatArray:
+        """Root mean squares (M,) of both standard deviations of each mark, where one number is asked for; infinite for
+        a rejected mark."""
+        return rms_sigma_px(self.mark_covariance_px2)
 
     @property
     def used(self) -> BoolArray:
@@ -328,7 +340,7 @@ class ControlPoints:
             self.mark_photograph[marks],
             renumbered[self.mark_point[marks]].astype(np.int64) if len(keep) else self.mark_point[marks],
             self.mark_pixel[marks],
-            self.mark_sigma_px[marks],
+            self.mark_covariance_px2[marks],
             self.controlled[keep],
         )
 

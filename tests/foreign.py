@@ -14,6 +14,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.errors import ExchangeError
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import ControlPoints, TiePoints
 
 NOISE_PX = 0.4
@@ -64,7 +65,7 @@ def small_solution(seed: int = 4, k4: float = 0.003, b: tuple[float, float] = (0
         np.array([0, 1, 1]),
         np.array([0, 0, 2]),
         np.array([[100.25, 200.5], [300.125, 20.75], [11.5, 17.25]]),
-        np.full(3, 0.5),
+        isotropic_px2(np.full(3, 0.5)),
     )
     return ForeignSolution("photogram", cameras, tuple(photographs), tie_points, ground)
 

@@ -234,7 +234,7 @@ def without_marks(block: Block) -> Block:
     nothing = np.zeros(0, dtype=np.int64)
     bare = replace(
         block.control_points, mark_photograph=nothing, mark_point=nothing, mark_pixel=np.zeros((0, 2)),
-        mark_sigma_px=np.zeros(0),
+        mark_covariance_px2=np.zeros((0, 2, 2)),
     )  # fmt: skip
     return replace(block, control_points=bare)
 

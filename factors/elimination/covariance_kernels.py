@@ -14,6 +14,7 @@ from photogram.factors.elimination.kernels import (
     eliminate_coordinates,
     inverse_factor,
     linearise_point,
+    mix_rows,
 )
 from photogram.projection import OrientedCameras
 
@@ -69,7 +70,7 @@ def covariance_in_world(number: int, M: FloatArray, H: FloatArray, result: Float
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def covariances_of_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
-    bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
+    mixing: FloatArray, bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
     free_of: IntArray, loss: int, threshold: float, least: float, prior: FloatArray,
     block_at: IntArray, pairs: FloatArray, own: FloatArray, T: FloatArray, border: FloatArray, result: FloatArray,
 ) -> int:  # fmt: skip
@@ -90,6 +91,8 @@ def covariances_of_points(
             first[p], first[p + 1], photograph, measured, bare, cameras, unit, X, index[p], free_of, loss, threshold,
             least, J, V,
         )  # fmt: skip
+        if len(mixing):
+            mix_rows(first[p], first[p + 1], mixing, prior[index[p]], J, V)
         if not inverse_factor(V, 0.0, M):
             return int(index[p])
         # In the coordinates L⁻¹ of the point every Jacobian on it is Z.

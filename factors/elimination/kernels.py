@@ -9,7 +9,7 @@ the damped V.
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
 elimination (36–41), the right-hand side (42–47), then six for every border column. Parameters have their units
 (cameras, 12 + K) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of,
-measurements as u, v and 1 / sigma.
+measurements as u, v and 1 / sigma, and where marks have covariances of their own how their rows are mixed.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
 
@@ -158,6 +158,23 @@ def linearise_point(
     V[0], V[1], V[2], V[3], V[4], V[5], V[6], V[7], V[8] = v00, v10, v20, v10, v11, v21, v20, v21, v22
     V[9], V[10], V[11] = b0, b1, b2
     return behind
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mix_rows(begin: int, end: int, mixing: FloatArray, prior: FloatArray, J: FloatArray, V: FloatArray) -> None:
+    """Whiten the work rows of marks whose u and v have a covariance, as ``Observations.mix``, and fill V from them and
+    what is known of their point, ``prior`` (12,)."""
+    V[:] = prior
+    for i in range(begin, end):
+        o = 2 * (i - begin)
+        d = o + 1
+        for k in range(J.shape[1]):
+            J[d, k] = mixing[i, 0] * J[d, k] + mixing[i, 1] * J[o, k]
+        for row in (o, d):
+            for a in range(3):
+                V[9 + a] -= J[row, 6 + a] * J[row, 9]
+                for b in range(3):
+                    V[3 * a + b] += J[row, 6 + a] * J[row, 6 + b]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
@@ -351,7 +368,7 @@ def add_border(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def accumulate(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
-    bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
+    mixing: FloatArray, bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
     free_of: IntArray, loss: int, threshold: float, least: float, damping: float, prior: FloatArray,
     block_at: IntArray, start: int, A: FloatArray, Q: FloatArray, H: FloatArray,
 ) -> int:  # fmt: skip
@@ -374,6 +391,8 @@ def accumulate(
             first[p], first[p + 1], photograph, measured, bare, cameras, unit, X, index[p], free_of, loss, threshold,
             least, J, V,
         )  # fmt: skip
+        if len(mixing):
+            mix_rows(first[p], first[p + 1], mixing, prior[index[p]], J, V)
         if V[0] + V[4] + V[8] == 0.0:  # behind all of its cameras
             continue
         if not inverse_factor(V, damping, M):
@@ -449,7 +468,7 @@ def cost_of_points(
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def substitute_points(
     begin: int, end: int, first: IntArray, index: IntArray, photograph: IntArray, measured: FloatArray,
-    bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
+    mixing: FloatArray, bare: FloatArray, cameras: OrientedCameras, unit: FloatArray, X: FloatArray, place_of: IntArray,
     free_of: IntArray, loss: int, threshold: float, least: float, damping: float, prior: FloatArray, step: FloatArray,
     border_step: FloatArray,
     moved: OrientedCameras, moved_bare: FloatArray, bend: FloatArray, moved_X: FloatArray,
@@ -469,6 +488,8 @@ def substitute_points(
             first[p], first[p + 1], photograph, measured, bare, cameras, unit, X, number, free_of, loss, threshold,
             least, J, V,
         )  # fmt: skip
+        if len(mixing):
+            mix_rows(first[p], first[p + 1], mixing, prior[number], J, V)
         if not inverse_factor(V, damping, M):  # behind all of its cameras
             M[:] = 0.0
         t0, t1, t2 = V[9], V[10], V[11]

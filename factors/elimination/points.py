@@ -24,7 +24,7 @@ from photogram.factors.elimination.covariance_kernels import covariances_of_poin
 from photogram.factors.elimination.kernels import accumulate, cost_of_points, substitute_points
 from photogram.factors.elimination.loss import Loss
 from photogram.factors.elimination.reduced import Layout, NormalEquations, blocks_of
-from photogram.factors.elimination.reprojection import Observations
+from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.projection import OrientedCameras, without_fields
 
 MANY_OBSERVATIONS = 20_000  # from here on the work is shared among threads
@@ -37,13 +37,15 @@ class Rays:
     """Observations laid out for elimination: points in the order of their first photograph in the band.
 
     ``index`` (P,) are the points' own numbers; rays of point p are ``[first[p], first[p + 1])``, in the order of the
-    band: ``photograph`` (N,), ``measured`` (N, 3) pixel and 1 / sigma. ``chunks`` are ranges of points.
+    band: ``photograph`` (N,), ``measured`` (N, 3) pixel and 1 / sigma, ``mixing`` as of ``Observations``. ``chunks``
+    are ranges of points.
     """
 
     index: IntArray
     first: IntArray
     photograph: IntArray
     measured: FloatArray
+    mixing: FloatArray
     chunks: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
@@ -101,7 +103,8 @@ def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays
     edges = [0, *edges, len(index)]
     measured = np.empty((len(o), 3))
     measured[:, :2], measured[:, 2] = o.pixel[order], 1.0 / o.sigma_px[order]
-    return Rays(index[points], first, o.photograph[order], measured, tuple(pairwise(edges)))
+    mixing = o.mixing[order] if len(o.mixing) else o.mixing
+    return Rays(index[points], first, o.photograph[order], measured, mixing, tuple(pairwise(edges)))
 
 
 def in_chunks(work: Callable[[int, int], T], rays: Rays, pool: ThreadPoolExecutor | None) -> list[T]:
@@ -146,7 +149,7 @@ def eliminate(
         start, stop = (0, 0) if whole else _blocks(rays, layout, begin, end)
         part = normal if whole else normal.part(start, stop)
         failed = accumulate(
-            begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, rays.mixing, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
             points.prior, layout.block_at, start, part.A.reshape(-1), part.Q.reshape(-1), part.H,
         )  # fmt: skip
@@ -168,6 +171,8 @@ def observation_cost(
     pool: ThreadPoolExecutor | None = None,
 ) -> float:
     """Return the cost of the observations of points at ``position`` (P, 3) in the world, m."""
+    if len(rays.mixing):
+        return _mixed_cost(rays, cameras, position)
     bare = without_fields(cameras, rays.photograph, rays.measured)
 
     def work(begin: int, end: int) -> float:
@@ -179,6 +184,13 @@ def observation_cost(
         )  # fmt: skip
 
     return sum(in_chunks(work, rays, pool))
+
+
+def _mixed_cost(rays: Rays, cameras: OrientedCameras, position: FloatArray) -> float:
+    """Return the cost, without a loss, of observations whose coordinates have a covariance."""
+    point = np.repeat(rays.index, np.diff(rays.first))
+    o = Observations(rays.photograph, point, rays.measured[:, :2], 1.0 / rays.measured[:, 2], rays.mixing)
+    return 0.5 * float(np.sum(o.with_penalty(residuals(o, cameras, position)) ** 2))
 
 
 def _blocks(rays: Rays, layout: Layout, begin: int, end: int) -> tuple[int, int]:
@@ -215,13 +227,14 @@ def substitute(
 
     def work(begin: int, end: int) -> tuple[float, float]:
         return substitute_points(
-            begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
+            begin, end, rays.first, rays.index, rays.photograph, rays.measured, rays.mixing, bare, cameras, layout.unit,
             points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature, damping,
             points.prior, *step, moved, moved_bare, bend, result,
         )  # fmt: skip
 
     parts = in_chunks(work, rays, pool)
-    return result, sum(p[0] for p in parts), sum(p[1] for p in parts)
+    cost = _mixed_cost(rays, moved, result) if len(rays.mixing) else sum(p[1] for p in parts)
+    return result, sum(p[0] for p in parts), cost
 
 
 def point_covariances(
@@ -250,7 +263,8 @@ def point_covariances(
     def work(begin: int, end: int) -> int:
         return int(
             covariances_of_points(
-                begin, end, rays.first, rays.index, rays.photograph, rays.measured, bare, cameras, layout.unit,
+                begin, end, rays.first, rays.index, rays.photograph, rays.measured, rays.mixing, bare, cameras,
+                layout.unit,
                 points.position, layout.place, free_of, loss.kind, loss.threshold, loss.least_curvature,
                 points.prior, layout.block_at, pairs, own, turned, border, result,
             )

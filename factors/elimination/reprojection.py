@@ -1,20 +1,23 @@
 """Image measurements of points: residuals and Jacobians of all observations at once, and their GTSAM factors.
 
-Residual = projected − measured, in px, divided by the sigma of the measurement. The pose's tangent is GTSAM's: (ω, v)
+Residual = projected − measured, in px, divided by the sigma of the measurement, or L⁻¹ times it where u and v have a
+covariance L Lᵀ. The pose's tangent is GTSAM's: (ω, v)
 in the camera frame. A calibration variable holds only the parameters that are free, in units of ``calibration_scale``
 so that a unit of each moves a pixel by about one pixel.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
+from photogram.factors.elimination.kernels import BEHIND_PX
 from photogram.factors.variables import CALIBRATION, POSE, key
+from photogram.measures.mark_covariances import is_isotropic, lower_factors
 from photogram.projection import (
     PARAMETERS,
     RADIAL,
@@ -27,23 +30,51 @@ from photogram.projection import (
     project_point_jacobians,
     without_fields,
 )
+from photogram.survey import ControlPoints
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,)."""
+    """Image observations: ``photograph`` (N,), ``point`` (N,), ``pixel`` (N, 2), ``sigma_px`` (N,).
+
+    ``mixing`` is empty where ``sigma_px`` is that of both coordinates. Else it is (N, 2), and ``sigma_px`` that of u:
+    of residuals r divided by it, the second whitened one is mixing₀ r₁ + mixing₁ r₀.
+    """
 
     photograph: IntArray
     point: IntArray
     pixel: FloatArray
     sigma_px: FloatArray
+    mixing: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     def select(self, keep: BoolArray | IntArray) -> Observations:
         """Keep the observations of the mask (N,), or of indices."""
-        return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep])
+        mixing = self.mixing[keep] if len(self.mixing) else self.mixing
+        return Observations(self.photograph[keep], self.point[keep], self.pixel[keep], self.sigma_px[keep], mixing)
+
+    def mix(self, rows: FloatArray) -> None:
+        """Whiten residuals or Jacobians (N, 2, …) that were divided by ``sigma_px``, in place."""
+        if len(self.mixing):
+            a, b = self.mixing.T.reshape(2, len(self), *[1] * (rows.ndim - 2))
+            with np.errstate(invalid="ignore"):  # infinite residuals of points behind their cameras
+                rows[:, 1] = a * rows[:, 1] + b * rows[:, 0]
+
+    def with_penalty(self, whitened: FloatArray) -> FloatArray:
+        """Return whitened residuals (N, 2), of BEHIND_PX for points behind their cameras."""
+        return np.where(np.isfinite(whitened), whitened, np.array([BEHIND_PX, 0.0]) / self.sigma_px[:, None])
 
     def __len__(self) -> int:
         return len(self.photograph)
+
+
+def observed_marks(points: ControlPoints, keep: BoolArray | IntArray) -> Observations:
+    """Return the marks of the mask (M,), or of indices, as observations of their points."""
+    covariance = points.mark_covariance_px2[keep]
+    L, mixing = lower_factors(covariance), np.zeros((0, 2))
+    if not is_isotropic(covariance).all():
+        mixing = np.column_stack([L[:, 0, 0], -L[:, 1, 0]]) / L[:, 1, 1, None]
+    photograph, point, pixel = points.mark_photograph[keep], points.mark_point[keep], points.mark_pixel[keep]
+    return Observations(photograph, point, pixel, L[:, 0, 0], mixing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +148,10 @@ def residuals(observations: Observations, cameras: OrientedCameras, X: FloatArra
     """Return whitened residuals (N, 2) of points X (P, 3) in the world, m; infinite for points at or behind the
     projection centre."""
     o, bare = observations, without_fields(cameras, observations.photograph, observations.pixel)
-    return _residuals(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
+    whitened = _residuals(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
+    o.mix(whitened)
+    whitened[np.isinf(whitened[:, 0]), 1] = np.inf
+    return whitened
 
 
 def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArray) -> Linearisation:
@@ -127,6 +161,8 @@ def linearise(observations: Observations, cameras: OrientedCameras, X: FloatArra
     """
     o, bare = observations, without_fields(cameras, observations.photograph, observations.pixel)
     residual, pose, calibration, point = _linearise(o.photograph, o.point, o.pixel, bare, o.sigma_px, cameras, X)
+    for rows in (residual, pose, calibration, point):
+        o.mix(rows)
     return Linearisation(residual, pose, calibration, point, cameras.camera[o.photograph])
 
 

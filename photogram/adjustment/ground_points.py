@@ -6,6 +6,7 @@ A check point whose marks do not meet in front of their photographs has no posit
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.points import first_observations
-from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, residuals
+from photogram.factors.elimination.reprojection import Linearisation, Observations, linearise, observed_marks, residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.projection import OrientedCameras
@@ -58,12 +59,7 @@ def _check_points(
     mask = np.isin(points.mark_point, index) & np.isfinite(points.mark_sigma_px)
     order = np.flatnonzero(mask)[np.lexsort((points.mark_photograph[mask], points.mark_point[mask]))]
     number = np.searchsorted(index, points.mark_point[order])
-    observations = Observations(
-        points.mark_photograph[order],
-        number,
-        points.mark_pixel[order],
-        points.mark_sigma_px[order],
-    )
+    observations = replace(observed_marks(points, order), point=number)
     cameras = [c.with_parameters(q) for c, q in zip(problem.block.cameras, state.parameters, strict=True)]
     X = intersect_weighted(observations, cameras, state.cameras, len(index))
     linear = linearise(observations, state.cameras, X)

@@ -46,7 +46,7 @@ def part_of_block(block: Block, chosen: BoolArray) -> tuple[Block, IntArray]:
                 mark_photograph=number[control.mark_photograph[marks]],
                 mark_point=control.mark_point[marks],
                 mark_pixel=control.mark_pixel[marks],
-                mark_sigma_px=control.mark_sigma_px[marks],
+                mark_covariance_px2=control.mark_covariance_px2[marks],
             ),
         ),
         kept,
@@ -107,7 +107,7 @@ def without_marks(block: Block, kept: BoolArray) -> Block:
             mark_photograph=control.mark_photograph[kept],
             mark_point=control.mark_point[kept],
             mark_pixel=control.mark_pixel[kept],
-            mark_sigma_px=control.mark_sigma_px[kept],
+            mark_covariance_px2=control.mark_covariance_px2[kept],
         ),
     )
 

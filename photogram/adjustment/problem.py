@@ -17,7 +17,7 @@ from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import values_of
 from photogram.factors.constraints import is_scaled, taking_part, without_shape
 from photogram.factors.elimination.levenberg_marquardt import Minimum
-from photogram.factors.elimination.reprojection import Observations
+from photogram.factors.elimination.reprojection import Observations, observed_marks
 from photogram.factors.elimination.state import State
 from photogram.factors.free_network import minimal_datum
 from photogram.factors.graph import Problem
@@ -150,12 +150,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     return Problem(
         block,
         Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px),
-        Observations(
-            control.mark_photograph,
-            control.mark_point,
-            control.mark_pixel,
-            control.mark_sigma_px,
-        ).select(np.isfinite(control.mark_sigma_px)),
+        observed_marks(control, np.isfinite(control.mark_sigma_px)),
         position,
         np.where(control.controlled, control.sigma_m, np.inf),
         axes,

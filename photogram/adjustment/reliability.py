@@ -20,6 +20,7 @@ from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.measures.mark_covariances import lower_factors
 from photogram.results import Reliability
 
 SIGNIFICANCE, POWER = 0.001, 0.80
@@ -185,13 +186,15 @@ def reliability(
     mark_covariance = np.full((len(points.mark_point), 2, 2), np.nan)
     if len(marks):
         v = residuals(problem.marks, state.cameras, state.control)
-        adjusted_marks, sigma_px = mark_covariances(problem, state, known.held), problem.marks.sigma_px
+        adjusted_marks = mark_covariances(problem, state, known.held)
+        L = lower_factors(points.mark_covariance_px2[marks])
         if known.counted is not known.held:
             adjusted_marks = _doubled(adjusted_marks, mark_covariances(other, state, known.counted))
         mark_redundancy[marks], mark_w[marks] = w_tests(v, adjusted_marks)
         residual, spread = left_out(v, adjusted_marks)
-        mark_left_out[marks] = residual * sigma_px[:, None]
-        mark_covariance[marks] = spread * sigma_px[:, None, None] ** 2
+        mark_left_out[marks] = np.einsum("kij,kj->ki", L, residual)
+        # in this order an isotropic covariance is multiplied by the square of its standard deviation
+        mark_covariance[marks] = np.einsum("kia,kjb,kab->kij", L, L, spread)
     redundancy, w, predicted, spread = _gnss(problem, state, known, axes)
     turned, turned_covariance = _attitudes(problem, state, known)
     focal, focal_sigma = _focal_lengths(problem, state, held)

@@ -13,9 +13,10 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.errors import ProjectError
 from photogram.files.solutions.solution import ForeignSolution, with_checks
-from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
+from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.geodesy.crs import NO_CRS, is_geographic, short_name
 from photogram.gnss import Sigma3
+from photogram.measures.mark_covariances import stated_pairs
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph, flights_of, named
 from photogram.project.draft.positions import AUTONOMOUS_M, Gnss, gnss_of, offset_prior
 from photogram.project.draft.sites import utm_crs
@@ -252,17 +253,20 @@ def _ground(
     surveyed: BoolArray = np.asarray(np.isfinite(ground.position_world_m).all(axis=1))
     points = tuple(_point(ground, g) for g in np.flatnonzero(surveyed).tolist())
     notes, marks, strange, rejected = list[str](), list[Mark](), 0, 0
-    for i, g, pixel, sigma in zip(
-        ground.mark_photograph.tolist(), ground.mark_point.tolist(), ground.mark_pixel.tolist(),
-        ground.mark_sigma_px.tolist(), strict=True,
-    ):  # fmt: skip
+    for i, g, (u, v), (sigma_px, rho) in zip(
+        ground.mark_photograph.tolist(),
+        ground.mark_point.tolist(),
+        ground.mark_pixel.tolist(),
+        stated_pairs(ground.mark_covariance_px2),
+        strict=True,
+    ):
         photograph = names.get(solution.photographs[i].name)
         if photograph is None or not surveyed[g]:
             strange += photograph is None
-        elif not np.isfinite(sigma):
+        elif not np.isfinite(sigma_px[0]):
             rejected += 1
         else:
-            marks.append(Mark(ground.name[g], photograph, (pixel[0], pixel[1]), (sigma, sigma), kind="imported"))
+            marks.append(Mark(ground.name[g], photograph, (u, v), sigma_px, rho, IMPORTED))
     if not surveyed.all():
         bare = [name for name, known in zip(ground.name, surveyed, strict=True) if not known]
         notes.append(f"{things(len(bare), 'point')} without coordinates and their marks: {some(bare)}")

@@ -19,6 +19,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.marking.mark_comparison import MarkComparison, compared_marks
 from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import Block
 
 WITHIN = float(chi2.isf(1e-3, 2))
@@ -102,7 +103,7 @@ def with_targets(block: Block, detected: DetectedTargets, target: Mapping[Pair, 
         mark_point=np.concatenate([points.mark_point, np.array([g for g, _ in pairs], dtype=np.int64)]),
         mark_photograph=np.concatenate([points.mark_photograph, np.array([i for _, i in pairs], dtype=np.int64)]),
         mark_pixel=np.concatenate([points.mark_pixel, detected.pixel[k].reshape(-1, 2)]),
-        mark_sigma_px=np.concatenate([points.mark_sigma_px, detected.sigma_px[k]]),
+        mark_covariance_px2=np.concatenate([points.mark_covariance_px2, isotropic_px2(detected.sigma_px[k])]),
     )
     return replace(block, control_points=made)
 

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 from scipy.stats import chi2
 
@@ -60,10 +61,11 @@ def gross_marks(block: Block, settings: AdjustmentSettings) -> list[Hypothesis] 
     predicted = joint_marks(problem, state, covariance, place[points.mark_photograph[used]], points.mark_point[used])
     off = points.mark_pixel[used] - predicted.pixel
     hidden = ~np.isfinite(off).all(axis=1)
-    spread = np.repeat(points.mark_sigma_px[used] ** 2 + BENT**2 * np.sum(np.nan_to_num(off) ** 2, axis=1), 2)
+    bent = BENT**2 * np.sum(np.nan_to_num(off) ** 2, axis=1)
+    spread = points.mark_covariance_px2[used] + bent[:, None, None] * np.eye(2)
     kind = [*_hypotheses(block, used[~hidden], predicted.by_point[~hidden])]
     axis = np.repeat(~hidden, 2)
-    C = predicted.covariance[np.ix_(axis, axis)] + np.diag(spread[axis])
+    C = predicted.covariance[np.ix_(axis, axis)] + block_diag(*spread[~hidden])
     accepted = _accepted([columns for _, columns in kind], off[~hidden].ravel(), C)
     behind = [_of_mark(block, m) for m in used[hidden].tolist()]
     marks = Counter(points.name[g] for g in points.mark_point[used].tolist())

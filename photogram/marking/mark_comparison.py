@@ -172,8 +172,8 @@ def _is_predicted(a: Hypothesis, block: Block, outcome: Search, places: Predicte
 
 def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) -> tuple[FloatArray, FloatArray]:
     """Return mark minus place (2,), px, and the covariance (2, 2) of that."""
-    own = points.mark_sigma_px[mark] ** 2 * np.eye(2)
-    return points.mark_pixel[mark] - places.pixel[place], places.covariance_px2[place] + own
+    covariance = places.covariance_px2[place] + points.mark_covariance_px2[mark]
+    return points.mark_pixel[mark] - places.pixel[place], covariance
 
 
 def _cheapest(block: Block, settings: AdjustmentSettings, adjuster: Adjuster) -> Search:
@@ -226,7 +226,7 @@ def _fitted(block: Block, places: PredictedPlaces, mark: int, point: int) -> Ite
     points = block.control_points
     there = np.flatnonzero((places.photograph == points.mark_photograph[mark]) & (places.point != point))
     off = points.mark_pixel[mark] - places.pixel[there]
-    spread = places.covariance_px2[there] + points.mark_sigma_px[mark] ** 2 * np.eye(2)
+    spread = places.covariance_px2[there] + points.mark_covariance_px2[mark]
     T = np.einsum("ki,ki->k", off, np.linalg.solve(spread, off[..., None])[..., 0])
     for k in np.argsort(T, kind="stable").tolist():
         if chi2.sf(T[k], 2) > FITS:

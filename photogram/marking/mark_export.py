@@ -19,6 +19,7 @@ from photogram.geodesy.height_systems import first_wkt
 from photogram.marking.files.actions import MarkState, state_of, touched_keys
 from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL
+from photogram.measures.mark_covariances import stated_pairs
 from photogram.pipeline.pipeline import load_project
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.mark_entries import mark_entries
@@ -130,12 +131,12 @@ def _known(survey: Project) -> _Known:
 def _given_marks(survey: Project) -> list[Mark]:
     """Return the marks of the project."""
     return [
-        Mark(point.name, survey.photographs[i].name, (float(u), float(v)), (float(s), float(s)), kind=kind)
+        Mark(point.name, survey.photographs[i].name, (u, v), sigma_px, rho, kind)
         for point in survey.control_points
-        for i, (u, v), s, kind in zip(
+        for i, (u, v), (sigma_px, rho), kind in zip(
             point.mark_photograph.tolist(),
             point.mark_pixel.tolist(),
-            point.mark_sigma_px.tolist(),
+            stated_pairs(point.mark_covariance_px2),
             point.mark_kind,
             strict=True,
         )

@@ -12,6 +12,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.geodesy.frames import LocalFrame
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
 
 STRIPS, IN_STRIP = 2, 4
@@ -67,7 +68,7 @@ def sample_block(tie_points: int = 200) -> Block:
             mark_photograph,
             mark_point,
             mark_pixel,
-            np.full(len(mark_point), MARK_SIGMA_PX),
+            isotropic_px2(np.full(len(mark_point), MARK_SIGMA_PX)),
         ),
         gnss_offset_sigma_m=np.full(3, 1.0),
     )

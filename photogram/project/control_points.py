@@ -23,6 +23,7 @@ from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.geodesy.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
 from photogram.geodesy.frames import map_from_crs, map_from_unit
 from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
+from photogram.measures.mark_covariances import covariances_px2
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import in_map
@@ -55,8 +56,8 @@ class ProjectControlPoint:
     """Indices (M,) among the project's photographs."""
     mark_pixel: FloatArray
     """Image coordinates (M, 2) in photogram's pixel frame."""
-    mark_sigma_px: FloatArray
-    """Standard deviations (M,)."""
+    mark_covariance_px2: FloatArray
+    """Covariances (M, 2, 2) of u and v."""
     heights: HeightSystem | None = None
     """Height system it was given in, None if not declared."""
     mark_kind: tuple[str, ...] = ()
@@ -67,7 +68,7 @@ class ProjectControlPoint:
         check_shape("position_map_m", self.position_map_m, (3,))
         check_shape("sigma_m", self.sigma_m, (3,))
         check_shape("mark_pixel", self.mark_pixel, (marks, 2))
-        check_shape("mark_sigma_px", self.mark_sigma_px, (marks,))
+        check_shape("mark_covariance_px2", self.mark_covariance_px2, (marks, 2, 2))
         if marks and not self.mark_kind:
             object.__setattr__(self, "mark_kind", (IMPORTED,) * marks)
         if len(self.mark_kind) != marks:
@@ -143,8 +144,9 @@ def read_point_files(
         if source.position_map_m is not None and sigma_m is not None and have_sigmas and pixel is not None:
             marked = np.array([index[mark.photograph] for mark in own], dtype=np.int64)
             stated_px = _stated_mark_sigma_px(file, source) or np.nan
-            sigma_px = np.array([mark.rms_sigma_px or stated_px for mark in own], dtype=np.float64)
-            points += _complete(source, source.position_map_m, sigma_m, own, marked, pixel, sigma_px)
+            sigma_px = np.array([mark.sigma_px or (stated_px, stated_px) for mark in own]).reshape(-1, 2)
+            covariance_px2 = covariances_px2(sigma_px, np.array([mark.rho for mark in own], dtype=np.float64))
+            points += _complete(source, source.position_map_m, sigma_m, own, marked, pixel, covariance_px2)
     return tuple(points), [_located(source) for source in sources]
 
 
@@ -494,7 +496,7 @@ def _complete(
     marks: Sequence[Mark],
     marked: IntArray,
     pixel: FloatArray,
-    sigma_px: FloatArray,
+    covariance_px2: FloatArray,
 ) -> list[ProjectControlPoint]:
     """Return the points of a source with their marks, which lie in the photographs of the indices ``marked`` (M,)."""
     indices: dict[str, list[int]] = {}
@@ -510,7 +512,7 @@ def _complete(
             sigma_m[number],
             marked[own],
             pixel[own],
-            sigma_px[own],
+            covariance_px2[own],
             source.heights,
             tuple(marks[i].kind for i in own),
         )

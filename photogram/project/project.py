@@ -24,6 +24,7 @@ from photogram.files.maps.seam_files import read_seams
 from photogram.geodesy.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.geodesy.frames import LocalFrame, WorldKind
 from photogram.geodesy.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.project.constraints import constraints_of, controlling_points
 from photogram.project.control_points import ProjectControlPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
@@ -247,7 +248,7 @@ class Project:
             np.concatenate([np.zeros(0, dtype=np.int64), *(p.mark_photograph for p in points)]),
             np.repeat(np.arange(len(points), dtype=np.int64), marks),
             np.concatenate([np.zeros((0, 2)), *(p.mark_pixel for p in points)]),
-            np.concatenate([np.zeros(0), *(p.mark_sigma_px for p in points)]),
+            np.concatenate([np.zeros((0, 2, 2)), *(p.mark_covariance_px2 for p in points)]),
             np.array([p.controlled for p in points], dtype=bool).reshape(-1, 3),
         )
 
@@ -536,7 +537,7 @@ def _control_points(
                 np.full(3, np.inf) if entry.position_m is None else np.array(entry.sigma_m or _given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
-                np.full(marks, sigma_px),
+                isotropic_px2(np.full(marks, sigma_px)),
                 heights,
             )
         )

@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 from photogram.adjustment.reliability import CRITICAL
 from photogram.arrays import FloatArray
+from photogram.measures.mark_covariances import lower_factors
 from photogram.results import Adjustment
 
 
@@ -100,7 +101,8 @@ def suspects(result: Adjustment) -> list[Suspect]:
         add("control point", points.name[g], AXES[axis], sigma, r.ground_redundancy[g, axis], r.ground_w[g, axis])
     for m, axis in np.argwhere(np.abs(r.mark_w) > limit).tolist():
         name = f"of {points.name[points.mark_point[m]]} in {photographs[points.mark_photograph[m]].name}"
-        add("mark", name, "uv"[axis], points.mark_sigma_px[m], r.mark_redundancy[m, axis], r.mark_w[m, axis])
+        sigma_px = lower_factors(points.mark_covariance_px2[m][None])[0, axis, axis]
+        add("mark", name, "uv"[axis], sigma_px, r.mark_redundancy[m, axis], r.mark_w[m, axis])
     for i, axis in np.argwhere(np.abs(r.gnss_w) > limit).tolist():
         sigma_m = photographs[i].gnss_sigma_m
         if sigma_m is not None:

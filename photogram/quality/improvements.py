@@ -135,12 +135,17 @@ def _seen(
 
 
 def _joined(first: Observations, photograph: IntArray, point: IntArray, pixel: FloatArray) -> Observations:
-    sigma = np.full(len(point), float(np.median(first.sigma_px)))
+    of_area, mixing = first.sigma_px, first.mixing
+    if len(mixing):  # the new marks have circles as large as the ellipse in the middle
+        of_area = first.sigma_px / np.sqrt(mixing[:, 0])
+        mixing = np.concatenate([mixing, np.tile([1.0, 0.0], (len(point), 1))])
+    sigma = np.full(len(point), float(np.median(of_area)))
     o = Observations(
         np.concatenate([first.photograph, photograph]),
         np.concatenate([first.point, point]),
         np.concatenate([first.pixel, pixel]),
         np.concatenate([first.sigma_px, sigma]),
+        mixing,
     )
     order = np.lexsort((o.photograph, o.point))
     return o.select(order)

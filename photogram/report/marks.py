@@ -35,9 +35,9 @@ def _of_kind(kind: str, marks: Sequence[MarkRecord], of_control_points: int) -> 
     spread = _spread([mark["sigma_px"] for mark in marks if "sigma_px" in mark])
     if spread is None:
         return None
-    fitted = [(mark, *at) for mark in marks if (at := _residual_and_sigma(mark)) is not None]
+    fitted = [(mark, *at) for mark in marks if (at := _residual_and_whitened(mark)) is not None]
     squares_px2 = [residual**2 for _, px, _ in fitted for residual in px]
-    scaled = [(residual / sigma) ** 2 for _, px, sigma in fitted for residual in px]
+    scaled = [value**2 for _, _, whitened in fitted for value in whitened]
     return {
         "kind": kind,
         "marks": len(marks),
@@ -46,15 +46,21 @@ def _of_kind(kind: str, marks: Sequence[MarkRecord], of_control_points: int) -> 
         "sigma_px": spread,
         "residual_rms_px": _root_mean(squares_px2),
         "residual_over_sigma": _root_mean(scaled),
-        "sigma_factor": _sigma_factor([(mark, px, sigma) for mark, px, sigma in fitted if mark["redundancy"]]),
+        "sigma_factor": _sigma_factor([(mark, whitened) for mark, _, whitened in fitted if mark["redundancy"]]),
     }
 
 
-def _residual_and_sigma(mark: MarkRecord) -> tuple[list[float], float] | None:
-    """Return residual and sigma of a mark that says how well marks fit, None of others."""
+def _residual_and_whitened(mark: MarkRecord) -> tuple[list[float], list[float]] | None:
+    """Return the residual of a mark that says how well marks fit, px, and its parts along the axes of its ellipse in
+    sigmas of each; None of others."""
     if mark["left_out"] or mark["residual_px"] is None or "sigma_px" not in mark:
         return None
-    return mark["residual_px"], mark["sigma_px"]
+    u, v = mark["residual_px"]
+    if "semi_axes_px" not in mark:
+        return [u, v], [u / mark["sigma_px"], v / mark["sigma_px"]]
+    major_px, minor_px = mark["semi_axes_px"]
+    c, s = math.cos(math.radians(mark["direction_deg"])), math.sin(math.radians(mark["direction_deg"]))
+    return [u, v], [(c * u + s * v) / major_px, (c * v - s * u) / minor_px]
 
 
 def _spread(values: Sequence[float]) -> SpreadRecord | None:
@@ -67,13 +73,13 @@ def _root_mean(squares: Sequence[float]) -> float | None:
     return math.sqrt(math.fsum(squares) / len(squares)) if squares else None
 
 
-def _sigma_factor(fitted: Sequence[tuple[MarkRecord, list[float], float]]) -> float | None:
+def _sigma_factor(fitted: Sequence[tuple[MarkRecord, list[float]]]) -> float | None:
     """Return by what the stated sigmas would be multiplied to fit the residuals: the root of the sum of (v / sigma)²
     over the sum of redundancy numbers, which is a variance component by its first iteration."""
-    redundancy = math.fsum(r for mark, _, _ in fitted for r in mark["redundancy"] or () if r is not None)
+    redundancy = math.fsum(r for mark, _ in fitted for r in mark["redundancy"] or () if r is not None)
     if redundancy < LEAST_REDUNDANCY:
         return None
-    return math.sqrt(math.fsum((v / sigma) ** 2 for _, px, sigma in fitted for v in px) / redundancy)
+    return math.sqrt(math.fsum(v**2 for _, whitened in fitted for v in whitened) / redundancy)
 
 
 # ---- of each point -------------------------------------------------------------------------------------------------

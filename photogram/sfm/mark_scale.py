@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block
 
@@ -38,7 +39,8 @@ def _scaled(block: Block, factor: float) -> Block:
 def _share(block: Block, factor: float, wider_px: float) -> float:
     scaled = _scaled(block, factor)
     points = scaled.control_points
-    loose = replace(scaled, control_points=replace(points, mark_sigma_px=points.mark_sigma_px + wider_px / 4.0))
+    wider = isotropic_px2(points.mark_sigma_px + wider_px / 4.0)
+    loose = replace(scaled, control_points=replace(points, mark_covariance_px2=wider))
     usable = np.isfinite(points.mark_sigma_px)
     count = np.bincount(points.mark_point[usable], minlength=len(points))
     # two rays nearly always meet somewhere

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, READOUT, USUAL, OrientedCameras, project_point
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene
@@ -333,7 +334,7 @@ def measure_control(flight: Flight, position: FloatArray, seen: Sightings, rng: 
         mark_photograph=seen.photograph,
         mark_point=seen.point,
         mark_pixel=np.rint(mark) if plan.whole_pixel_marks else mark,
-        mark_sigma_px=np.full(len(seen.point), plan.stated_mark_sigma_px),
+        mark_covariance_px2=isotropic_px2(np.full(len(seen.point), plan.stated_mark_sigma_px)),
     )
 
 

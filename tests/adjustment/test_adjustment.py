@@ -371,7 +371,7 @@ def test_two_blocks_that_share_nothing_are_held_by_their_positions_or_named() ->
     marks = points.mark_photograph < 3
     control = replace(
         points, mark_photograph=points.mark_photograph[marks], mark_point=points.mark_point[marks],
-        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+        mark_pixel=points.mark_pixel[marks], mark_covariance_px2=points.mark_covariance_px2[marks],
     )  # fmt: skip
     split = replace(block, tie_points=tie.select(rays, apart), control_points=control)
     assert adjust(split, SETTINGS).converged
@@ -399,7 +399,7 @@ def test_a_photograph_without_image_points_is_left_out() -> None:
     marks = points.mark_photograph != 0
     control = replace(
         points, mark_photograph=points.mark_photograph[marks], mark_point=points.mark_point[marks],
-        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+        mark_pixel=points.mark_pixel[marks], mark_covariance_px2=points.mark_covariance_px2[marks],
     )  # fmt: skip
     bare = replace(block, photographs=photographs, tie_points=tie.select(rays, elsewhere), control_points=control)
     result = adjust(bare, SETTINGS)
@@ -450,7 +450,7 @@ def without_photograph(block: Block, index: int) -> Block:
     number = points.mark_photograph[marks]
     control = replace(
         points, mark_photograph=number - (number > index), mark_point=points.mark_point[marks],
-        mark_pixel=points.mark_pixel[marks], mark_sigma_px=points.mark_sigma_px[marks],
+        mark_pixel=points.mark_pixel[marks], mark_covariance_px2=points.mark_covariance_px2[marks],
     )  # fmt: skip
     return replace(
         block,

@@ -116,7 +116,7 @@ def test_a_point_that_nothing_places_is_named() -> None:
         mark_photograph=points.mark_photograph[kept],
         mark_point=points.mark_point[kept],
         mark_pixel=points.mark_pixel[kept],
-        mark_sigma_px=points.mark_sigma_px[kept],
+        mark_covariance_px2=points.mark_covariance_px2[kept],
     )
     with pytest.raises(AdjustmentError, match=f"control point {points.name[2]} is control in height only"):
         adjust(replace(survey(), control_points=bare), SETTINGS)

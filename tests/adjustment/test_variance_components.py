@@ -18,6 +18,7 @@ from photogram.adjustment.stochastic_model.variance_components import NO_OBSERVA
 from photogram.factors.covariance import covariances
 from photogram.factors.graph import ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.report.numbers.statistics import component_numbers
 from photogram.results import VarianceComponents
 from photogram.simulation.simulated_survey import SurveyPlan
@@ -99,7 +100,9 @@ def mis_stated(block: Block, group: str, times: float) -> Block:
     """The survey with sigmas of a group stated so that it scatters ``times`` as much."""
     points, photographs = block.control_points, block.photographs
     if group == "marks":
-        return replace(block, control_points=replace(points, mark_sigma_px=points.mark_sigma_px / times))
+        return replace(
+            block, control_points=replace(points, mark_covariance_px2=isotropic_px2(points.mark_sigma_px / times))
+        )
     if group == "attitude":
         stated = tuple(replace(p, attitude_sigma_rad=p.attitude_sigma_rad / times) for p in photographs)  # type: ignore[operator]
         return replace(block, photographs=stated)

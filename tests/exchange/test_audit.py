@@ -18,6 +18,7 @@ from photogram.exchange.audit.foreign_block import foreign_block, with_their_mod
 from photogram.exchange.audit.tables import tables
 from photogram.files.solutions.solution import StatedAdjustment, with_checks
 from photogram.geodesy.frames import geodetic_from_map, map_from_crs
+from photogram.measures.mark_covariances import isotropic_px2
 
 
 @cache
@@ -218,7 +219,7 @@ def test_nominal_sigmas_of_marks_accuse_nobody() -> None:
     solution = solution_with("none")
     points = solution.ground_points
     assert points is not None
-    nominal = replace(points, mark_sigma_px=np.full(len(points.mark_sigma_px), 0.05))
+    nominal = replace(points, mark_covariance_px2=isotropic_px2(np.full(len(points.mark_sigma_px), 0.05)))
     audit = audited(again := replace(solution, ground_points=nominal), foreign_block(again))
     assert contradictions(audit) == ()
     assert audit.mark_factor * 0.05 == pytest.approx(float(np.median(points.mark_sigma_px)), rel=0.25)

@@ -15,6 +15,7 @@ from photogram.exchange.draft import ImportedDraft, draft_import, freed
 from photogram.exchange.draft_text import ImportedFiles, imported_text
 from photogram.files.photographs.tags import PhotographTags
 from photogram.files.solutions.solution import ForeignSolution
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.project.draft.draft import LeftOut, TaggedPhotograph
 from photogram.projection import PARAMETER_NAMES
 
@@ -150,7 +151,7 @@ def test_marks_that_the_program_does_not_use_are_left_out() -> None:
     assert points is not None
     sigma = points.mark_sigma_px.copy()
     sigma[0] = np.inf
-    solution = replace(solution, ground_points=replace(points, mark_sigma_px=sigma))
+    solution = replace(solution, ground_points=replace(points, mark_covariance_px2=isotropic_px2(sigma)))
     draft = draft_import(solution, there(solution, "IMG_001.JPG"), [])
     assert draft.marks == ()
     assert draft.notes[1:] == ("1 mark that photogram does not use", "2 marks in photographs that are not there")

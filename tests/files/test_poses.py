@@ -57,7 +57,9 @@ def adjusted(
         zero, np.array([0, 0, 1, 1]), zero, np.zeros((4, 2)), np.ones(4), np.zeros((2, 3)), np.zeros((2, 3), np.uint8)
     )
     none = np.zeros(0, dtype=np.int64)
-    ground = ControlPoints((), (), np.zeros((0, 3)), np.zeros((0, 3)), none, none, np.zeros((0, 2)), np.zeros(0))
+    ground = ControlPoints(
+        (), (), np.zeros((0, 3)), np.zeros((0, 3)), none, none, np.zeros((0, 2)), np.zeros((0, 2, 2))
+    )
     block = Block(frame, (CAMERA,), photographs, tuple(poses), ties, ground)
     position = np.array([np.full((3, 3), np.nan) if p is None else np.diag([1e-4, 4e-4, 9e-4]) for p in poses])
     return Adjustment(

@@ -150,7 +150,14 @@ def test_the_main_types_show_themselves_in_a_line() -> None:
         np.zeros((1, 3), np.uint8),
     )
     ground = pg.ControlPoints(
-        ("P1", "P2"), ("control", "check"), np.zeros((2, 3)), np.ones((2, 3)), none, none, np.zeros((0, 2)), np.zeros(0)
+        ("P1", "P2"),
+        ("control", "check"),
+        np.zeros((2, 3)),
+        np.ones((2, 3)),
+        none,
+        none,
+        np.zeros((0, 2)),
+        np.zeros((0, 2, 2)),
     )
     block = pg.Block(frame, (camera,), (photograph,), (pose,), ties, ground)
     shown = {

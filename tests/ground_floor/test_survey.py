@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from photogram.arrays import check_shape
 from photogram.camera import Camera
 from photogram.geodesy.frames import LocalFrame
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
 
 
@@ -35,7 +36,7 @@ CONTROL = ControlPoints(
     mark_photograph=np.array([0, 0, 0, 1, 1]),
     mark_point=np.array([2, 1, 0, 2, 3]),
     mark_pixel=np.arange(10.0).reshape(5, 2),
-    mark_sigma_px=np.arange(5.0),
+    mark_covariance_px2=isotropic_px2(np.arange(5.0)),
 )
 
 

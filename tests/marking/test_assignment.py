@@ -79,7 +79,7 @@ def with_marks_of(made: SimulatedBlock, pairs: set[Pair]) -> Block:
         mark_photograph=p.mark_photograph[keep],
         mark_point=p.mark_point[keep],
         mark_pixel=p.mark_pixel[keep],
-        mark_sigma_px=p.mark_sigma_px[keep],
+        mark_covariance_px2=p.mark_covariance_px2[keep],
     )
     return replace(made.block, control_points=few)
 

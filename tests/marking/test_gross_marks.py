@@ -63,7 +63,7 @@ def test_points_that_were_exchanged_are_found_as_points(block: Block) -> None:
         mark_point=swap[points.mark_point][order],
         mark_photograph=points.mark_photograph[order],
         mark_pixel=points.mark_pixel[order],
-        mark_sigma_px=points.mark_sigma_px[order],
+        mark_covariance_px2=points.mark_covariance_px2[order],
     )
     of_points = {name for kind, name, _ in found(with_points(block, exchanged)) if kind == "control point"}
     assert of_points == {points.name[first], points.name[second]}
@@ -86,7 +86,7 @@ def test_without_marks_nothing_is_wrong(block: Block) -> None:
         mark_photograph=nothing,
         mark_point=nothing,
         mark_pixel=np.zeros((0, 2)),
-        mark_sigma_px=np.zeros(0),
+        mark_covariance_px2=np.zeros((0, 2, 2)),
     )
     assert gross_marks(with_points(block, bare), SETTINGS) == []
 

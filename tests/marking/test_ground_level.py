@@ -23,7 +23,9 @@ OFFSET_SIGMA_M = np.array([3.0, 3.0, 30.0])
 def without_marks(block: Block) -> Block:
     p = block.control_points
     none = np.zeros(0, dtype=np.int64)
-    bare = replace(p, mark_point=none, mark_photograph=none, mark_pixel=np.zeros((0, 2)), mark_sigma_px=np.zeros(0))
+    bare = replace(
+        p, mark_point=none, mark_photograph=none, mark_pixel=np.zeros((0, 2)), mark_covariance_px2=np.zeros((0, 2, 2))
+    )
     return replace(block, control_points=bare)
 
 

@@ -76,7 +76,7 @@ def test_of_exchanged_points_both_are_named_and_no_mark(seed: int, pair: tuple[i
             mark_point=swapped[order],
             mark_photograph=points.mark_photograph[order],
             mark_pixel=points.mark_pixel[order],
-            mark_sigma_px=points.mark_sigma_px[order],
+            mark_covariance_px2=points.mark_covariance_px2[order],
         ),
     )
     assert {name for blunder in found.blunders for name in blunder.points} == {points.name[g] for g in pair}

@@ -133,6 +133,25 @@ def test_sigmas_and_roles_go_where_there_is_a_place_for_them(survey: Path) -> No
     assert "C01" in said
 
 
+def test_covariances_of_marks_come_out_as_they_went_in(survey: Path, edit: Edit) -> None:
+    exported(survey)
+    marks = [
+        replace(m, sigma_px=(0.1 + 0.01 * k, 0.3), rho=float(0.9 * np.sin(1.0 + k)))
+        for k, m in enumerate(read_mark_table(survey / "marked.csv"))
+    ]
+    write_marks(survey / "own.csv", marks)
+
+    def from_tables(values: dict[str, Any]) -> None:
+        values["control_points"].pop("list")
+        values["control_points"]["files"] = [{"path": "marked_points.csv", "marks": "own.csv"}]
+
+    edit(survey / "project.yaml", from_tables)
+    exported(survey, "again.csv")
+    again = read_mark_table(survey / "again.csv")
+    assert [(m.key, m.pixel, m.sigma_px) for m in again] == [(m.key, m.pixel, m.sigma_px) for m in marks]
+    np.testing.assert_allclose([m.rho for m in again], [m.rho for m in marks], rtol=1e-14)
+
+
 # ---- the journal ---------------------------------------------------------------------------------------------------
 
 

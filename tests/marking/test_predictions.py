@@ -26,7 +26,7 @@ def first_marks(points: ControlPoints, of_points: int, each: int) -> ControlPoin
         mark_photograph=points.mark_photograph[keep],
         mark_point=points.mark_point[keep],
         mark_pixel=points.mark_pixel[keep],
-        mark_sigma_px=points.mark_sigma_px[keep],
+        mark_covariance_px2=points.mark_covariance_px2[keep],
     )
 
 
@@ -40,7 +40,7 @@ def judged(block: Block, made: ControlPoints) -> tuple[FloatArray, FloatArray]:
     for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True)):
         if pair in of and pair not in done:
             off = places.pixel[k] - truth.mark_pixel[of[pair]]
-            spread = places.covariance_px2[k] + truth.mark_sigma_px[of[pair]] ** 2 * np.eye(2)
+            spread = places.covariance_px2[k] + truth.mark_covariance_px2[of[pair]]
             statistic.append(float(off @ np.linalg.solve(spread, off)))
             radius.append(float(places.radius_px[k]))
     return np.array(statistic), np.array(radius)

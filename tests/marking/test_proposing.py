@@ -24,6 +24,7 @@ from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
 from photogram.marking.page.proposing import AROUND_PX, Box, SearchState, TargetSearch, merged, proposed_marks
 from photogram.marking.page.snapping import LENS_PX
 from photogram.marking.predictions import predicted_places
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
 from photogram.survey import Block
 from photogram.wording import Progress
@@ -129,7 +130,7 @@ def with_mark(shown: Shown, *places: MarkKey) -> Block:
         mark_point=np.array([g for g, _, _ in pairs], dtype=np.int64),
         mark_photograph=np.array([i for _, i, _ in pairs], dtype=np.int64),
         mark_pixel=np.array([shown.places[place] for _, _, place in pairs]),
-        mark_sigma_px=np.full(len(pairs), 0.1),
+        mark_covariance_px2=isotropic_px2(np.full(len(pairs), 0.1)),
     )
     return replace(shown.block, control_points=marked)
 

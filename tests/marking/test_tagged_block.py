@@ -24,7 +24,7 @@ def marked(block: Block, marks: list[int]) -> Block:
         mark_photograph=p.mark_photograph[marks],
         mark_point=p.mark_point[marks],
         mark_pixel=p.mark_pixel[marks],
-        mark_sigma_px=p.mark_sigma_px[marks],
+        mark_covariance_px2=p.mark_covariance_px2[marks],
     )
     return replace(block, control_points=few)
 

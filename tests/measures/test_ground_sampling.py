@@ -26,7 +26,7 @@ def block_of(points: FloatArray, poses: Sequence[Pose | None]) -> Block:
     point, colour = np.repeat(np.arange(len(points)), len(registered)), np.zeros((len(points), 3), np.uint8)
     ties = TiePoints(photograph, point, np.zeros(n, np.int64), np.zeros((n, 2)), np.ones(n), points, colour)
     none, nowhere = np.zeros(0, np.int64), np.zeros((0, 3))
-    ground = ControlPoints((), (), nowhere, nowhere, none, none, np.zeros((0, 2)), np.zeros(0))
+    ground = ControlPoints((), (), nowhere, nowhere, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)))
     photographs = tuple(Photograph(f"{i}.JPG", 0) for i in range(len(poses)))
     return Block(FRAME, (CAMERA,), photographs, tuple(poses), ties, ground)
 

@@ -180,7 +180,7 @@ def test_a_copy_of_a_photograph_gives_it_the_kinds_of_its_marks(
         assert (first.name, run.names[i]) not in run.mark_kinds()
         alone = replace(
             other, mark_photograph=first.mark_photograph[:1], mark_pixel=first.mark_pixel[:1],
-            mark_sigma_px=first.mark_sigma_px[:1], mark_kind=("ring",),
+            mark_covariance_px2=first.mark_covariance_px2[:1], mark_kind=("ring",),
         )  # fmt: skip
         object.__setattr__(run.project, "control_points", (alone,))
         assert run.mark_kinds() == {(first.name, run.names[j]): "ring"}

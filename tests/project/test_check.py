@@ -149,7 +149,7 @@ def first_marks(names: Sequence[str], count: int) -> Callable[[Survey], Survey]:
             p,
             mark_photograph=p.mark_photograph[few],
             mark_pixel=p.mark_pixel[few],
-            mark_sigma_px=p.mark_sigma_px[few],
+            mark_covariance_px2=p.mark_covariance_px2[few],
             mark_kind=p.mark_kind[few],
         )
 

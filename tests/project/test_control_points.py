@@ -11,10 +11,11 @@ from makers import SharedData, no_matlab
 from photogram.errors import FrameError, ProjectError
 from photogram.files.marks.mark_table import write_marks, write_proposals
 from photogram.files.tables.surveyed_points import Mark, Proposal
-from photogram.geodesy.frames import map_from_crs, map_from_geodetic
+from photogram.geodesy.frames import LocalFrame, map_from_crs, map_from_geodetic
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.project import Project, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings
+from photogram.survey import rms_sigma_px
 
 GOOD = """\
 photogram: 1
@@ -154,9 +155,9 @@ def test_sigmas_of_column_entry_and_all_points(folder: Path) -> None:
     assert points["C1"].sigma_m.tolist() == [0.1, 0.2, 0.3]
     assert points["C2"].sigma_m.tolist() == [0.01, 0.01, 0.3]
     assert points["K1"].sigma_m.tolist() == [0.02, 0.02, 0.03]
-    assert points["G1"].mark_sigma_px.tolist() == [1.0, 1.0]
-    assert points["C1"].mark_sigma_px.tolist() == [0.5]
-    assert points["K1"].mark_sigma_px.tolist() == [1.0, 2.0]
+    assert rms_sigma_px(points["G1"].mark_covariance_px2).tolist() == [1.0, 1.0]
+    assert rms_sigma_px(points["C1"].mark_covariance_px2).tolist() == [0.5]
+    assert rms_sigma_px(points["K1"].mark_covariance_px2).tolist() == [1.0, 2.0]
 
 
 def test_marks_of_another_picture_size_keep_pixel_centres(folder: Path) -> None:
@@ -483,7 +484,7 @@ def test_pix4d_marks_beside_a_table_of_points(folder: Path) -> None:
     change(folder, "marks.csv", ("C1,a.jpg,10,20,\n", ""), ("C2,c.jpg,399,299,\n", ""))
     points = points_of(read(folder))
     assert marks_of(points, "C1") == {"a.jpg": (10.0, 20.0), "b.jpg": (29.75, 39.5)}
-    assert points["C1"].mark_sigma_px.tolist() == [0.5, 0.5]
+    assert rms_sigma_px(points["C1"].mark_covariance_px2).tolist() == [0.5, 0.5]
 
 
 def test_two_photographs_of_a_file_are_never_one_of_the_project(folder: Path) -> None:
@@ -505,8 +506,14 @@ def test_the_table_of_marking_brings_its_sigmas_and_its_pixels(folder: Path) -> 
     change(folder, "project.yaml", ("  mark_sigma_px: 1\n", "  mark_sigma_px: 1\n  pixel_origin: matlab\n"))
     points = points_of(read(folder))
     assert marks_of(points, "C1") == {"a.jpg": (10.25, 20.0)}
-    sigmas = {name: points[name].mark_sigma_px.tolist() for name in ("C1", "C2", "K1")}
+    sigmas = {name: rms_sigma_px(points[name].mark_covariance_px2).tolist() for name in ("C1", "C2", "K1")}
     assert sigmas == {"C1": [pytest.approx((0.125) ** 0.5)], "C2": [0.5], "K1": [pytest.approx(0.2)]}
+    shared = 0.1 * (0.3 * 0.4)
+    assert points["C1"].mark_covariance_px2[0].tolist() == [[0.3 * 0.3, shared], [shared, 0.4 * 0.4]]
+    block = read(folder).control_points_in(LocalFrame("EPSG:25832", (0.0, 0.0, 0.0), "grid"))
+    of_block = {block.name[g]: c for g, c in zip(block.mark_point, block.mark_covariance_px2, strict=True)}
+    np.testing.assert_array_equal(of_block["C1"], points["C1"].mark_covariance_px2[0])
+    np.testing.assert_array_equal(of_block["C2"], 0.25 * np.eye(2))
 
 
 def test_proposals_are_refused(folder: Path) -> None:

@@ -23,6 +23,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.project.project import Project, read_project
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.tie_points.detector import FeatureSettings
+from photogram.survey import rms_sigma_px
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "dtu_phantom4" / "project.yaml"
 
@@ -161,8 +162,8 @@ def test_every_value_of_a_good_file_arrives(survey: Path) -> None:
     assert first.sigma_m.tolist() == [0.02, 0.02, 0.03]
     assert first.mark_photograph.tolist() == [0, 1]
     assert first.mark_pixel.tolist() == [[1621.5, 1320.5], [1291.5, 1308.5]]
-    assert first.mark_sigma_px.tolist() == [1.5, 1.5]
-    assert (second.sigma_m.tolist(), second.mark_sigma_px.tolist()) == ([0.01, 0.01, 0.01], [0.5])
+    assert rms_sigma_px(first.mark_covariance_px2).tolist() == [1.5, 1.5]
+    assert (second.sigma_m.tolist(), rms_sigma_px(second.mark_covariance_px2).tolist()) == ([0.01, 0.01, 0.01], [0.5])
     assert third.mark_pixel.tolist() == [[999.5, 799.5]]
 
     assert project.gnss_offset_sigma_m.tolist() == [0.2, 0.2, 0.0]

@@ -67,6 +67,16 @@ def test_residuals_are_root_mean_squares_over_u_and_v_of_marks_that_count() -> N
     assert raw["sigma_factor"] == pytest.approx(math.sqrt((0.36 + 0.64 + 0.25) / 2.0))
 
 
+def test_residuals_of_a_mark_with_a_covariance_count_along_the_axes_of_its_ellipse() -> None:
+    along = (2.0 * math.cos(math.radians(30.0)), 2.0 * math.sin(math.radians(30.0)))
+    across = (-along[1] / 2.0, along[0] / 2.0)
+    ellipse: Json = {"sigma_px": math.sqrt(0.5 * (2.0**2 + 0.5**2)), "semi_axes_px": [2.0, 0.5], "direction_deg": 30.0}
+    for residual, squares in ((along, 1.0), (across, 4.0)):
+        (kind,) = mark_kind_numbers([point("G1", [mark(residual, **ellipse)])])
+        assert kind["residual_over_sigma"] == pytest.approx(math.sqrt(squares / 2.0))
+        assert kind["sigma_factor"] == pytest.approx(math.sqrt(squares / 1.0))
+
+
 def test_the_factor_finds_by_what_sigmas_were_misstated() -> None:
     """Residuals of variance r sigma², as least squares leaves them, of marks stated half as good as they are, and
     right."""

@@ -34,7 +34,7 @@ def block_of(points: FloatArray, poses: Sequence[Pose | None], camera: Camera = 
     ties = TiePoints(photograph, point, nothing(n).astype(np.int64), nothing(n, 2), np.ones(n), points,
                      np.zeros((len(points), 3), np.uint8))  # fmt: skip
     no_marks = np.zeros(0, dtype=np.int64)
-    ground = ControlPoints((), (), nothing(0, 3), nothing(0, 3), no_marks, no_marks, nothing(0, 2), nothing(0))
+    ground = ControlPoints((), (), nothing(0, 3), nothing(0, 3), no_marks, no_marks, nothing(0, 2), nothing(0, 2, 2))
     photographs = tuple(Photograph(f"{i}.JPG", 0) for i in range(len(poses)))
     block = Block(FRAME, (camera,), photographs, tuple(poses), ties, ground)
     count = len(poses)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import Camera, Pose, image_plane, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.geodesy.frames import LocalFrame
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.sfm.orientation import Orientation, OrientationSettings, orient, resections_of
 from photogram.sfm.resection import Resection
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
@@ -58,7 +59,8 @@ def marked(marks: list[int], *, gnss: bool, role: str = "control", camera: Camer
         TiePoints(none, none, none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), np.uint8)),
         ControlPoints(
             tuple("ABCDEFGH"), (("check" if role == "check" else "control"),) * 8, points, np.full((8, 3), 0.01),
-            np.repeat(np.arange(count), marks).astype(np.int64), seen, pixel[seen], np.full(len(seen), 0.5),
+            np.repeat(np.arange(count), marks).astype(np.int64), seen, pixel[seen],
+            isotropic_px2(np.full(len(seen), 0.5)),
         ),
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.constraints.between_points import Distance
 from photogram.geodesy.frames import LocalFrame
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, READOUT
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
@@ -108,7 +109,7 @@ def simulate_close_range(
     controls: tuple[Role, ...] = ("control", "control", "control", "control")
     marked = ControlPoints(
         tuple("ABCD"), controls, nowhere, np.full((count, 3), np.inf), mark_photograph, mark_point,
-        mark_pixel, np.full(len(mark_pixel), MARK_SIGMA_PX),
+        mark_pixel, isotropic_px2(np.full(len(mark_pixel), MARK_SIGMA_PX)),
     )  # fmt: skip
     distances: tuple[Distance, ...] = ()
     if distance_sigma_m is not None:

@@ -22,6 +22,7 @@ from photogram.exchange.audit.differences import PoseDifference, brought, calibr
 from photogram.exchange.audit.fits import Fit, fit_of_adjustment, fit_of_solution, known_rows
 from photogram.exchange.audit.foreign_block import ForeignBlock, with_their_model
 from photogram.files.solutions.solution import ForeignSolution
+from photogram.measures.mark_covariances import scaled
 from photogram.quality.deformation import DOME, height_modes
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
@@ -152,7 +153,8 @@ def _with_scatter_of_marks(start: ForeignBlock, progress: Progress) -> tuple[Blo
             break
         factor *= more
         points = start.block.control_points
-        scattered = replace(points, mark_sigma_px=points.mark_sigma_px * factor)
+        covariance = scaled(points.mark_covariance_px2, np.full(len(points.mark_point), factor))
+        scattered = replace(points, mark_covariance_px2=covariance)
         block = replace(start.block, control_points=scattered)
     return block, factor
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from photogram.adjustment.ground_points import intersect_weighted
 from photogram.arrays import BoolArray, FloatArray
-from photogram.factors.elimination.reprojection import Observations, residuals
+from photogram.factors.elimination.reprojection import Observations, observed_marks, residuals
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
 from photogram.results import Adjustment
@@ -56,10 +56,7 @@ def _intersected(block: Block) -> FloatArray:
     _, agreed = intersected_marks(block)
     order = np.lexsort((points.mark_photograph, points.mark_point))
     order = order[agreed[order]]
-    marks = Observations(
-        points.mark_photograph[order], points.mark_point[order], points.mark_pixel[order], points.mark_sigma_px[order]
-    )
-    return intersect_weighted(marks, block.cameras, block.oriented_cameras(), len(points))
+    return intersect_weighted(observed_marks(points, order), block.cameras, block.oriented_cameras(), len(points))
 
 
 def fit_of_adjustment(result: Adjustment) -> Fit:

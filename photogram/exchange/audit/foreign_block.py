@@ -32,7 +32,13 @@ from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, TieP
 from photogram.wording import shortened
 
 NOBODY = ControlPoints(
-    (), (), np.zeros((0, 3)), np.zeros((0, 3)), *(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 2)), np.zeros(0)
+    (),
+    (),
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    *(np.zeros(0, dtype=np.int64),) * 2,
+    np.zeros((0, 2)),
+    np.zeros((0, 2, 2)),
 )
 
 

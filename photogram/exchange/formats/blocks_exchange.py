@@ -24,6 +24,7 @@ from photogram.files.solutions.parsing import bytes_of, check_finite, file_of, n
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.xml_elements import Element, elements_of
 from photogram.geodesy.crs import crs_of_wkt, metric_only
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import ControlPoints, Role, TiePoints
 from photogram.wording import printable, shortened, things
 
@@ -290,7 +291,7 @@ def _ground_points(
     M = np.array(marks, dtype=np.float64).reshape(-1, 4)
     return ControlPoints(
         tuple(names), tuple(roles), np.array(positions), np.array(sigmas), M[:, 0].astype(np.int64),
-        M[:, 1].astype(np.int64), M[:, 2:], np.ones(len(M)),
+        M[:, 1].astype(np.int64), M[:, 2:], isotropic_px2(np.ones(len(M))),
     )  # fmt: skip
 
 

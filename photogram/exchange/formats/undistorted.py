@@ -61,7 +61,7 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
             mark_photograph=ground.mark_photograph[marked],
             mark_point=ground.mark_point[marked],
             mark_pixel=mark[marked],
-            mark_sigma_px=ground.mark_sigma_px[marked],
+            mark_covariance_px2=ground.mark_covariance_px2[marked],
         )
     said = (f"{things(lost, 'observation')} where the distortion cannot be undone.",) if lost else ()
     return replace(

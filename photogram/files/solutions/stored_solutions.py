@@ -20,6 +20,7 @@ from photogram.errors import ExchangeError
 from photogram.files.arrays import read_npz
 from photogram.files.npz_json import write_arrays
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame, StatedAdjustment
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, READOUT, Model
 from photogram.survey import ControlPoints, Role, TiePoints
 
@@ -28,7 +29,10 @@ _REMEDY = "make it again with photogram import"
 _WORDS = "words"
 _TIES = ("photograph", "point", "feature", "pixel", "sigma_px", "position_world_m", "colour")
 _STATED = ("held", "fitted", "angle_sigma_deg", "position_sigma_m", "ground_m", "ground_sigma_m")
-_GROUND = ("position_world_m", "sigma_m", "mark_photograph", "mark_point", "mark_pixel", "mark_sigma_px", "controlled")
+_GROUND = (
+    "position_world_m", "sigma_m", "mark_photograph", "mark_point", "mark_pixel", "mark_covariance_px2", "controlled"
+)  # fmt: skip
+_MARK_SIGMA = "ground_mark_sigma_px"  # of files of earlier versions
 
 
 class _CameraWords(TypedDict):
@@ -175,6 +179,8 @@ def _solution(words: _Words, arrays: dict[str, NDArray[Any]]) -> ForeignSolution
     if words["ground_points"] is not None:
         names = tuple(p["name"] for p in words["ground_points"])
         roles = tuple(p["role"] for p in words["ground_points"])
+        if _MARK_SIGMA in arrays:
+            arrays = {**arrays, "ground_mark_covariance_px2": isotropic_px2(arrays[_MARK_SIGMA])}
         ground = ControlPoints(names, roles, *(arrays[f"ground_{name}"] for name in _GROUND))
         _check_index("mark_photograph", ground.mark_photograph, len(photographs))
         _check_index("mark_point", ground.mark_point, len(ground))

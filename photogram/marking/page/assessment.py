@@ -18,6 +18,7 @@ from photogram.marking.mark_comparison import LEAST_MARKS, ComparedMark, MarkCom
 from photogram.marking.page.snapping import Snapped
 from photogram.marking.predictions import PredictedPlaces, predicted_places
 from photogram.marking.tagged_block import with_all_points
+from photogram.measures.mark_covariances import covariances_px2, isotropic_px2
 from photogram.survey import Block, ControlPoints, Role
 
 RAW_SIGMA_PX = 1.0
@@ -69,11 +70,13 @@ def is_off_target(mark: Mark, target: Snapped) -> bool:
     return float(np.hypot(*np.subtract(mark.pixel, target.pixel))) > OFF_TARGET_SIGMAS * isotropic_px(mark)
 
 
-def doubted_px(mark: Mark, meant: Snapped | None) -> float:
-    """Return the standard deviation of a mark along each axis among the others: a click that is well off a target
-    is as uncertain as that, so that it has no other mark accused in its place."""
-    stated = isotropic_px(mark)
-    return stated if meant is None else float(np.hypot(stated, np.hypot(*np.subtract(mark.pixel, meant.pixel))))
+def doubted_px2(mark: Mark, meant: Snapped | None) -> FloatArray:
+    """Return the covariance (2, 2) of a mark among the others: a click that is well off a target is as uncertain as
+    that, so that it has no other mark accused in its place."""
+    if meant is None and mark.sigma_px is not None:
+        return np.asarray(covariances_px2(np.array([mark.sigma_px]), np.array([mark.rho]))[0])
+    off_px = 0.0 if meant is None else np.hypot(*np.subtract(mark.pixel, meant.pixel))
+    return np.asarray(isotropic_px2(np.hypot([isotropic_px(mark)], off_px))[0])
 
 
 def marked_block(
@@ -102,7 +105,7 @@ def marked_block(
         (m for m in state.marks.values() if m.point in own and m.photograph in numbers),
         key=lambda m: (own[m.point], numbers[m.photograph]),
     )
-    as_one = [doubted_px(m, off_target.get(m.key)) for m in marks]
+    covariance = [doubted_px2(m, off_target.get(m.key)) for m in marks]
     of_block: tuple[Role, ...] = tuple("control" if roles[name] == "control" else "check" for name in names)
     points = ControlPoints(
         names,
@@ -112,7 +115,7 @@ def marked_block(
         np.array([numbers[m.photograph] for m in marks], dtype=np.int64),
         np.array([own[m.point] for m in marks], dtype=np.int64),
         np.array([m.pixel for m in marks], dtype=np.float64).reshape(-1, 2),
-        np.array(as_one, dtype=np.float64),
+        np.array(covariance, dtype=np.float64).reshape(-1, 2, 2),
     )
     return replace(block, control_points=points)
 
@@ -183,7 +186,11 @@ def _without_marks(block: Block, settings: AdjustmentSettings, problem: str) -> 
     points = block.control_points
     nothing = np.zeros(0, dtype=np.int64)
     bare = replace(
-        points, mark_point=nothing, mark_photograph=nothing, mark_pixel=np.zeros((0, 2)), mark_sigma_px=np.zeros(0)
+        points,
+        mark_point=nothing,
+        mark_photograph=nothing,
+        mark_pixel=np.zeros((0, 2)),
+        mark_covariance_px2=np.zeros((0, 2, 2)),
     )
     try:
         return predicted_places(replace(block, control_points=bare), settings), problem

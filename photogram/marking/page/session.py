@@ -45,6 +45,7 @@ from photogram.marking.page.assessment import (
 )
 from photogram.marking.page.proposing import SearchState, TargetSearch
 from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
+from photogram.measures.mark_covariances import stated_pairs
 from photogram.survey import Block
 from photogram.wording import Progress, things
 
@@ -83,10 +84,11 @@ class Snapshot:
 def _given_marks(block: Block) -> list[Mark]:
     points, now = block.control_points, utc_now()
     names = [p.name for p in block.photographs]
-    columns = (points.mark_point, points.mark_photograph, points.mark_pixel, points.mark_sigma_px)
+    columns = (points.mark_point, points.mark_photograph, points.mark_pixel)
+    stated = stated_pairs(points.mark_covariance_px2)
     return [
-        Mark(points.name[g], names[i], (float(u), float(v)), (float(s), float(s)), kind=IMPORTED, time=now)
-        for g, i, (u, v), s in zip(*(column.tolist() for column in columns), strict=True)
+        Mark(points.name[g], names[i], (u, v), sigma_px, rho, IMPORTED, now)
+        for g, i, (u, v), (sigma_px, rho) in zip(*(column.tolist() for column in columns), stated, strict=True)
     ]
 
 

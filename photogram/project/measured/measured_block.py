@@ -203,7 +203,7 @@ def _on_originals(points: ControlPoints, original: IntArray) -> ControlPoints:
         mark_photograph=original[points.mark_photograph[kept]],
         mark_point=points.mark_point[kept],
         mark_pixel=points.mark_pixel[kept],
-        mark_sigma_px=points.mark_sigma_px[kept],
+        mark_covariance_px2=points.mark_covariance_px2[kept],
     )
 
 

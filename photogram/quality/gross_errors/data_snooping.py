@@ -25,6 +25,7 @@ from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
 from photogram.errors import PhotogramError
+from photogram.measures.mark_covariances import rejecting_marks
 from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.quality.gross_errors.focal_length import WRONG_BY
 from photogram.results import Adjustment
@@ -247,21 +248,23 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
 
 def _ground_without(block: Block, rejected: Sequence[Hypothesis]) -> ControlPoints:
     points, names = block.control_points, [photograph.name for photograph in block.photographs]
-    sigma_m, mark_sigma_px, controlled = points.sigma_m.copy(), points.mark_sigma_px.copy(), points.controlled.copy()
+    sigma_m, controlled = points.sigma_m.copy(), points.controlled.copy()
+    rejected_marks = np.zeros(len(points.mark_point), dtype=bool)
     for a in rejected:
         if a.kind == "control point":
             sigma_m[points.name.index(a.name), list(a.axes)] = np.inf
         elif a.kind == "mark":
             of_point = points.mark_point == points.name.index(a.name)
-            mark_sigma_px[of_point & (points.mark_photograph == names.index(str(a.photograph)))] = np.inf
+            rejected_marks |= of_point & (points.mark_photograph == names.index(str(a.photograph)))
     oriented = np.array([pose is not None for pose in block.poses], dtype=bool)
-    usable = np.isfinite(mark_sigma_px) & oriented[points.mark_photograph]
+    usable = np.isfinite(points.mark_sigma_px) & ~rejected_marks & oriented[points.mark_photograph]
     marks = np.bincount(points.mark_point[usable], minlength=len(points))
     open_points = np.isinf(np.where(controlled, sigma_m, np.inf)).all(axis=1) & controlled.any(axis=1) & (marks < 2)
     controlled[open_points] = False
-    mark_sigma_px[open_points[points.mark_point]] = np.inf
+    rejected_marks |= open_points[points.mark_point]
     role: tuple[Role, ...] = tuple("control" if row.any() else "check" for row in controlled)
-    return replace(points, role=role, controlled=controlled, sigma_m=sigma_m, mark_sigma_px=mark_sigma_px)
+    covariance = rejecting_marks(points.mark_covariance_px2, rejected_marks)
+    return replace(points, role=role, controlled=controlled, sigma_m=sigma_m, mark_covariance_px2=covariance)
 
 
 def marks_off_checks(result: Adjustment) -> list[Hypothesis]:

@@ -27,6 +27,7 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.rigs.exposures import whitened_exposures
+from photogram.measures.mark_covariances import scaled
 from photogram.projection import recalibrated
 from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
@@ -113,7 +114,7 @@ def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
     points = block.control_points
     plan, height = times(misfits.control).T
     control = points.sigma_m * np.where(points.controlled, np.column_stack([plan, plan, height]), 1.0)
-    marks = np.where(np.isnan(misfits.mark), points.mark_sigma_px, points.mark_sigma_px * times(misfits.mark))
+    marks = scaled(points.mark_covariance_px2, np.where(np.isnan(misfits.mark), 1.0, times(misfits.mark)))
     gnss, attitude, focal = times(misfits.gnss), times(misfits.attitude), times(misfits.focal)
     photographs = tuple(
         replace(
@@ -129,7 +130,7 @@ def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
         c if np.isnan(misfits.focal[k]) else replace(c, sigmas=np.concatenate([[c.sigmas[0] * focal[k]], c.sigmas[1:]]))
         for k, c in enumerate(block.cameras)
     )
-    weakened = replace(points, sigma_m=control, mark_sigma_px=marks)
+    weakened = replace(points, sigma_m=control, mark_covariance_px2=marks)
     stated = np.array([sigma for constraint in block.constraints for sigma in constraint.sigmas_m])
     weaker = stated * np.where(np.isnan(misfits.constraint), 1.0, times(misfits.constraint))
     rigs, start = list[Companion](), 0

@@ -15,6 +15,7 @@ from photogram.camera import Pose, omega_phi_kappa_deg
 from photogram.factors.common_errors import common_shifts
 from photogram.geodesy.frames import LocalFrame
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
+from photogram.measures.mark_covariances import is_isotropic, lower_factors, semi_axes
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
 from photogram.quality.cloud_comparison import Comparison
@@ -386,8 +387,9 @@ def ground_numbers(
 
 def _mark(result: Adjustment, points: ControlPoints, m: int, kinds: MarkKinds) -> MarkRecord:
     reliability, residual_px = result.reliability, result.mark_residual_px[m]
-    sigma_px = np.full(2, points.mark_sigma_px[m])
-    tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], sigma_px)
+    covariance, sigma_px = points.mark_covariance_px2[m][None], points.mark_sigma_px[m]
+    whitened_px = np.diag(lower_factors(covariance)[0])
+    tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], whitened_px)
     photograph = result.block.photographs[points.mark_photograph[m]].name
     entry: MarkRecord = {
         "photograph": photograph,
@@ -399,8 +401,11 @@ def _mark(result: Adjustment, points: ControlPoints, m: int, kinds: MarkKinds) -
         "mdb_px": tested.mdb,
         "suspect": tested.suspect,
     }
-    if np.isfinite(sigma_px).all():
-        entry["sigma_px"] = float(sigma_px[0])
+    if np.isfinite(sigma_px):
+        entry["sigma_px"] = float(sigma_px)
+    if not is_isotropic(covariance).all():
+        axes_px, direction = semi_axes(covariance)
+        entry["semi_axes_px"], entry["direction_deg"] = axes_px[0].tolist(), float(np.degrees(direction[0]))
     kind = kinds.get((points.name[points.mark_point[m]], photograph))
     if kind is not None:
         entry["kind"] = kind

@@ -47,6 +47,8 @@ class MarkRecord(TypedDict):
     suspect: bool | None
     kind: NotRequired[str]
     sigma_px: NotRequired[Pixels]
+    semi_axes_px: NotRequired[Annotated[list[Pixels], Field(min_length=2, max_length=2)]]
+    direction_deg: NotRequired[Annotated[float, Field(ge=-90, le=90)]]
 
 
 class SpreadRecord(TypedDict):

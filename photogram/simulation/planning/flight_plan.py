@@ -18,6 +18,7 @@ from photogram.camera import Camera, Pose
 from photogram.errors import check_range
 from photogram.geodesy.frames import LocalFrame
 from photogram.gnss import RTK_OFFSET_SIGMA_M
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, READOUT
 from photogram.quality.flight_lines import Course, flown
 from photogram.settings.settings import Default, Settings, Within, settings_of
@@ -329,7 +330,7 @@ def _control(
         seen.photograph,
         seen.point,
         seen.pixel + errors * plan.mark_sigma_px * rng.standard_normal(seen.pixel.shape),
-        np.full(len(seen.point), float(plan.mark_sigma_px)),
+        isotropic_px2(np.full(len(seen.point), float(plan.mark_sigma_px))),
     )
 
 

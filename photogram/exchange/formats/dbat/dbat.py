@@ -21,6 +21,7 @@ from photogram.exchange.formats.dbat.dbat_report import REMEDY, Report, read_rep
 from photogram.exchange.formats.dbat.dbat_script import Points, Script, ScriptCamera, name_of, read_script
 from photogram.files.solutions.parsing import check_distinct, file_of, part_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, StatedAdjustment
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.survey import TRANSFERRED, ControlPoints, Role, TiePoints
 from photogram.wording import printable, shortened, things
@@ -165,7 +166,7 @@ def _ground_points(script: Script, pixel: FloatArray, of_ground: IntArray, seen_
         seen_in[mine],
         of_ground[mine],
         pixel[mine],
-        script.marks.sigma_px[mine],
+        isotropic_px2(script.marks.sigma_px[mine]),
     )
 
 

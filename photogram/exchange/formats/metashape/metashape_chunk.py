@@ -22,6 +22,7 @@ from photogram.files.solutions.parsing import file_of, number_of, numbers_of
 from photogram.files.solutions.solution import ForeignPhotograph, Frame
 from photogram.files.xml_elements import Element
 from photogram.geodesy.crs import crs_of_wkt
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, Model
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
@@ -326,7 +327,7 @@ def _markers(
         photograph,
         point,
         pixel,
-        np.full(len(pixel), sigma_px),
+        isotropic_px2(np.full(len(pixel), sigma_px)),
     )
 
 

@@ -20,6 +20,7 @@ from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolutio
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.geodesy.crs import NO_CRS, is_geographic
 from photogram.geodesy.frames import map_from_crs
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import ControlPoints, Role
 from photogram.wording import things
 
@@ -51,7 +52,7 @@ def read_ground_control(
         np.array([numbers[mark.photograph] for mark in marks], dtype=np.int64),
         np.array([names[mark.point] for mark in marks], dtype=np.int64),
         np.array([mark.pixel for mark in marks], dtype=np.float64).reshape(-1, 2),
-        np.full(len(marks), MARK_SIGMA_PX),
+        isotropic_px2(np.full(len(marks), MARK_SIGMA_PX)),
     )
     left_out = (f"{things(strange, 'mark')} of {FILE} in photographs without orientation.",) if strange else ()
     return points, held.crs, left_out

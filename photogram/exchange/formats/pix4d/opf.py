@@ -28,6 +28,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.solutions.parsing import file_of, part_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.geodesy.crs import crs_of_wkt
+from photogram.measures.mark_covariances import is_isotropic, isotropic_px2
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
@@ -234,7 +235,7 @@ def _ground_points(
     M = np.array(marks).reshape(-1, 5)
     ground = ControlPoints(
         tuple(names), tuple(roles), np.array(positions).reshape(-1, 3), np.array(sigmas).reshape(-1, 3),
-        M[:, 0].astype(np.int64), M[:, 1].astype(np.int64), M[:, 2:4], M[:, 4],
+        M[:, 0].astype(np.int64), M[:, 1].astype(np.int64), M[:, 2:4], isotropic_px2(M[:, 4]),
     )  # fmt: skip
     said = [
         *([f"The positions of {things(unplaced, 'ground point')} in another CRS."] if unplaced else []),
@@ -486,6 +487,8 @@ def _not_written(solution: ForeignSolution) -> Iterator[str]:
         if any(photograph.measured is not None for photograph in solution.photographs):
             yield "Measured positions: they are in another frame than the poses."
     ground = solution.ground_points
+    if ground is not None and not is_isotropic(ground.mark_covariance_px2).all():
+        yield "Covariances of marks: each has the root mean square of its two standard deviations."
     rejected = 0 if ground is None else int((~_usable_marks(ground)).sum())
     if rejected:
         yield f"{things(rejected, 'mark')} with an infinite standard deviation, rejected ones."
