@@ -37,6 +37,7 @@ from .files.photographs.stretches import find_stretch
 from .files.solutions.solution import ForeignSolution
 from .geodesy.frames import LocalFrame
 from .local_grids.site_calibration import calibrate_site
+from .marking.detection import DetectedTargets, detect_targets
 from .marking.mark_export import export_marks
 from .pipeline.finished_report import write_report
 from .pipeline.input_validation import check_project
@@ -90,6 +91,7 @@ __all__ = [
     "ControlPoints",
     "DamagedStageError",
     "DenseSettings",
+    "DetectedTargets",
     "Diagnosis",
     "ExchangeError",
     "FeatureSettings",
@@ -146,6 +148,7 @@ __all__ = [
     "compare_surfaces",
     "compare_to_reference",
     "contour_lines",
+    "detect_targets",
     "diagnose",
     "export_marks",
     "export_solution",

@@ -174,7 +174,7 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Matched key points of two photographs."""
+    """Matched key points of two photographs, by their indices: their pixels are those of the features."""
 
     first: int
     """Index of the first photograph."""

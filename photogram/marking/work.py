@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
 from rich.markup import escape
 
 from photogram.errors import WorkspaceError
-from photogram.marking.marking_survey import MarkingSurvey, adjusted_block, open_marking
-from photogram.marking.page.contact_sheet import write_contact_sheets
+from photogram.marking.detection import detect_targets, marking_session
+from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.patches import PatchReader
-from photogram.marking.page.proposing import proposed_marks
 from photogram.marking.page.server import ADDRESS, MarkServer
 from photogram.marking.page.session import MarkingSession, search_result
 from photogram.marking.page.snapping import Snapper
 from photogram.terminal.console import console, steps
 from photogram.wording import things
 
-CONTACT_SHEETS = "contact_sheets"
-"""Folder of the pictures of proposals, in the folder of the journal."""
-
 
 def run(project: Path, photographs: Path | None, browser: bool, port: int, propose: bool) -> None:
     """Serve the page of a project until Ctrl-C, and say where the marks are; targets are looked for before where
     ``propose`` says so."""
-    survey = _opened(project, photographs)
-    with _session(survey) as (session, patches):
+    with steps("Photographs") as progress:
+        survey = open_marking(project, photographs, progress)
+    with marking_session(survey) as (session, patches):
+        _warn_of(session.set_aside)
         server = _server(session, patches, survey.project.path.absolute().parent.name, port)
         if propose:
             _look(session)
@@ -57,51 +53,24 @@ def run(project: Path, photographs: Path | None, browser: bool, port: int, propo
 
 def detect(project: Path, photographs: Path | None) -> None:
     """Look for targets, and write proposals and a sheet of pictures for each point."""
-    survey = _opened(project, photographs)
-    with _session(survey) as (session, patches):
-        _look(session)
-        snapshot = session.snapshot()
-        folder = survey.journal.parent / CONTACT_SHEETS
-        sheets = write_contact_sheets(folder, snapshot.proposals.values(), session.numbers, patches)
-    per_point = [sum(name == point for name, _ in snapshot.proposals) for point in snapshot.roles]
-    for point, count in zip(snapshot.roles, per_point, strict=True):
+    with steps("Targets") as progress:
+        result = detect_targets(project, photographs=photographs, progress=progress)
+    _warn_of(result.set_aside)
+    for point, count in result.proposals.items():
         console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
-    if sheets:
-        console.print(f"Pictures: {escape(str(folder))}", soft_wrap=True)
+    if result.pictures is not None:
+        console.print(f"Pictures: {escape(str(result.pictures))}", soft_wrap=True)
     console.print(
-        f"Proposals: {escape(str(session.proposed_in))}. They count once they are confirmed: "
+        f"Proposals: {escape(str(result.table))}. They count once they are confirmed: "
         f"photogram mark {escape(str(project))}",
         soft_wrap=True,
     )
 
 
-def _opened(project: Path, photographs: Path | None) -> MarkingSurvey:
-    with steps("Photographs") as progress:
-        return open_marking(project, photographs, progress)
-
-
-@contextmanager
-def _session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReader]]:
-    """Open the session of a survey while the block runs, and say what was set aside."""
-    block = survey.block
-    sizes = [(block.cameras[p.camera].width_px, block.cameras[p.camera].height_px) for p in block.photographs]
-    patches = PatchReader([p.path for p in survey.project.photographs], sizes, stretches=survey.stretches)
-    session = MarkingSession(
-        block,
-        survey.journal,
-        survey.marks,
-        Snapper(patches).centre,
-        better=lambda: adjusted_block(survey),
-        propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),
-    )
-    try:
-        if session.set_aside is not None:
-            text = f"{survey.marks} was not written here: it is kept as {session.set_aside.name}"
-            console.print(f"[yellow]warning[/yellow] {escape(text)}", soft_wrap=True)
-        yield session, patches
-    finally:
-        session.close()
-        patches.close()
+def _warn_of(set_aside: Path | None) -> None:
+    if set_aside is not None:
+        text = f"a table of marks was not written here: it is kept as {set_aside.name}"
+        console.print(f"[yellow]warning[/yellow] {escape(text)}", soft_wrap=True)
 
 
 def _look(session: MarkingSession) -> None:

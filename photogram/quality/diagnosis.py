@@ -107,7 +107,7 @@ class FocalHeight:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Diagnosis of a block as a whole; ``correlation`` (12, 12) by camera, NaN where a parameter is fixed."""
+    """Diagnosis of a block as a whole, lengths in m; ``correlation`` (12, 12) by camera, NaN for fixed parameters."""
 
     correlation: Mapping[str, FloatArray]
     focal_height: Mapping[str, FocalHeight]

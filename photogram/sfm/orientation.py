@@ -63,7 +63,7 @@ class OrientationSettings(StructureSettings):
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Initial poses in the world, and how they were found."""
+    """Initial poses in the world (m), and how they were determined."""
 
     poses: tuple[Pose | None, ...]
     """Pose of each photograph, None if not registered."""

@@ -104,7 +104,7 @@ def _enter(whole: dict[str, Float32Array], tile: Window, part: Heights | None) -
 
 @dataclass(frozen=True, eq=False)
 class OrthophotoImage:
-    """An orthophoto in memory."""
+    """An orthophoto in memory, its grid in m of the map."""
 
     grid: MapGrid
     """Where its cells lie in the map."""
