@@ -41,6 +41,7 @@ from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_codes
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration
@@ -87,14 +88,14 @@ def photogram_heights(project_path: Path, photographs: Path | None = None) -> tu
     project = load_project(project_path, photographs)
     run_pipeline(project, start="dense", until="surface")
     with open_run(project) as run:
-        return run.surface(), run.surface_sigma()
+        return StoredSurface(run).heights(), StoredSurface(run).sigma()
 
 
 def levels(project_path: Path, photographs: Path | None = None) -> ByteArray:
     """Return the codes of `dsm_source.tif` of a project with a finished surface."""
     with open_run(load_project(project_path, photographs)) as run:
         path = run.workspace.stage("surface") / "dsm_source.tif"
-        return read_codes(path, MapGrid.of(run.surface()).whole)
+        return read_codes(path, MapGrid.of(StoredSurface(run).heights()).whole)
 
 
 def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid: MapGrid | None) -> None:

@@ -28,6 +28,7 @@ from photogram.arrays import FloatArray
 from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.stages.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
 from photogram.surface.dsm import MEASURED, patch_cells
@@ -69,7 +70,7 @@ def range_around(truth: Raster, grid: MapGrid, cells: int) -> tuple[FloatArray, 
 def specks(folder: Path) -> Specks:
     """Return what is false in the finished surface of a simulated survey."""
     with open_run(load_project(folder / "project.yaml")) as run:
-        heights, layers = run.surface(), surface_layers(run)
+        heights, layers = StoredSurface(run).heights(), surface_layers(run)
         rays, source = layers.read(layers.grid.whole, "rays", "source")
     heights = replace(heights, values=np.where(source == MEASURED, heights.values, np.float32(np.nan)))
     grid = MapGrid.of(heights)

@@ -15,7 +15,9 @@ from photogram.geodesy.crs import crs_label
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
 from photogram.pipeline.stage import Stage
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
+from photogram.pipeline.stages.comparison import stored_comparisons
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.project.project import Project
@@ -129,16 +131,16 @@ class OpenedSurvey:
 
     def surface(self) -> Raster:
         """Return the DSM, heights in m, NaN in its holes. Needs the stage `surface`."""
-        return self._read("surface", Run.surface)
+        return self._read("surface", lambda run: StoredSurface(run).heights())
 
     def surface_sigma(self) -> Raster:
         """Return the predicted standard deviations of the DSM in m, cell by cell. Needs the stage `surface`."""
-        return self._read("surface", Run.surface_sigma)
+        return self._read("surface", lambda run: StoredSurface(run).sigma())
 
     def comparisons(self) -> dict[str, Comparison]:
         """Return the comparison of every cloud with the project's reference, none without one. Needs the stage
         `comparison`."""
-        return self._read("comparison", Run.comparisons)
+        return self._read("comparison", stored_comparisons)
 
     def report(self) -> Report:
         """Return every figure of the report, as report.json holds it (docs/report.md explains each). Needs the stage

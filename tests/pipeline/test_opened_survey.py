@@ -13,6 +13,8 @@ import pytest
 from photogram.errors import ProjectError, WorkspaceError
 from photogram.pipeline.opened_survey import open_survey
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.comparison import stored_comparisons
+from photogram.pipeline.stages.stored_surface import StoredSurface
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
@@ -21,9 +23,9 @@ def test_results_are_those_that_the_run_holds(adjusted_survey: Path) -> None:
     project = adjusted_survey / "project.yaml"
     opened = open_survey(str(project))
     with open_run(load_project(project)) as run:
-        adjustment, cloud, surface = run.adjustment(), run.cloud("adjusted"), run.surface()
+        adjustment, cloud, surface = run.adjustment(), run.cloud("adjusted"), StoredSurface(run).heights()
         orientation, tie, features = run.orientation(), run.transferred_tie_points(), run.features(1)
-        pixels, compared = run.pixels(1), run.comparisons()
+        pixels, compared = run.pixels(1), stored_comparisons(run)
     assert opened.adjustment().sigma0 == adjustment.sigma0
     assert np.array_equal(opened.cloud("adjusted").position_map_m, cloud.position_map_m)
     assert np.array_equal(opened.surface().values, surface.values, equal_nan=True)

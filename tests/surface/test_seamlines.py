@@ -22,6 +22,7 @@ from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seam
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages.orthophoto import edited_seams, make_orthophoto
 from photogram.pipeline.stages.orthophoto_pieces import HeldPhotographs
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.ortho.resampling import add_cubic, catmull_rom
@@ -79,7 +80,7 @@ def test_the_stage_writes_an_orthophoto_over_the_surface(adjusted_survey: Path, 
     (tmp_path / "made").mkdir()
     with open_run(replace(project, orthophoto=OrthophotoSettings(cell_m=0.06))) as run:
         summary = make_orthophoto(run, tmp_path / "made", lambda _done, _total, text: texts.append(text))
-        surface = run.filled_surface()
+        surface = StoredSurface(run).filled()
     assert texts[:2] == ["surface without holes", "seams and exposure"]
     with rasterio.open(tmp_path / "made/orthophoto.tif") as dataset:
         assert dataset.count == 4

@@ -10,15 +10,15 @@ from typing_extensions import TypedDict
 
 from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import file_fingerprint, write_json
-from photogram.files.records import write_record
+from photogram.files.npz_json import file_fingerprint, read_json, write_json
+from photogram.files.records import read_record, write_record
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import map_heights
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Rate
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
-from photogram.quality.cloud_comparison import compare_to_reference, triangulate
+from photogram.quality.cloud_comparison import Comparison, compare_to_reference, triangulate
 from photogram.survey import PointCloud, Raster
 from photogram.wording import Progress, things
 
@@ -68,6 +68,15 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSumm
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)
     return {"clouds": len(statistics)}
+
+
+def stored_comparisons(run: Run) -> dict[str, Comparison]:
+    """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
+    `comparison`."""
+    return {
+        name: read_record(run.workspace.file("comparison", f"{name}.npz"), Comparison)
+        for name in read_json(run.workspace.file("comparison", "statistics.json"))
+    }
 
 
 def _words(summary: ComparisonSummary) -> str:

@@ -38,6 +38,7 @@ from photogram.pipeline.stages.orthophoto_pieces import (
     surface_in,
     tiles_of,
 )
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import GridSummary, cells_in_words, made_frame
 from photogram.pipeline.store.dependence import stretches
@@ -119,7 +120,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
         return {}
     site = made_frame(run)
     reason = "" if run.project.surface.plane == "auto" else left_out_reason(run.adjusted_block().poses)
-    if not run.has_surface():
+    if not StoredSurface(run).is_there:
         reason = str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})
@@ -174,7 +175,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
 def closed_surface_of(run: Run, scratch: Path) -> Surface:
     """Return the surface of the run as orthophotos need it, made in a folder that outlives it."""
     matching = MatchedHeights.of(run) if matched(run) else None
-    whole = None if matching is not None else run.surface()
+    whole = None if matching is not None else StoredSurface(run).heights()
     grid = matching.grid if matching is not None else MapGrid.of(_given(whole))
     known, sigma = GridFile(scratch / "known.f32", grid), GridFile(scratch / "sigma.f32", grid)
     height, closed_sigma = GridFile(scratch / CLOSED_HEIGHT, grid), GridFile(scratch / CLOSED_SIGMA, grid)

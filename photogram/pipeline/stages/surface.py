@@ -33,10 +33,11 @@ from photogram.pipeline.stage_costs import (
 )
 from photogram.pipeline.stages.dense import heights_folder
 from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.stored_surface import PLANE, StoredSurface
 from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame, made_frame
 from photogram.pipeline.store.dependence import starts_from_tie_points, surface_settings
 from photogram.pipeline.store.pieces import Kind, each
-from photogram.pipeline.store.run import PLANE, Run
+from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
 from photogram.surface.contours import contour_lines
@@ -396,13 +397,13 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
     terrain, contours = run.project.terrain, run.project.contours
     summary: ReliefSummary = {}
     surface: Raster | None = None
-    if not run.has_surface():
+    if not StoredSurface(run).is_there:
         return summary
     if made_frame(run).plane is not None:
         return {"left_out": ON_PLANE} if terrain.enabled or contours.enabled else summary
     if terrain.enabled:
         progress(0, 0, "terrain model")
-        found = terrain_from_surface(run.filled_surface(), terrain)
+        found = terrain_from_surface(StoredSurface(run).filled(), terrain)
         surface, grid = found.heights, MapGrid.of(found.heights)
         values = [(grid.whole, surface.values)]
         write_cog(folder / "dtm.tif", grid, run.project.product_crs, values, description="height of the terrain")
@@ -412,7 +413,7 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
         summary["interpolated"] = int(np.count_nonzero(found.interpolated))
     if contours.enabled:
         progress(0, 0, "contour lines")
-        lines = contour_lines(surface or run.filled_surface(), contours)
+        lines = contour_lines(surface or StoredSurface(run).filled(), contours)
         write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
         summary["contours"] = len(lines)
         summary["interval_m"] = lines.interval_m

@@ -12,15 +12,20 @@ from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.files.npz_json import read_json_as, write_json
+from photogram.files.npz_json import read_arrays, read_json_as, write_json
+from photogram.files.records import read_record
 from photogram.geodesy.crs import NO_CRS, plan_of
 from photogram.grid import MapGrid
 from photogram.pipeline.stages.no_surface import reason_of
-from photogram.pipeline.store.run import PLANE, Run
+from photogram.pipeline.stages.stored_surface import PLANE
+from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.stored_results import COVARIANCES
 from photogram.project.rigs.entries import without_products
+from photogram.quality.deformation import GROUND
 from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import PlaneRecord
+from photogram.results import Deformation
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane, block_on_plane, fit_plane
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, PointCloud
@@ -102,15 +107,31 @@ class SurfaceFrame:
         near = self._near(points)
         return PointCloud(points[near], self.run.adjusted_block().tie_points.colour[near])
 
+    @property
+    def _axes(self) -> FloatArray:
+        """Return the axes of the frame in the world (3, 3)."""
+        if self.plane is not None:
+            return self.plane.rotation_world_from_plane
+        return self.run.block().frame.rotation_world_from_map(np.zeros(3))
+
     def precision(self) -> PointPrecision:
         """Return the covariances of ``cloud`` along the axes of the frame."""
-        if self.plane is None:
-            return self.run.precision()
-        return self.run.precision(self.plane).select(self._near(self._points_plane_m()))
+        arrays, R = read_arrays(self.run.workspace.file("adjustment", COVARIANCES)), self._axes
+        whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
+        precision = PointPrecision(rays, whole - rays)
+        return precision if self.plane is None else precision.select(self._near(self._points_plane_m()))
 
     def shape(self) -> ShapePrecision | None:
-        """Return how well the shape of the survey is known, as ``Run.shape``."""
-        return self.run.shape(self.plane)
+        """Return how well the shape of the survey is known in the frame, without its datum; None where there are too
+        few tie points to say, or no datum."""
+        found = read_record(self.run.workspace.file("adjustment", "deformation.npz"), Deformation)
+        block = self.run.block()
+        if not len(found.place_world_m) or block.is_free:
+            return None
+        R = self._axes
+        place = block.frame.map_from_world if self.plane is None else self.plane.plane_from_world
+        datum = R.T @ found.covariance[GROUND, GROUND] @ R
+        return ShapePrecision(place(found.place_world_m), R.T @ found.shape_covariance_m2 @ R, datum)
 
     def map_m(self, points_m: FloatArray) -> FloatArray:
         """Return points (N, 3) of the surface in the map."""

@@ -14,21 +14,18 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter
 
-from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from photogram.files.maps.rasters import read_raster
+from photogram.arrays import BoolArray, ByteArray, IntArray
 from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_grey, read_photograph
 from photogram.files.photographs.masks import read_mask, read_masks
 from photogram.files.records import read_record
 from photogram.files.solutions.stored_solutions import read_stored
-from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.stored_results import (
     ADJUSTED,
-    COVARIANCES,
     SIGMAS,
     PlacedBy,
     StoredPhotographs,
@@ -44,23 +41,16 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.project.start import Start, start_of
-from photogram.quality.cloud_comparison import Comparison
-from photogram.quality.deformation import GROUND
-from photogram.results import Adjustment, Deformation, EstimatedSigmas
+from photogram.results import Adjustment, EstimatedSigmas
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
-from photogram.surface.reference_plane import ReferencePlane
-from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
-from photogram.survey import Block, Features, Matches, PointCloud, Raster, TiePoints
+from photogram.survey import Block, Features, Matches, PointCloud, TiePoints
 
 FRAME, MEASURED, PLACED_BY = "frame.json", "measured.npz", "placed_by.json"
 ORIENTATION_FILE, RESECTIONS = "orientation.npz", "resections.npz"
 
 STRETCHES = "stretches.json"
 """File of the stage `photographs` with the stretch to 8 bits of each camera; not there where none has more."""
-
-PLANE = "plane.json"
-"""File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
 
 AUTOMATIC_MASKS = "masks.json"
 """File of the stage `transfer` with the share of each photograph that is masked automatically; not there without."""
@@ -279,31 +269,6 @@ class Run:
         `adjustment`."""
         return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
 
-    def _axes(self, plane: ReferencePlane | None) -> FloatArray:
-        """Return the axes of the map in the world, or those of a plane (3, 3)."""
-        if plane is not None:
-            return plane.rotation_world_from_plane
-        return self.block().frame.rotation_world_from_map(np.zeros(3))
-
-    def precision(self, plane: ReferencePlane | None = None) -> PointPrecision:
-        """Return the covariances of the adjusted cloud along the axes of the map, or of a plane. Needs the stage
-        `adjustment`."""
-        arrays = read_arrays(self.workspace.file("adjustment", COVARIANCES))
-        R = self._axes(plane)
-        whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
-        return PointPrecision(rays, whole - rays)
-
-    def shape(self, plane: ReferencePlane | None = None) -> ShapePrecision | None:
-        """Return how well the shape of the survey is known, without its datum, in the map or on a plane; None where
-        there are too few tie points to say, or no datum. Needs the stage `adjustment`."""
-        found = read_record(self.workspace.file("adjustment", "deformation.npz"), Deformation)
-        if not len(found.place_world_m) or self.block().is_free:
-            return None
-        R, to_map = self._axes(plane), self.block().frame.map_from_world
-        places = (to_map if plane is None else plane.plane_from_world)(found.place_world_m)
-        datum = R.T @ found.covariance[GROUND, GROUND] @ R
-        return ShapePrecision(places, R.T @ found.shape_covariance_m2 @ R, datum)
-
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
         return dict(read_json(self.workspace.file("adjustment", "held.json")))
@@ -312,44 +277,3 @@ class Run:
         """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
         Needs the stage `adjustment`."""
         return read_verdict(self.workspace.file("adjustment", "verdict.json"))
-
-    def has_surface(self) -> bool:
-        """Return whether there is a DSM. Needs the stage `surface`."""
-        return self.workspace.has("surface", "dsm.tif")
-
-    def surface(self) -> Raster:
-        """Return the DSM. Needs the stage `surface`."""
-        return self._raster("dsm")
-
-    def filled_surface(self) -> Raster:
-        """Return the DSM with its holes closed where it was matched, the DSM as it is otherwise. Needs the stage
-        `surface`."""
-        matched = self.workspace.has("surface", "dsm_filled.tif")
-        return self._raster("dsm_filled" if matched else "dsm")
-
-    def surface_relative_sigma(self) -> Raster | None:
-        """Return the standard deviations of the DSM without the datum's part, None where they are not known. Needs the
-        stage `surface`."""
-        known = self.workspace.has("surface", "dsm_sigma_relative.tif")
-        return self._raster("dsm_sigma_relative") if known else None
-
-    def surface_sigma(self) -> Raster:
-        """Return the standard deviations of the DSM. Needs the stage `surface`."""
-        return self._raster("dsm_sigma")
-
-    def held_out_m(self) -> FloatArray:
-        """Return what the DSM is off by at tie points that were held out of it. Needs the stage `surface`."""
-        return np.asarray(read_arrays(self.workspace.file("surface", "held_out.npz"))["held_out_m"])
-
-    def _raster(self, name: str) -> Raster:
-        path = self.workspace.file("surface", f"{name}.tif")
-        local = self.project.crs == NO_CRS or self.workspace.has("surface", PLANE)
-        return read_raster(path, local=local)[0]
-
-    def comparisons(self) -> dict[str, Comparison]:
-        """Return the comparisons of all clouds with the reference, none without a reference. Needs the stage
-        `comparison`."""
-        return {
-            name: read_record(self.workspace.file("comparison", f"{name}.npz"), Comparison)
-            for name in read_json(self.workspace.file("comparison", "statistics.json"))
-        }

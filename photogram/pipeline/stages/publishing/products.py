@@ -33,6 +33,7 @@ from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.order import BEFORE_RESULTS
+from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.stages.surface import (
     WATER_FILE,
     SurfaceSummary,
@@ -193,8 +194,9 @@ def dense_surface(run: Run) -> DenseSurface | None:
     names = tuple(
         p.name for p, pose in zip(run.project.photographs, run.adjusted_block().poses, strict=True) if pose is not None
     )
+    surface = StoredSurface(run)
     return DenseSurface(
-        run.surface(), run.surface_sigma(), source == FILLED, measured_in(source), rays, confidence,
+        surface.heights(), surface.sigma(), source == FILLED, measured_in(source), rays, confidence,
         (seen >= SEEN_BY) & (source != WATER), names,
         {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
     )  # fmt: skip
@@ -270,7 +272,7 @@ def matching_sigma_m(run: Run) -> float | None:
 def _shown(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
     """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
     them: where it would hide everything else."""
-    shape, relative = made_frame(run).shape(), run.surface_relative_sigma()
+    shape, relative = made_frame(run).shape(), StoredSurface(run).relative_sigma()
     if shape is None or relative is None or numbers["sigma_m"] is None:
         return dense, numbers, None
     without = replace(dense, sigma=relative)
@@ -323,5 +325,7 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
     if upright:
         drawn = [on_plane(figure) for figure in drawn]
     names = write_surface_pictures(results / "pictures", drawn)
-    figures = surface_figures(drawn) + thumbnails(picture, run.surface() if run.has_surface() else None)
+    figures = surface_figures(drawn) + thumbnails(
+        picture, StoredSurface(run).heights() if StoredSurface(run).is_there else None
+    )
     return ReportedSurface(orthophoto, numbers, plane_record(run), figures, [f"pictures/{name}" for name in names])

@@ -39,6 +39,7 @@ from photogram.pipeline.stage_costs import (
     Rate,
 )
 from photogram.pipeline.stages.bands.band_orthophoto import band_records
+from photogram.pipeline.stages.comparison import stored_comparisons
 from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.publishing.mark_pictures import mark_pictures
@@ -53,7 +54,8 @@ from photogram.pipeline.stages.publishing.report_files import (
     today,
     write_report,
 )
-from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.stages.stored_surface import StoredSurface
+from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageNote
@@ -203,10 +205,10 @@ def _pictures(outcome: _Outcome) -> list[str]:
     run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
     block = result.block
     products = ["pictures/plan.png"] if outcome.whole.block.has_scale else list[str]()
-    if run.has_surface():
+    if StoredSurface(run).is_there:
         products.append("pictures/surface.png")
         upright = made_frame(run).plane is not None
-        shaded_surface(pictures / "surface.png", run.surface(), "Digital surface model", upright=upright)
+        shaded_surface(pictures / "surface.png", StoredSurface(run).heights(), "Digital surface model", upright=upright)
     if outcome.whole.block.has_scale:
         contents = plan_contents(result, outcome.overlap)
         plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
@@ -221,7 +223,7 @@ def _pictures(outcome: _Outcome) -> list[str]:
             name, title = f"lens_field_{file_stem(c + 1, camera.name)}.png", f"Lens field of {camera.name}"
             field_picture(pictures / name, camera, camera.field, result.field_covariance_px2[c], title)
             products.append(f"pictures/{name}")
-    comparisons = run.comparisons()
+    comparisons = stored_comparisons(run)
     if comparisons:
         comparison_picture(pictures / "comparison.png", comparisons)
         products.append("pictures/comparison.png")
@@ -250,11 +252,12 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
 
 
 def _dsm(run: Run) -> DsmRecord | NoSurfaceRecord:
-    if not run.has_surface():
+    surface = StoredSurface(run)
+    if not surface.is_there:
         return {"left_out": str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])}
-    shape, relative = run.shape(), run.surface_relative_sigma()
+    shape, relative = SurfaceFrame(run).shape(), surface.relative_sigma()
     datum = None if shape is None else shape.datum_covariance_m2
-    return dsm_numbers(run.surface(), run.surface_sigma(), run.held_out_m(), relative, datum)
+    return dsm_numbers(surface.heights(), surface.sigma(), surface.held_out_m(), relative, datum)
 
 
 def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]) -> list[str]:
@@ -267,7 +270,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         outcome.result,
         replace(run.orientation(), resections=run.resections()),
         clouds,
-        run.comparisons(),
+        stored_comparisons(run),
         outcome.overlap,
         version=__version__,
         seconds={name: run.workspace.summary(name, StageNote)["seconds"] for name in stages},
@@ -319,10 +322,10 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["dense"] = surface.dense
     if surface.plane is not None:
         numbers["plane"] = surface.plane
-    sparse = run.surface() if surface.dense is None and run.has_surface() else None
+    sparse = StoredSurface(run).heights() if surface.dense is None and StoredSurface(run).is_there else None
     upright = surface.plane is not None and surface.plane["used"]
     figures = page_figures(
-        outcome.result, outcome.overlap, clouds["adjusted"], sparse, run.comparisons(), upright=upright
+        outcome.result, outcome.overlap, clouds["adjusted"], sparse, stored_comparisons(run), upright=upright
     )
     figures += surface.figures + marks.figures
     return write_report(run.project, numbers, figures, outcome.folder) + surface.pictures
