@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray
+from photogram.arrays import BoolArray, ByteArray
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import write_json
 from photogram.grid import Window
@@ -68,7 +68,7 @@ class ReducedPictures:
     def __init__(
         self,
         folder: Path,
-        grey: Callable[[int], NDArray[np.uint8]],
+        grey: Callable[[int], ByteArray],
         reductions: tuple[int, ...],
         mask: Callable[[int], BoolArray | None] = lambda _: None,
     ) -> None:

@@ -8,9 +8,8 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan, undistort
 from photogram.projection import SIDEWAYS
 from photogram.settings.settings import Settings, Within
@@ -57,7 +56,7 @@ def verified_matches(
     candidates: IntArray,
     settings: MatchingSettings,
     coarseness: float = 1.0,
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which candidates (M, 2) obey one fundamental matrix, estimated on undistorted pixels.
 
     MAGSAC++ (Barath et al. 2020) as OpenCV implements it, with its fixed seed; all False when no matrix is supported by
@@ -86,7 +85,7 @@ def _undistorted(camera: Camera, pixel: FloatArray) -> FloatArray:
     return ideal * camera.focal_px + camera.principal_point_px
 
 
-def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: float) -> NDArray[np.bool_]:
+def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: float) -> BoolArray:
     """Return which undistorted pixels (N, 2) of two photographs obey one fundamental matrix, within ``threshold_px``.
 
     OpenCV's MAGSAC++ gives up with a failed assertion on some small sets of points that lie nearly in one plane; its
@@ -111,7 +110,7 @@ def match_pair(
     features: tuple[Features, Features],
     settings: MatchingSettings,
     coarseness: float = 1.0,
-) -> tuple[Matches, NDArray[np.bool_]]:
+) -> tuple[Matches, BoolArray]:
     """Match one pair of photographs, by their numbers, cameras and key points: returns the candidate matches (M, 2) and
     which of them (M,) obey one fundamental matrix within ``threshold_px`` of the settings, as ``verified_matches``."""
     candidates = candidate_matches(*features, settings)

@@ -15,9 +15,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, Float32Array, FloatArray, Int32Array
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.sfm.tie_points.detector import FeatureSettings, KeyPoints, Picture, Traits
 from photogram.sfm.tie_points.gradient_histograms import descriptors, orientations
 from photogram.sfm.tie_points.picture_tiles import Tile, picture_tiles, spread
@@ -47,13 +46,13 @@ class _Points:
     """Extrema of the scale space, or key points: ``table`` (N, 5) of u, v, size, angle in degrees and response, in
     pixels of the picture; ``origin`` (N, 5) number of the tile and the octave, level, row and column there."""
 
-    table: NDArray[np.float64]
-    origin: NDArray[np.int32]
+    table: FloatArray
+    origin: Int32Array
 
     def __len__(self) -> int:
         return len(self.table)
 
-    def only(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> _Points:
+    def only(self, which: IntArray | BoolArray) -> _Points:
         return _Points(self.table[which], self.origin[which])
 
 
@@ -76,7 +75,7 @@ def _detected(number: int, tile: Tile, settings: FeatureSettings, levels: list[F
     return _joined(parts)
 
 
-def _octave(points: _Points, index: int) -> tuple[NDArray[np.int64], Int32Array, Int32Array, Float32Array]:
+def _octave(points: _Points, index: int) -> tuple[IntArray, Int32Array, Int32Array, Float32Array]:
     """Return which points (K,) lie in an octave, and the level (K,), pixel (K, 2) and scale (K,) of each there."""
     own = np.flatnonzero(points.origin[:, 1] == index)
     layer, pixel = (np.ascontiguousarray(points.origin[own, columns]) for columns in (2, slice(3, 5)))
