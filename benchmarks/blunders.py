@@ -89,7 +89,7 @@ def with_blunder(
 ) -> tuple[Block, set[str], float]:
     """Return the survey with a blunder, the names of the points that it is in, and its size in minimal detectable
     ones; ``times`` sets that size, None draws a large one."""
-    points, r = block.control_points, clean.reliability
+    points, r = block.control_points, clean.tests.reliability
     controls = np.flatnonzero(np.array(points.role) == "control")
     position, pixel = points.position_world_m.copy(), points.mark_pixel.copy()
     if kind == "mark":

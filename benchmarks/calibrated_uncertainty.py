@@ -112,7 +112,7 @@ def _tie_point_errors(made: SimulatedBlock, result: Adjustment) -> tuple[FloatAr
     source = np.array([number[i, f] for i, f in zip(kept.photograph.tolist(), kept.feature.tolist(), strict=True)])
     clean = np.bincount(kept.point, made.mismatch[source], minlength=len(kept)) == 0
     error = kept.position_world_m - made.tie_point_position_world_m[tie.point[source[kept.first_observation[:-1]]]]
-    return error[clean], result.tie_point_covariance_m2[clean]
+    return error[clean], result.covariances.tie_point_m2[clean]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def trial(made: SimulatedBlock) -> Trial:
     result = adjust(made.block, AdjustmentSettings(tie_point_sigma_px=float(made.block.tie_points.sigma_px[0])))
     achieved = predicted_against_achieved(result)
     assert achieved is not None
-    axes, r = result.block.frame.rotation_world_from_map(np.zeros(3)), result.reliability
+    axes, r = result.block.frame.rotation_world_from_map(np.zeros(3)), result.tests.reliability
     poses = [pose.position_world_m for pose in result.block.poses if pose is not None]
     centres = np.array(poses) - np.array([pose.position_world_m for pose in made.truth.poses])
     left_out = r.ground_left_out_m / np.sqrt(np.einsum("kii->ki", r.ground_left_out_covariance_m2))
@@ -136,7 +136,7 @@ def trial(made: SimulatedBlock) -> Trial:
         "check points": achieved.z,
         "points left out": left_out,
         "tie points": _scores(*_tie_point_errors(made, result), axes),
-        "projection centres": _scores(centres, result.position_covariance_m2, axes),
+        "projection centres": _scores(centres, result.covariances.position_m2, axes),
     }
     scores = {
         f"{name}, {axis}": z[np.isfinite(z[:, k]), k]
@@ -144,7 +144,7 @@ def trial(made: SimulatedBlock) -> Trial:
         for k, axis in enumerate(AXES)
         if np.isfinite(z[:, k]).any()
     }
-    sigma = np.sqrt(np.diag(result.calibration_covariance[0]))
+    sigma = np.sqrt(np.diag(result.covariances.calibration[0]))
     error = result.block.cameras[0].parameters - made.truth.camera.parameters
     for k in np.flatnonzero(sigma > 0).tolist():
         scores[f"calibration, {PARAMETER_NAMES[k]}"] = error[k : k + 1] / sigma[k]

@@ -72,7 +72,7 @@ def turn_deg(found: Adjustment, made: SimulatedBlock) -> tuple[float, float]:
     true = np.array([pose.rotation_world_from_camera for pose in made.truth.poses])
     turn = Rotation.from_matrix(R @ true.transpose(0, 2, 1)).as_rotvec()[:, 2]
     up = R[:, 2]  # the vertical in the camera's axes
-    variance = np.einsum("ni,nij,nj->n", up, found.rotation_covariance_rad2, up)
+    variance = np.einsum("ni,nij,nj->n", up, found.covariances.rotation_rad2, up)
     return float(np.degrees(turn.mean())), float(np.degrees(np.sqrt(np.median(variance))))
 
 
@@ -106,7 +106,7 @@ def positions(surveys: int) -> None:
     for name, (kind, plan, truth) in CASES.items():
         rows = []
         for seed in range(surveys):
-            found = {e.error.kind: e for e in adjust(survey(plan, seed).block, SETTINGS).common_errors}
+            found = {e.error.kind: e for e in adjust(survey(plan, seed).block, SETTINGS).decisions.common_errors}
             found.pop("attitude", None)
             if kind not in found:
                 rows.append((False, bool(found), any(e.as_well for e in found.values()), not found, False))
@@ -123,7 +123,7 @@ def nothing(surveys: int) -> None:
     print(f"\nRTK without any common error but the offset, {surveys} surveys: share with a significant one")
     count: dict[str, int] = {}
     for seed in range(surveys):
-        for e in adjust(survey(WIND, seed).block, SETTINGS).common_errors:
+        for e in adjust(survey(WIND, seed).block, SETTINGS).decisions.common_errors:
             count[e.error.kind] = count.get(e.error.kind, 0) + (e.significant or e.error.kind != "attitude")
     for kind in ("attitude", "lever_arm", "time_offset", "drift"):
         print(f"  {kind:<12} {count.get(kind, 0) / surveys:5.1%}")

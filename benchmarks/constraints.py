@@ -56,11 +56,11 @@ def length_m(survey: CloseRange, ends: tuple[str, str]) -> float:
 def compared(survey: CloseRange, result: Adjustment) -> float:
     """Return the error of a length that no bar measured, over its predicted standard deviation."""
     a, b = (NAMES.index(name) for name in COMPARED)
-    apart = result.ground_world_m[a] - result.ground_world_m[b]
+    apart = result.estimates.ground_world_m[a] - result.estimates.ground_world_m[b]
     J = np.zeros(3 * len(NAMES))
     J[3 * a : 3 * a + 3] = apart / np.linalg.norm(apart)
     J[3 * b : 3 * b + 3] = -J[3 * a : 3 * a + 3]
-    sigma = float(np.sqrt(J @ result.ground_joint_covariance_m2 @ J))
+    sigma = float(np.sqrt(J @ result.covariances.ground_joint_m2 @ J))
     return (float(np.linalg.norm(apart)) - length_m(survey, COMPARED)) / sigma
 
 
@@ -77,11 +77,11 @@ def scale_bars(seeds: int) -> None:
         tested = Distance(ends=CHECK, length_m=measured[-1], sigma_m=BAR_SIGMA_M, role="check")
         result = adjust(replace(survey.block, constraints=(*bars, tested)), SETTINGS)
         scale.append(compared(survey, result))
-        check.append(float(result.constraints.z[-1]))
+        check.append(float(result.tests.constraints.z[-1]))
         right = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
         alarms += bool(right.blunders)
         wrong = seed % len(bars)
-        redundancy = result.constraints.redundancy[[wrong]]
+        redundancy = result.tests.constraints.redundancy[[wrong]]
         off_m = TIMES_MDB * float(minimal_detectable_blunder(np.array([BAR_SIGMA_M]), redundancy)[0])
         changed = replace(bars[wrong], length_m=bars[wrong].length_m + (off_m if seed % 2 else -off_m))
         bars[wrong] = changed
@@ -141,12 +141,12 @@ def heights(kind: str, plan: SurveyPlan, seeds: int) -> None:
         for constrained in (False, True):
             own = constraints if constrained else tuple(replace(c, role="check") for c in constraints)
             result = adjust(replace(block, constraints=own), SETTINGS)
-            found = frame.map_from_world(result.ground_world_m[free])[:, 2]
-            spread = [float(np.sqrt(up @ result.ground_covariance_m2[g] @ up)) for g in free]
+            found = frame.map_from_world(result.estimates.ground_world_m[free])[:, 2]
+            spread = [float(np.sqrt(up @ result.covariances.ground_m2[g] @ up)) for g in free]
             z[constrained] += ((found - height_m[free]) / spread).tolist()
             sigma[constrained] += spread
             if not constrained:
-                check += result.constraints.z[np.isfinite(result.constraints.z)].tolist()
+                check += result.tests.constraints.z[np.isfinite(result.tests.constraints.z)].tolist()
     (before, after) = (1000.0 * float(np.median(sigma[c])) for c in (False, True))
     print(f"  {kind:<20}{rms(z[False]):6.2f}{before:8.1f}{rms(z[True]):8.2f}{after:8.1f}{rms(check):10.2f}", flush=True)
 

@@ -38,13 +38,13 @@ def run(seeds: int, sigma_m: float | None) -> None:
         pose, tie, marked = survey.errors(result)
         R = np.array([p.rotation_world_from_camera for p in result.block.poses if p is not None])
         found[seed] = (
-            squares(np.einsum("nij,nj->ni", R, pose[:, 3:]), result.position_covariance_m2),
-            squares(pose[:, :3], result.rotation_covariance_rad2),
-            squares(tie, result.tie_point_covariance_m2),
-            squares(marked, result.ground_covariance_m2),
+            squares(np.einsum("nij,nj->ni", R, pose[:, 3:]), result.covariances.position_m2),
+            squares(pose[:, :3], result.covariances.rotation_rad2),
+            squares(tie, result.covariances.tie_point_m2),
+            squares(marked, result.covariances.ground_m2),
         )
-        joint = result.ground_joint_covariance_m2.reshape(4, 3, 4, 3)
-        apart = result.ground_world_m[2] - result.ground_world_m[3]
+        joint = result.covariances.ground_joint_m2.reshape(4, 3, 4, 3)
+        apart = result.estimates.ground_world_m[2] - result.estimates.ground_world_m[3]
         along = apart / np.linalg.norm(apart)
         C = joint[2, :, 2] + joint[3, :, 3] - joint[2, :, 3] - joint[3, :, 2]
         true_m = np.linalg.norm(survey.marked_m[2] - survey.marked_m[3])

@@ -26,11 +26,11 @@ import numpy as np
 import yaml
 from lib.shared_data import SHARED_DATA
 
-from photogram.files.npz_json import read_arrays
 from photogram.files.records import read_record
 from photogram.pipeline.pipeline import load_project
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
+from photogram.results import Estimates
 from photogram.sfm.tie_points.detector import detector_named
 from photogram.simulation.demonstration import write_demonstration
 from photogram.survey import TRANSFERRED, Features, TiePoints
@@ -100,7 +100,7 @@ def show(path: Path) -> None:
     project, work = load_project(path), path.parent / "work"
     tie = read_record(work / "adjustment.stage" / "tie_points.npz", TiePoints)
     rays = tie.rays[tie.point].astype(float)
-    error_px = read_arrays(work / "adjustment.stage" / "adjustment.npz")["residual_px"]
+    error_px = read_record(work / "adjustment.stage" / "estimates.npz", Estimates).residual_px
     error_px = error_px / np.sqrt((2 * rays - 3) / (2 * rays))[:, None]
     size, many = relative_sizes(project, work, tie), rays >= 3
     print(f"\n{path.parent.name}, quality {project.quality}")

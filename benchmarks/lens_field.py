@@ -87,7 +87,9 @@ def adjusted(block: Block) -> tuple[Adjustment, Adjustment]:
 
 def _counted(result: Adjustment) -> Adjustment:
     known = [camera.parameters for camera in result.block.cameras]
-    return with_model_error(replace(result, deformation=block_deformation(result, SETTINGS, known)))
+    return with_model_error(
+        replace(result, covariances=replace(result.covariances, deformation=block_deformation(result, SETTINGS, known)))
+    )
 
 
 def height_errors_m(made: SimulatedBlock, result: Adjustment) -> tuple[IntArray, FloatArray]:
@@ -129,7 +131,7 @@ def trial(form: str, kind: str, seed: int) -> Outcome:
     """Adjust a block with and without the pattern."""
     made = survey(form, kind, seed)
     before, after = adjusted(made.block)
-    decision = after.lens_fields[0]
+    decision = after.decisions.lens_fields[0]
     clean = before if kind == "none" else adjust_with_snooping(survey(form, "none", seed).block, SETTINGS).result
     (dome, height), (dome_after, height_after) = (effect_m(made, r, clean) for r in (before, after))
     squares = normalised(made, before)[0], normalised(made, after)[0]

@@ -206,10 +206,11 @@ def figures(project: Project, pictures: Path | None) -> dict[str, str]:
 
 def _measured(adjusted: Block, result: Adjustment, patches: PatchReader, pictures: Path | None) -> dict[str, str]:
     points = adjusted.control_points
-    found = refined(adjusted, result.ground_world_m, Snapper(patches))
+    found = refined(adjusted, result.estimates.ground_world_m, Snapper(patches))
     kinds = Counter(snapped.kind for _, snapped in found if snapped is not None)
     off = [float(np.hypot(*(points.mark_pixel[m] - s.pixel))) for m, s in found if s is not None]
-    rows = {"marks": f"RMS {np.sqrt(np.mean(np.sum(result.mark_residual_px**2, axis=1))):.2f} px in the adjustment"}
+    residual_px = result.estimates.mark_residual_px
+    rows = {"marks": f"RMS {np.sqrt(np.mean(np.sum(residual_px**2, axis=1))):.2f} px in the adjustment"}
     rows["refined"] = f"{len(off)} of {len(found)} ({', '.join(f'{k} {n}' for k, n in kinds.items()) or 'none'})"
     if off:
         rows["refined"] += f", {np.median(off):.2f} px from the mark, at most {max(off):.2f}"
@@ -224,7 +225,7 @@ def _measured(adjusted: Block, result: Adjustment, patches: PatchReader, picture
         near += int(np.any(np.hypot(*(points.mark_pixel[here] - proposal.mark.pixel).T) < AT_PX))
     rows["proposed"] = f"{len(proposals)}, {near} of them at a mark"
     if pictures is not None:
-        sheets(pictures, adjusted, result.mark_residual_px, found, patches)
+        sheets(pictures, adjusted, result.estimates.mark_residual_px, found, patches)
     return rows
 
 

@@ -98,7 +98,7 @@ def normalised(made: SimulatedBlock, result: Adjustment) -> tuple[float, float]:
     keys = zip(kept.photograph[first].tolist(), kept.feature[first].tolist(), strict=True)
     point = tie.point[[number[key] for key in keys]]
     error = (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
-    sigma = np.sqrt(result.tie_point_covariance_m2[:, 2, 2])
+    sigma = np.sqrt(result.covariances.tie_point_m2[:, 2, 2])
     return float(np.mean((error / sigma) ** 2)), float(np.sqrt(np.mean(error**2)) / made.plan.gsd_m)
 
 
@@ -118,7 +118,10 @@ def trial(kind: str, ground: str, seed: int) -> Outcome:
     made, settings = survey(kind, ground, seed), AdjustmentSettings()
     verdict = adjust_with_snooping(made.block, settings)
     known = [camera.parameters for camera in made.block.cameras]
-    plain = replace(verdict.result, deformation=block_deformation(verdict.result, settings, known))
+    plain = replace(
+        verdict.result,
+        covariances=replace(verdict.result.covariances, deformation=block_deformation(verdict.result, settings, known)),
+    )
     without, gsd = normalised(made, plain)
     counted, _ = normalised(made, with_model_error(plain))
     return Outcome(without, counted, gsd, bool(verdict.focal_lengths))

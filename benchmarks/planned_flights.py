@@ -40,7 +40,7 @@ def main(seeds: int) -> None:
         for seed in range(100, 100 + seeds):
             survey = survey_of(plan, seed, errors=True, extra=found.place_m[seen])
             result = adjust(survey.block, AdjustmentSettings(tie_point_sigma_px=plan.tie_point_sigma_px))
-            errors.append((result.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
+            errors.append((result.estimates.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
         rms = np.sqrt(np.nanmean(np.array(errors) ** 2, axis=(0, 1)))
         predicted = np.sqrt(np.mean(found.sigma_m[seen] ** 2, axis=0))
         in_plan = np.hypot(*predicted[:2])

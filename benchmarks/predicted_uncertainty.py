@@ -54,10 +54,10 @@ def main(seeds: int) -> None:
         errors = _camera_errors(block, result)
         i, p = seed % len(errors), (7 * seed) % len(result.block.tie_points)
         g = next(g for g, role in enumerate(block.block.control_points.role) if role == "check")
-        check = result.ground_world_m[g] - block.truth.control_position_world_m[g]
-        total["camera"] += _normalised(errors[i], result.position_covariance_m2[i])
-        total["tie point"] += _normalised(_point_error(block, result, p), result.tie_point_covariance_m2[p])
-        total["check point"] += _normalised(check, result.ground_covariance_m2[g])
+        check = result.estimates.ground_world_m[g] - block.truth.control_position_world_m[g]
+        total["camera"] += _normalised(errors[i], result.covariances.position_m2[i])
+        total["tie point"] += _normalised(_point_error(block, result, p), result.covariances.tie_point_m2[p])
+        total["check point"] += _normalised(check, result.covariances.ground_m2[g])
         sigma0.append(result.sigma0)
         clean += float(np.sum(errors**2))
         spoilt += float(np.sum(_camera_errors(*_solve(seed, 0.1)) ** 2))

@@ -113,14 +113,14 @@ def adjusted(run: Run, row: str) -> Line:
         start.append(own)
     readings_px = run.project.focal_readings_px
     result = adjust_with_snooping(block, run.project.adjustment, start, readings_px=readings_px).result
-    finite = np.isfinite(result.residual_px).all(axis=1)
+    finite = np.isfinite(result.estimates.residual_px).all(axis=1)
     (pattern,) = residual_patterns(result).values()
-    told = len(result.readout_s) > 0
+    told = len(result.decisions.readout_s) > 0
     return Line(
-        1e3 * float(result.readout_s[0]) if told else float("nan"),
-        1e3 * float(result.readout_sigma_s[0]) if told else float("nan"),
+        1e3 * float(result.decisions.readout_s[0]) if told else float("nan"),
+        1e3 * float(result.decisions.readout_sigma_s[0]) if told else float("nan"),
         1e3 * result.block.cameras[0].readout_s,
-        float(np.sqrt(np.mean(np.sum(result.residual_px[finite] ** 2, axis=1)))),
+        float(np.sqrt(np.mean(np.sum(result.estimates.residual_px[finite] ** 2, axis=1)))),
         pattern.pattern_px,
         pattern.significant,
         result,

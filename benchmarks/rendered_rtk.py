@@ -87,12 +87,15 @@ def adjusted(
     ties, to_truth = result.block.tie_points, survey.frame.world_from_map
     place = to_truth(frame.map_from_world(ties.position_world_m))
     error = place[:, 2] - terrain_height(survey.seed, survey.plan.relief_m, place[:, :2])
-    sigma = np.sqrt(result.tie_point_covariance_m2[:, 2, 2])
+    sigma = np.sqrt(result.covariances.tie_point_m2[:, 2, 2])
     open_ground = np.abs(error) < OFF_TERRAIN_M
     squares = common_m(place[open_ground, :2], error[open_ground] - base_height_m)
     z = (error / sigma)[open_ground]
     points, truth = result.block.control_points, survey.truth.control_position_world_m
-    at_checks = to_truth(frame.map_from_world(result.ground_world_m)) - truth[[_number(survey, n) for n in points.name]]
+    at_checks = (
+        to_truth(frame.map_from_world(result.estimates.ground_world_m))
+        - truth[[_number(survey, n) for n in points.name]]
+    )
     return Outcome(
         float(np.sqrt(np.mean(squares**2))), float(np.std(squares)),
         float(np.sqrt(np.nanmean(np.sum(at_checks[:, :2] ** 2, axis=1)))),

@@ -89,7 +89,7 @@ def ground_errors(survey: SimulatedSurvey, result: Adjustment) -> tuple[Errors, 
     # the scene lies in the frame of the simulation, the adjustment in one of its own: both are local and metric
     place = survey.frame.world_from_map(frame.map_from_world(ties.position_world_m))
     open_ground = scene.open_ground(place[:, :2], OPEN_M)
-    place, covariance = place[open_ground], result.tie_point_covariance_m2[open_ground]
+    place, covariance = place[open_ground], result.covariances.tie_point_m2[open_ground]
     slope = np.column_stack(
         [
             (scene.height(place[:, :2] + step) - scene.height(place[:, :2] - step)) / (2.0 * SLOPE_M)
@@ -110,7 +110,7 @@ def errors_of(survey: SimulatedSurvey, result: Adjustment) -> dict[str, Errors]:
     assert achieved is not None
     axes, points = frame.rotation_world_from_map(np.zeros(3)), result.block.control_points
     found: dict[str, Errors] = {}
-    off_m = (result.ground_world_m - points.position_world_m) @ axes
+    off_m = (result.estimates.ground_world_m - points.position_world_m) @ axes
     known = np.isfinite(achieved.z)
     names = [p.name for p in survey.photographs]
     truth = survey.frame.map_from_world(np.array([pose.position_world_m for pose in survey.truth.poses]))
@@ -118,16 +118,16 @@ def errors_of(survey: SimulatedSurvey, result: Adjustment) -> dict[str, Errors]:
     true_m = frame.world_from_map(truth[[names.index(result.block.photographs[i].name) for i in kept]])
     centres = np.array([pose.position_world_m for pose in result.block.poses if pose is not None])
     error_m = (centres - true_m) @ axes
-    sigma_m = np.sqrt(np.einsum("ki,nkl,li->ni", axes, result.position_covariance_m2[kept], axes))
+    sigma_m = np.sqrt(np.einsum("ki,nkl,li->ni", axes, result.covariances.position_m2[kept], axes))
     for k, axis in enumerate(AXES):
         found[f"check points, {axis}"] = Errors(off_m[known[:, k], k], achieved.z[known[:, k], k])
     for k, axis in enumerate(AXES):
         found[f"projection centres, {axis}"] = Errors(error_m[:, k], error_m[:, k] / sigma_m[:, k])
     found["tie points, normal"], mean_m = ground_errors(survey, result)
-    mean_sigma_m = float(np.sqrt(result.deformation.covariance[2, 2]))
+    mean_sigma_m = float(np.sqrt(result.covariances.deformation.covariance[2, 2]))
     found["mean of the ground"] = Errors(np.array([mean_m]), np.array([mean_m / mean_sigma_m]))
     focal_px = result.block.cameras[0].focal_px - survey.truth.camera.focal_px
-    sigma_px = float(np.sqrt(result.calibration_covariance[0, 0, 0]))
+    sigma_px = float(np.sqrt(result.covariances.calibration[0, 0, 0]))
     if sigma_px > 0:
         found["focal length (px)"] = Errors(np.array([focal_px]), np.array([focal_px / sigma_px]))
     turn = Rotation.from_matrix(fit_similarity(centres, true_m).rotation).magnitude()

@@ -55,7 +55,7 @@ def relative_poses(seeds: int, given: np.ndarray | None) -> str:
     for seed in range(seeds):
         made = simulate_two_cameras(PLAN, seed, tie_points=TIE_POINTS, given_sigma=given)
         result = adjust(made.block, SETTINGS)
-        pose, covariance = result.block.rigs[0].pose, result.exposures.relative_covariance[0]
+        pose, covariance = result.block.rigs[0].pose, result.tests.exposures.relative_covariance[0]
         assert pose is not None
         error = made.error(pose)
         sigma.append(np.sqrt(np.diag(covariance)))
@@ -65,7 +65,7 @@ def relative_poses(seeds: int, given: np.ndarray | None) -> str:
             adjusted = result.block.poses[i]
             assert adjusted is not None
             off = adjusted.position_world_m - made.poses[i].position_world_m
-            centres.append(off / np.sqrt(np.diag(result.position_covariance_m2[i])))
+            centres.append(off / np.sqrt(np.diag(result.covariances.position_m2[i])))
         found = rig_reliabilities(result)[0]
         redundancy.append(found.redundancy)
         mdb.append(found.detectable)
@@ -120,7 +120,7 @@ def bands(seeds: int, sigmas: tuple[float, ...]) -> str:
             pose = result.block.rigs[k].pose
             assert pose is not None
             error = true.misfits(pose.rotation_master_from_companion[None], pose.offset_m[None])[0]
-            z.append(error / np.sqrt(np.diag(result.exposures.relative_covariance[k])))
+            z.append(error / np.sqrt(np.diag(result.tests.exposures.relative_covariance[k])))
             registered.append(rms(made.registration_px(result, k + 1)))
     return f"registration {rms(registered):.2f} px, worst band {max(registered):.2f} px, z {rms(np.array(z)):.2f}"
 

@@ -101,13 +101,13 @@ def run(row: str, plan: SurveyPlan, seed: int, ties: int) -> Outcome:
     result = adjust(block, AdjustmentSettings())
     seconds = time.perf_counter() - began
     check = np.array([role == "check" for role in result.block.control_points.role])
-    error = (result.ground_world_m - made.truth.control_position_world_m)[check]
-    sigma = np.sqrt(np.einsum("nii->ni", result.ground_covariance_m2[check]))
+    error = (result.estimates.ground_world_m - made.truth.control_position_world_m)[check]
+    sigma = np.sqrt(np.einsum("nii->ni", result.covariances.ground_m2[check]))
     known = np.isfinite(error).all(axis=1)
-    found = float(result.readout_s[0]) if len(result.readout_s) else float("nan")
+    found = float(result.decisions.readout_s[0]) if len(result.decisions.readout_s) else float("nan")
     return Outcome(
         error[known] / plan.gsd_m, error[known] / sigma[known], 1e3 * found,
-        1e3 * float(result.readout_sigma_s[0]) if len(result.readout_sigma_s) else float("nan"),
+        1e3 * float(result.decisions.readout_sigma_s[0]) if len(result.decisions.readout_sigma_s) else float("nan"),
         result.block.cameras[0].readout_s != 0.0, seconds,
     )  # fmt: skip
 
@@ -163,10 +163,13 @@ def correlations(surveys: int) -> None:
             block = replace(block, cameras=(replace(block.cameras[0], readout_s=0.03),), common_errors=beside)
             result = adjust(block, settings)
             if beside:
-                told, other = result.readout_time_offset_correlation, float(result.common_errors[-1].estimate[0])
+                told, other = (
+                    result.decisions.readout_time_offset_correlation,
+                    float(result.decisions.common_errors[-1].estimate[0]),
+                )
             else:
-                told, other = result.readout_focal_correlation, result.block.cameras[0].focal_px
-            found.append((float(told[0]), float(result.readout_s[0]), other))
+                told, other = result.decisions.readout_focal_correlation, result.block.cameras[0].focal_px
+            found.append((float(told[0]), float(result.decisions.readout_s[0]), other))
         predicted, T, others = np.array(found).T
         print(f"{name:<14}{predicted.mean():6.2f} {np.corrcoef(T, others)[0, 1]:6.2f}", flush=True)
 
@@ -179,10 +182,10 @@ def slow(surveys: int) -> None:
         verdict = adjust_with_snooping(made.block, AdjustmentSettings())
         result = verdict.result
         check = np.array([role == "check" for role in result.block.control_points.role])
-        error_m = (result.ground_world_m - made.truth.control_position_world_m)[check]
+        error_m = (result.estimates.ground_world_m - made.truth.control_position_world_m)[check]
         plan_gsd = rms(np.linalg.norm(error_m[:, :2], axis=1)) / SLOW.gsd_m
         camera = result.block.cameras[0]
-        found.append((camera.readout_s, float(result.readout_sigma_s[0]), len(verdict.blunders), plan_gsd))
+        found.append((camera.readout_s, float(result.decisions.readout_sigma_s[0]), len(verdict.blunders), plan_gsd))
     T, sigma, blunders, plan_gsd = np.array(found).T
     off = T - READOUT_S
     print(

@@ -127,7 +127,7 @@ def tie_point_errors(given: Survey, result: Adjustment) -> tuple[FloatArray, Flo
     error, sigma = np.full((2, len(tie), 3), np.nan)
     off = (kept.position_world_m - made.tie_point_position_world_m[point]) @ axes
     error[point[clean]] = off[clean]
-    variance = np.einsum("ki,nkl,li->ni", axes, result.tie_point_covariance_m2, axes)
+    variance = np.einsum("ki,nkl,li->ni", axes, result.covariances.tie_point_m2, axes)
     sigma[point[clean]] = np.sqrt(variance[clean])
     return error, sigma
 
@@ -173,7 +173,7 @@ def trial(seed: int) -> Trial:
         achieved = predicted_against_achieved(results[way])
         assert achieved is not None
         z[way] = achieved.z[np.isfinite(achieved.z).all(axis=1)]
-    found = results["estimated"].sigmas
+    found = results["estimated"].decisions.sigmas
     truth = dict(zip(("key_points", "transferred"), given.kinds_px, strict=True))
     truth |= {"gnss_plan": given.made.plan.gnss_sigma_m[0], "gnss_height": given.made.plan.gnss_sigma_m[2]}
     rows = zip(found.kind.tolist(), found.used_sigma.tolist(), strict=True)

@@ -115,15 +115,15 @@ def run(folder: Path, values: dict[str, Any], off_percent: int, control: bool) -
     points, camera = block.control_points, result.block.cameras[0]
     check = [g for g, role in enumerate(points.role) if role == "check"]
     right = block.frame.world_from_map(np.array([truth["ground_points_map_m"][points.name[g]] for g in check]))
-    error = result.ground_world_m[check] - right
-    z = error / np.sqrt(np.einsum("gii->gi", result.ground_covariance_m2[check]))
+    error = result.estimates.ground_world_m[check] - right
+    z = error / np.sqrt(np.einsum("gii->gi", result.covariances.ground_m2[check]))
     gsd = float(truth["gsd_m"])
     accused = sum(kind == "control point" for kind, *_ in verdict["accused"])
     return Outcome(
         off_percent, control, float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))) / gsd,
         float(np.sqrt(np.mean(error[:, 2] ** 2))) / gsd,
         (float(np.sqrt(np.mean(z[:, :2] ** 2))), float(np.sqrt(np.mean(z[:, 2] ** 2)))),
-        camera.focal_px, float(np.sqrt(result.calibration_covariance[0, 0, 0])), accused,
+        camera.focal_px, float(np.sqrt(result.covariances.calibration[0, 0, 0])), accused,
         tuple(b["kind"] for b in verdict["blunders"]),
     )  # fmt: skip
 

@@ -343,12 +343,112 @@ class LensFieldDecision:
 
 
 @dataclass(frozen=True, eq=False)
-class Adjustment:
-    """The result of the joint adjustment, of photographs (N), tie points (P), ground points (G) and flights (F).
+class Estimates:
+    """What an adjustment estimates beside its block, and what is left: of the observations of tie points (n), marks
+    (M), ground points (G) and flights (F)."""
 
-    Covariances are a-priori, in the world frame. Ground points, control and check, are in the order of
-    ``block.control_points``.
-    """
+    residual_px: FloatArray
+    """Residuals of the tie-point observations (n, 2), projected minus measured."""
+    mark_residual_px: FloatArray
+    """Residuals of the marks (M, 2), projected minus measured."""
+    ground_world_m: FloatArray
+    """Adjusted ground points (G, 3), NaN for a check point with fewer than two marks."""
+    flights: tuple[str, ...]
+    """Flights with an estimated GNSS offset."""
+    offset_world_m: FloatArray
+    """Their offsets (F, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class AdjustmentCovariances:
+    """Covariances of what is adjusted, a priori and in the world frame: of photographs (N), tie points (P), ground
+    points (G) and flights (F)."""
+
+    position_m2: FloatArray
+    """Of the projection centres (N, 3, 3)."""
+    rotation_rad2: FloatArray
+    """Of the rotations (N, 3, 3) about the camera's axes."""
+    calibration: FloatArray
+    """Of the interior orientations (cameras, 12, 12)."""
+    tie_point_m2: FloatArray
+    """Of the tie points (P, 3, 3)."""
+    tie_point_ray_m2: FloatArray
+    """The part (P, 3, 3) of them from the points' own rays; neighbours share the rest, which comes from the
+    photographs."""
+    ground_m2: FloatArray
+    """Of the ground points (G, 3, 3)."""
+    ground_joint_m2: FloatArray
+    """The joint one (3 G, 3 G) of all ground points, which share the errors of the photographs."""
+    offset_m2: FloatArray
+    """Of the GNSS offsets (F, 3, 3)."""
+    lens_field_px2: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    """Of the coefficients of the lens fields (cameras, K, K), zero for a camera without; (0, 0, 0) where no camera has
+    one."""
+    deformation: Deformation = field(default_factory=Deformation.unknown)
+    """Of the block as a whole, unknown until computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatisticalTests:
+    """What the residuals say of the measurements."""
+
+    reliability: Reliability
+    """Reliability of control points, marks, GNSS positions, attitudes and focal lengths."""
+    components: VarianceComponents
+    """Residuals by group of observations."""
+    constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)
+    """Constraints between points, those that took part and those that are checks."""
+    exposures: ExposureTests = field(default_factory=ExposureTests.unknown)
+    """Relative poses of cameras on one body, and their exposures."""
+    implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """GNSS offsets (H, 3) that the flights without one would have, NaN where only the positions determine the datum."""
+    implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """Covariances (H, 3, 3) of these offsets."""
+    residual_lever_arm_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """Residual lever arm (3,) in the camera frame, beyond the one applied."""
+    residual_lever_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """Its standard deviations (3,)."""
+    residual_lever_arm_p: float = float("nan")
+    """Probability of a residual lever arm this large by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """What was decided about the model and about what takes part."""
+
+    flights_without_offset: tuple[str, ...] = ()
+    """Flights (H) with GNSS positions where no offset is estimated."""
+    common_errors: tuple[CommonErrorEstimate, ...] = ()
+    """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
+    lens_fields: tuple[LensFieldDecision, ...] = ()
+    """Whether each camera has a lens field, and why not; () where none was looked for."""
+    sigmas: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)
+    """Standard deviations that were estimated from residuals; the block of the adjustment has those that were used."""
+    readout_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Read-out times (cameras,) as estimated, before those that are not significant were fixed at zero; NaN where none
+    was looked for."""
+    readout_sigma_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their standard deviations (cameras,)."""
+    readout_focal_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their correlations (cameras,) with the focal length of their camera, NaN where either is fixed."""
+    readout_time_offset_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their correlations (cameras,) with a time offset of exposures after GNSS positions, one that is estimated or that
+    would be; NaN where the read-out time is fixed, or nothing tells a time offset."""
+    neighbours_scatter_m_s: float = float("nan")
+    """Standard deviation by which photographs under a rolling shutter flew at other velocities than the positions of
+    their neighbours tell, for each component; 0 where none is significant, NaN where no velocity comes from there."""
+    rejected_observations: int = 0
+    """Number of rejected tie-point observations."""
+    rejected_points: int = 0
+    """Number of rejected tie points."""
+    reason: tuple[str, ...] = ()
+    """Why each photograph (N,) was removed, empty if it was not; () if none was."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """The result of the joint adjustment. Ground points, control and check, are in the order of
+    ``block.control_points``."""
 
     block: Block
     """The block with adjusted cameras, poses and tie points; only points and observations that were used."""
@@ -356,28 +456,6 @@ class Adjustment:
     """Standard deviation of unit weight, 1 expected."""
     redundancy: int
     """Redundancy of the adjustment."""
-    residual_px: FloatArray
-    """Residuals of the tie-point observations (observations, 2), projected minus measured."""
-    mark_residual_px: FloatArray
-    """Residuals of the marks (M, 2), projected minus measured."""
-    position_covariance_m2: FloatArray
-    """Covariances (N, 3, 3) of the projection centres."""
-    rotation_covariance_rad2: FloatArray
-    """Covariances (N, 3, 3) of the rotations about the camera's axes."""
-    calibration_covariance: FloatArray
-    """Covariances (cameras, 12, 12) of the calibrations."""
-    tie_point_covariance_m2: FloatArray
-    """Covariances (P, 3, 3) of the tie points."""
-    ground_world_m: FloatArray
-    """Adjusted ground points (G, 3), NaN for a check point with fewer than two marks."""
-    ground_covariance_m2: FloatArray
-    """Their covariances (G, 3, 3)."""
-    flights: tuple[str, ...]
-    """Flights with an estimated GNSS offset."""
-    offset_world_m: FloatArray
-    """Their offsets (F, 3)."""
-    offset_covariance_m2: FloatArray
-    """Covariances (F, 3, 3) of the offsets."""
     iterations: int
     """Iterations of all rounds."""
     rounds: int
@@ -386,76 +464,25 @@ class Adjustment:
     """Whether the last round converged."""
     cost: float
     """Half the weighted square sum of the residuals."""
-    discarded_observations: int
-    """Number of rejected tie-point observations."""
-    discarded_points: int
-    """Number of rejected tie points."""
-    reliability: Reliability
-    """Reliability of control points, marks, GNSS positions, attitudes and focal lengths."""
-    ground_joint_covariance_m2: FloatArray
-    """Joint covariance (3 G, 3 G) of all ground points, which share the errors of the photographs."""
-    tie_point_ray_covariance_m2: FloatArray
-    """The part (P, 3, 3) of the tie points' covariances from their own rays; neighbours share the rest, which comes
-    from the photographs."""
-    components: VarianceComponents
-    """Residuals by group of observations."""
-    held_flights: tuple[str, ...] = ()
-    """Flights with GNSS positions where no offset is estimated."""
-    implied_offset_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    """Offsets (F, 3) that these would have, NaN where only the positions determine the datum."""
-    implied_offset_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    """Covariances (F, 3, 3) of these offsets."""
-    left_arm_camera_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    """Residual lever arm (3,) in the camera frame, beyond the one applied."""
-    left_arm_sigma_m: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    """Its standard deviations (3,)."""
-    left_arm_p: float = float("nan")
-    """Probability of a residual lever arm this large by chance."""
-    readout_s: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Read-out times (cameras,) as estimated, before those that are not significant were held at zero; NaN where none
-    was looked for."""
-    readout_sigma_s: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Their standard deviations (cameras,)."""
-    readout_focal_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Their correlations (cameras,) with the focal length of their camera, NaN where either is held."""
-    readout_time_offset_correlation: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Their correlations (cameras,) with a time offset of exposures after GNSS positions, one that is estimated or that
-    would be; NaN where the read-out time is held, or nothing tells a time offset."""
-    neighbours_scatter_m_s: float = float("nan")
-    """Standard deviation by which photographs under a rolling shutter flew at other velocities than the positions of
-    their neighbours tell, for each component; 0 where none is significant, NaN where no velocity comes from there."""
-    field_covariance_px2: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
-    """Covariances (cameras, K, K) of the coefficients of the lens fields, zero for a camera without; (0, 0, 0) where no
-    camera has one."""
-    lens_fields: tuple[LensFieldDecision, ...] = ()
-    """Whether each camera has a lens field, and why not; () where none was looked for."""
-    common_errors: tuple[CommonErrorEstimate, ...] = ()
-    """Common errors of the measured attitudes and positions that were estimated, beside the offsets."""
-    constraints: ConstraintTests = field(default_factory=ConstraintTests.unknown)
-    """Constraints between points, those that took part and those that are checks."""
-    exposures: ExposureTests = field(default_factory=ExposureTests.unknown)
-    """Relative poses of cameras on one body, and their exposures."""
-    deformation: Deformation = field(default_factory=Deformation.unknown)
-    """Covariance of the block as a whole, unknown until computed."""
-    sigmas: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)
-    """Standard deviations that were estimated from residuals; the block of the adjustment has those that were used."""
+    estimates: Estimates
+    covariances: AdjustmentCovariances
+    tests: StatisticalTests
+    decisions: Decisions = field(default_factory=Decisions)
     warnings: tuple[str, ...] = ()
     """Sentences on what is weak, or was rejected by the adjustment."""
-    reason: tuple[str, ...] = ()
-    """Why each photograph (N,) was removed, empty if it was not; () if none was."""
 
     def _facts(self) -> list[tuple[str, str]]:
-        residual = self.residual_px
+        residual = self.estimates.residual_px
         rms_px = float(np.sqrt(np.mean(residual**2))) if residual.size else float("nan")
         oriented = sum(pose is not None for pose in self.block.poses)
-        variance = np.diagonal(self.tie_point_covariance_m2, axis1=1, axis2=2)
+        variance = np.diagonal(self.covariances.tie_point_m2, axis1=1, axis2=2)
         east, north, up = np.sqrt(np.median(variance, axis=0)) if len(variance) else np.full(3, np.nan)
         return [
             ("sigma0", f"{self.sigma0:.3f}"),
             ("redundancy", str(self.redundancy)),
             ("converged", f"{'yes' if self.converged else 'no'}, after {things(self.iterations, 'iteration')}"),
             ("photographs", f"{oriented} of {len(self.block.photographs)}"),
-            ("tie points", f"{len(self.block.tie_points)}, {things(self.discarded_points, 'point')} rejected"),
+            ("tie points", f"{len(self.block.tie_points)}, {things(self.decisions.rejected_points, 'point')} rejected"),
             ("residuals of tie points, RMS", f"{rms_px:.3f} px"),
             ("sigma of a tie point, median east, north, up", f"{east:.4f}, {north:.4f}, {up:.4f} m"),
             *(("warning", text) for text in self.warnings),

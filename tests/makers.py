@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,7 +29,16 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
 from photogram.factors.joint_covariance import joint_ground_covariance
 from photogram.marking.page.session import MarkingSession
+from photogram.projection import PARAMETERS
 from photogram.report.record.ground import GroundPointRecord
+from photogram.results import (
+    Adjustment,
+    AdjustmentCovariances,
+    Estimates,
+    Reliability,
+    StatisticalTests,
+    VarianceComponents,
+)
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, Role
 
@@ -261,3 +270,48 @@ def wait_until_assessed(session: MarkingSession) -> None:
     while session.snapshot().is_computing:
         assert time.monotonic() < limit
         time.sleep(0.02)
+
+
+def bare_adjustment(block: Block, position_m2: FloatArray, rotation_rad2: FloatArray) -> Adjustment:
+    """An adjustment of a block without ground points, zero but for the covariances (N, 3, 3) of its poses."""
+    photographs, cameras, points = len(block.photographs), len(block.cameras), len(block.tie_points)
+    estimates = Estimates(
+        residual_px=np.zeros((len(block.tie_points.point), 2)),
+        mark_residual_px=np.zeros((0, 2)),
+        ground_world_m=np.zeros((0, 3)),
+        flights=(),
+        offset_world_m=np.zeros((0, 3)),
+    )
+    covariances = AdjustmentCovariances(
+        position_m2=position_m2,
+        rotation_rad2=rotation_rad2,
+        calibration=np.zeros((cameras, PARAMETERS, PARAMETERS)),
+        tie_point_m2=np.zeros((points, 3, 3)),
+        tie_point_ray_m2=np.zeros((points, 3, 3)),
+        ground_m2=np.zeros((0, 3, 3)),
+        ground_joint_m2=np.zeros((0, 0)),
+        offset_m2=np.zeros((0, 3, 3)),
+    )
+    tests = StatisticalTests(Reliability.unknown(0, 0, photographs), VarianceComponents.unknown())
+    return Adjustment(block, 1.0, 1, 1, 1, True, 0.0, estimates, covariances, tests)
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Assert that two values are of the same types and bits."""
+    assert type(one) is type(other)
+    if is_dataclass(one):
+        for f in fields(one):
+            assert_same(getattr(one, f.name), getattr(other, f.name))
+    elif isinstance(one, np.ndarray):
+        assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        np.testing.assert_array_equal(one.view(f"V{one.itemsize}"), other.view(f"V{other.itemsize}"))
+    elif isinstance(one, tuple):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            assert_same(a, b)
+    elif isinstance(one, dict):
+        assert_same(tuple(one.items()), tuple(other.items()))
+    elif isinstance(one, float):
+        assert np.float64(one).tobytes() == np.float64(other).tobytes() or (np.isnan(one) and np.isnan(other))
+    else:
+        assert one == other

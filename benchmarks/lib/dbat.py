@@ -101,5 +101,5 @@ def ground(result: Adjustment, names: Sequence[str]) -> tuple[FloatArray, FloatA
     """Return ground points, adjusted minus surveyed (G, 3), and their standard deviations (G, 3) scaled by sigma0."""
     frame, points = result.block.frame, result.block.control_points
     g = [points.name.index(name) for name in names]
-    off_m = frame.map_from_world(result.ground_world_m[g]) - frame.map_from_world(points.position_world_m[g])
-    return off_m, result.sigma0 * np.sqrt(np.einsum("nii->ni", result.ground_covariance_m2[g]))
+    off_m = frame.map_from_world(result.estimates.ground_world_m[g]) - frame.map_from_world(points.position_world_m[g])
+    return off_m, result.sigma0 * np.sqrt(np.einsum("nii->ni", result.covariances.ground_m2[g]))

@@ -54,7 +54,7 @@ from photogram.factors.free_network import relative_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.projection import PARAMETERS, READOUT, recalibrated
-from photogram.results import Adjustment, EstimatedSigmas
+from photogram.results import Adjustment, AdjustmentCovariances, Decisions, EstimatedSigmas, Estimates, StatisticalTests
 from photogram.survey import Block
 from photogram.wording import Progress, silent
 
@@ -176,7 +176,9 @@ def adjust(
     said = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
     said += [f"A mark is left out: {why}" for why in lost_marks]
     reason = tuple(left.get(i, "") for i in range(len(names))) if left else ()
-    adjusted = replace(adjusted, warnings=(*said, *adjusted.warnings), reason=reason)
+    adjusted = replace(
+        adjusted, warnings=(*said, *adjusted.warnings), decisions=replace(adjusted.decisions, reason=reason)
+    )
     if len(kept) < len(block.poses):
         adjusted = with_all_photographs(adjusted, part, kept)
     return adjusted if marks.all() else with_all_marks(adjusted, block, marks)
@@ -359,37 +361,45 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         block=assessment.block,
         sigma0=assessment.sigma0,
         redundancy=assessment.redundancy,
-        residual_px=tie_residual * tie.sigma_px[:, None],
-        mark_residual_px=mark_residuals_px(block, ground, state),
-        position_covariance_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
-        rotation_covariance_rad2=poses[:, :3, :3],
-        calibration_covariance=np.array([found.calibration(c) for c in range(len(block.cameras))]),
-        field_covariance_px2=_field_covariances(found, len(block.cameras)),
-        tie_point_covariance_m2=tie_covariance,
-        ground_world_m=ground,
-        ground_covariance_m2=ground_covariance,
-        flights=final.flights,
-        offset_world_m=state.offset,
-        offset_covariance_m2=np.array([found.offset(f) for f in range(len(final.flights))]).reshape(-1, 3, 3),
         iterations=solved.iterations,
         rounds=solved.rounds,
         converged=solved.minimum.converged,
         cost=solved.minimum.cost,
-        discarded_observations=int(np.count_nonzero(~solved.used)),
-        discarded_points=int(np.count_nonzero(~assessment.kept)),
-        reliability=tested,
-        ground_joint_covariance_m2=joint,
-        tie_point_ray_covariance_m2=ray_covariances(final, final_state),
-        components=assessment.components,
-        constraints=constraint_tests(final, final_state, held, counted, found, ground),
-        exposures=exposure_tests(final, final_state, held, counted, found),
-        sigmas=estimated,
-        held_flights=held_flights,
-        implied_offset_world_m=implied,
-        implied_offset_covariance_m2=implied_covariance,
-        left_arm_camera_m=arm.arm_camera_m,
-        left_arm_sigma_m=arm.sigma_m,
-        left_arm_p=arm.p,
-        common_errors=estimates(final, final_state, held, found, dict(unknowns.as_well)),
+        estimates=Estimates(
+            residual_px=tie_residual * tie.sigma_px[:, None],
+            mark_residual_px=mark_residuals_px(block, ground, state),
+            ground_world_m=ground,
+            flights=final.flights,
+            offset_world_m=state.offset,
+        ),
+        covariances=AdjustmentCovariances(
+            position_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
+            rotation_rad2=poses[:, :3, :3],
+            calibration=np.array([found.calibration(c) for c in range(len(block.cameras))]),
+            tie_point_m2=tie_covariance,
+            tie_point_ray_m2=ray_covariances(final, final_state),
+            ground_m2=ground_covariance,
+            ground_joint_m2=joint,
+            offset_m2=np.array([found.offset(f) for f in range(len(final.flights))]).reshape(-1, 3, 3),
+            lens_field_px2=_field_covariances(found, len(block.cameras)),
+        ),
+        tests=StatisticalTests(
+            reliability=tested,
+            components=assessment.components,
+            constraints=constraint_tests(final, final_state, held, counted, found, ground),
+            exposures=exposure_tests(final, final_state, held, counted, found),
+            implied_offset_world_m=implied,
+            implied_offset_covariance_m2=implied_covariance,
+            residual_lever_arm_m=arm.arm_camera_m,
+            residual_lever_arm_sigma_m=arm.sigma_m,
+            residual_lever_arm_p=arm.p,
+        ),
+        decisions=Decisions(
+            flights_without_offset=held_flights,
+            common_errors=estimates(final, final_state, held, found, dict(unknowns.as_well)),
+            sigmas=estimated,
+            rejected_observations=int(np.count_nonzero(~solved.used)),
+            rejected_points=int(np.count_nonzero(~assessment.kept)),
+        ),
         warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(estimated)),
     )

@@ -66,7 +66,7 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
     poses: list[Pose | None] = [None] * count
     for i, pose in zip(kept.tolist(), adjustment.block.poses, strict=True):
         poses[i] = pose
-    tie, known = adjustment.block.tie_points, adjustment.reliability
+    tie, known = adjustment.block.tie_points, adjustment.tests.reliability
     seen = np.isin(block.control_points.mark_photograph, kept)
     return replace(
         adjustment,
@@ -78,21 +78,29 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
             common_errors=adjustment.block.common_errors,
             rigs=adjustment.block.rigs,
         ),
-        position_covariance_m2=_spread(adjustment.position_covariance_m2, kept, count),
-        rotation_covariance_rad2=_spread(adjustment.rotation_covariance_rad2, kept, count),
-        mark_residual_px=_spread(adjustment.mark_residual_px, seen, len(seen)),
-        reliability=replace(
-            known,
-            mark_redundancy=_spread(known.mark_redundancy, seen, len(seen)),
-            mark_w=_spread(known.mark_w, seen, len(seen)),
-            mark_left_out_px=_spread(known.mark_left_out_px, seen, len(seen)),
-            mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, seen, len(seen)),
-            gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
-            gnss_w=_spread(known.gnss_w, kept, count),
-            gnss_left_out_m=_spread(known.gnss_left_out_m, kept, count),
-            gnss_left_out_covariance_m2=_spread(known.gnss_left_out_covariance_m2, kept, count),
-            attitude_left_out_rad=_spread(known.attitude_left_out_rad, kept, count),
-            attitude_left_out_covariance_rad2=_spread(known.attitude_left_out_covariance_rad2, kept, count),
+        covariances=replace(
+            adjustment.covariances,
+            position_m2=_spread(adjustment.covariances.position_m2, kept, count),
+            rotation_rad2=_spread(adjustment.covariances.rotation_rad2, kept, count),
+        ),
+        estimates=replace(
+            adjustment.estimates, mark_residual_px=_spread(adjustment.estimates.mark_residual_px, seen, len(seen))
+        ),
+        tests=replace(
+            adjustment.tests,
+            reliability=replace(
+                known,
+                mark_redundancy=_spread(known.mark_redundancy, seen, len(seen)),
+                mark_w=_spread(known.mark_w, seen, len(seen)),
+                mark_left_out_px=_spread(known.mark_left_out_px, seen, len(seen)),
+                mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, seen, len(seen)),
+                gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
+                gnss_w=_spread(known.gnss_w, kept, count),
+                gnss_left_out_m=_spread(known.gnss_left_out_m, kept, count),
+                gnss_left_out_covariance_m2=_spread(known.gnss_left_out_covariance_m2, kept, count),
+                attitude_left_out_rad=_spread(known.attitude_left_out_rad, kept, count),
+                attitude_left_out_covariance_rad2=_spread(known.attitude_left_out_covariance_rad2, kept, count),
+            ),
         ),
     )
 
@@ -114,17 +122,22 @@ def without_marks(block: Block, kept: BoolArray) -> Block:
 
 def with_all_marks(adjustment: Adjustment, block: Block, kept: BoolArray) -> Adjustment:
     """Return the adjustment of the marks ``kept`` (M,) as one of all marks of ``block``: NaN for the others."""
-    known, count = adjustment.reliability, len(kept)
+    known, count = adjustment.tests.reliability, len(kept)
     return replace(
         adjustment,
         block=replace(adjustment.block, control_points=block.control_points),
-        mark_residual_px=_spread(adjustment.mark_residual_px, kept, count),
-        reliability=replace(
-            known,
-            mark_redundancy=_spread(known.mark_redundancy, kept, count),
-            mark_w=_spread(known.mark_w, kept, count),
-            mark_left_out_px=_spread(known.mark_left_out_px, kept, count),
-            mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, kept, count),
+        estimates=replace(
+            adjustment.estimates, mark_residual_px=_spread(adjustment.estimates.mark_residual_px, kept, count)
+        ),
+        tests=replace(
+            adjustment.tests,
+            reliability=replace(
+                known,
+                mark_redundancy=_spread(known.mark_redundancy, kept, count),
+                mark_w=_spread(known.mark_w, kept, count),
+                mark_left_out_px=_spread(known.mark_left_out_px, kept, count),
+                mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, kept, count),
+            ),
         ),
     )
 
@@ -137,23 +150,32 @@ def of_surveyed_points(adjustment: Adjustment) -> Adjustment:
     if kept.all():
         return adjustment
     marks = kept[block.control_points.mark_point]
-    known, rows = adjustment.reliability, np.flatnonzero(np.repeat(kept, 3))
+    known, rows = adjustment.tests.reliability, np.flatnonzero(np.repeat(kept, 3))
     return replace(
         adjustment,
         block=block.surveyed,
-        mark_residual_px=adjustment.mark_residual_px[marks],
-        ground_world_m=adjustment.ground_world_m[kept],
-        ground_covariance_m2=adjustment.ground_covariance_m2[kept],
-        ground_joint_covariance_m2=adjustment.ground_joint_covariance_m2[np.ix_(rows, rows)],
-        reliability=replace(
-            known,
-            ground_redundancy=known.ground_redundancy[kept],
-            ground_w=known.ground_w[kept],
-            ground_left_out_m=known.ground_left_out_m[kept],
-            ground_left_out_covariance_m2=known.ground_left_out_covariance_m2[kept],
-            mark_redundancy=known.mark_redundancy[marks],
-            mark_w=known.mark_w[marks],
-            mark_left_out_px=known.mark_left_out_px[marks],
-            mark_left_out_covariance_px2=known.mark_left_out_covariance_px2[marks],
+        estimates=replace(
+            adjustment.estimates,
+            mark_residual_px=adjustment.estimates.mark_residual_px[marks],
+            ground_world_m=adjustment.estimates.ground_world_m[kept],
+        ),
+        covariances=replace(
+            adjustment.covariances,
+            ground_m2=adjustment.covariances.ground_m2[kept],
+            ground_joint_m2=adjustment.covariances.ground_joint_m2[np.ix_(rows, rows)],
+        ),
+        tests=replace(
+            adjustment.tests,
+            reliability=replace(
+                known,
+                ground_redundancy=known.ground_redundancy[kept],
+                ground_w=known.ground_w[kept],
+                ground_left_out_m=known.ground_left_out_m[kept],
+                ground_left_out_covariance_m2=known.ground_left_out_covariance_m2[kept],
+                mark_redundancy=known.mark_redundancy[marks],
+                mark_w=known.mark_w[marks],
+                mark_left_out_px=known.mark_left_out_px[marks],
+                mark_left_out_covariance_px2=known.mark_left_out_covariance_px2[marks],
+            ),
         ),
     )

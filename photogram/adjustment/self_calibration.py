@@ -67,9 +67,9 @@ def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: flo
 
 
 def _not_rolling(result: Adjustment, camera: int) -> str:
-    if not len(result.readout_s) or not np.isfinite(result.readout_s[camera]):
+    if not len(result.decisions.readout_s) or not np.isfinite(result.decisions.readout_s[camera]):
         return "nothing tells how the photographs moved: held at 0"
-    estimate, sigma = 1000.0 * result.readout_s[camera], 1000.0 * result.readout_sigma_s[camera]
+    estimate, sigma = 1000.0 * result.decisions.readout_s[camera], 1000.0 * result.decisions.readout_sigma_s[camera]
     return f"estimated at {estimate:.1f} ± {sigma:.1f} ms, which is no rolling shutter: held at 0"
 
 
@@ -88,7 +88,7 @@ def held_parameters(
             held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
             continue
         tilt, spread = _tilt_and_headings(result.block, c)
-        sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
+        sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
         reasons = {}
         for k, name in enumerate(PARAMETER_NAMES):
             if k == READOUT and camera.sigmas[k] > 0.0 and sigma[k] == 0.0:

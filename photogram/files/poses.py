@@ -80,7 +80,7 @@ def heading_and_nadir_angle_deg(rotation_true_from_camera: FloatArray) -> FloatA
 def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
     frame, position, R = result.block.frame, pose.position_world_m, pose.rotation_world_from_camera
     world_from_map = frame.rotation_world_from_map(position)
-    covariance = world_from_map.T @ result.position_covariance_m2[index] @ world_from_map
+    covariance = world_from_map.T @ result.covariances.position_m2[index] @ world_from_map
     true_from_camera = frame.rotation_world_from_true(position).T @ R
     return _Exterior(
         frame.map_from_world(position[None])[0],
@@ -88,7 +88,7 @@ def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
         omega_phi_kappa_deg(world_from_map.T @ R),
         np.array(gimbal_from_rotation(true_from_camera)),
         np.sqrt(np.diag(covariance)),
-        np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[index]))),
+        np.rad2deg(np.sqrt(np.diag(result.covariances.rotation_rad2[index]))),
     )
 
 

@@ -11,7 +11,7 @@ the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from enum import Enum
@@ -20,7 +20,7 @@ from itertools import chain
 from math import prod
 from operator import or_
 from pathlib import Path, PurePath
-from types import NoneType, UnionType
+from types import MappingProxyType, NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -31,6 +31,7 @@ from photogram.files.npz_json import read_arrays, write_arrays
 
 RecordT = TypeVar("RecordT")
 Arrays = dict[str, NDArray[Any]]
+NOTHING: Mapping[str, object] = MappingProxyType({})
 Kind = Any
 """An annotation as ``get_type_hints`` returns it: a type, or a form of ``typing`` that has no type of its own."""
 
@@ -166,7 +167,7 @@ def _put(place: str, kind: Kind, values: Sequence[Any], arrays: Arrays, *, one: 
     elif parts := _parts(kind):
         for i, (name, part) in enumerate(parts.items()):
             own = [value[i] if _form(kind) is tuple else getattr(value, name) for value in values]
-            _put(f"{place}.{name}".lstrip("."), part, own, arrays, one=one)
+            _put(f"{place}.{name}", part, own, arrays, one=one)
     elif _form(kind) is np.ndarray:
         _put_arrays(place, [_array(kind, value) for value in values], _element_type(kind), arrays, one=one)
     else:
@@ -221,7 +222,7 @@ def _get(place: str, kind: Kind, arrays: Arrays, *, one: bool) -> list[Any]:
         rows = [items] if counts is None else _cut(place, items, counts)
         return [dict(row) if _form(kind) is dict else tuple(row) for row in rows]
     if parts := _parts(kind):
-        columns = [_get(f"{place}.{name}".lstrip("."), part, arrays, one=one) for name, part in parts.items()]
+        columns = [_get(f"{place}.{name}", part, arrays, one=one) for name, part in parts.items()]
         if len({len(column) for column in columns}) > 1:
             raise _DamageError(place, "its columns have different lengths")
         return [_made(place, kind, dict(zip(parts, row, strict=True))) for row in zip(*columns, strict=True)]
@@ -260,20 +261,25 @@ def _made(place: str, kind: Kind, parts: Mapping[str, object]) -> object:
         raise _DamageError(place, str(error)) from error
 
 
-def write_record(path: Path, record: object) -> None:
-    """Write a dataclass as uncompressed npz, whole or not at all, the same bytes for the same record. Raises TypeError
-    where a field is not of its annotation, or of one that cannot be stored."""
+def write_record(path: Path, record: object, left_out: Collection[str] = ()) -> None:
+    """Write a dataclass, but for the fields ``left_out``, as uncompressed npz, whole or not at all, the same bytes for
+    the same record. Raises TypeError where a field is not of its annotation, or of one that cannot be stored."""
     arrays: Arrays = {}
-    _put("", type(record), [record], arrays, one=True)
+    whole: Kind = type(record)
+    for name, kind in _parts(whole).items():
+        if name not in left_out:
+            _put(name, kind, [getattr(record, name)], arrays, one=True)
     write_arrays(path, arrays)
 
 
-def read_record(path: Path, kind: type[RecordT]) -> RecordT:
-    """Return the dataclass that ``write_record`` wrote, bit for bit. Raises WorkspaceError where the file is missing or
-    damaged, or holds something else."""
+def read_record(path: Path, kind: type[RecordT], given: Mapping[str, object] = NOTHING) -> RecordT:
+    """Return the dataclass that ``write_record`` wrote, bit for bit, with the fields ``given`` that it left out. Raises
+    WorkspaceError where the file is missing or damaged, or holds something else."""
     arrays = read_arrays(path)
     try:
-        (record,) = _get("", kind, arrays, one=True)
+        whole: Kind = kind
+        own = {n: _get(n, part, arrays, one=True)[0] for n, part in _parts(whole).items() if n not in given}
+        record = _made("", whole, {**own, **given})
         if arrays:
             raise _DamageError(min(arrays), "nothing of this name is expected")
     except _DamageError as error:

@@ -97,7 +97,7 @@ def compared_marks(block: Block, settings: AdjustmentSettings | None = None) -> 
     sigma = np.full((len(block.control_points), 3), np.nan)
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     marked = set(known.control_points.mark_point.tolist())
-    for g, covariance in enumerate(outcome.result.ground_covariance_m2):
+    for g, covariance in enumerate(outcome.result.covariances.ground_m2):
         if g in marked:
             own = block.control_points.name.index(known.control_points.name[g])
             sigma[own] = np.sqrt(np.diag(axes.T @ covariance @ axes))
@@ -117,7 +117,7 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
         """Adjust without a test of the tags: what they have in common is estimated, and a photograph of few marks
         could not distinguish a wrong mark from a wrong tag."""
         result = adjust(block, settings)
-        r = result.reliability
+        r = result.tests.reliability
         untested = replace(
             r,
             gnss_left_out_m=np.full_like(r.gnss_left_out_m, np.nan),
@@ -125,7 +125,11 @@ def _snooped(block: Block, settings: AdjustmentSettings) -> Search:
             attitude_left_out_rad=np.full_like(r.attitude_left_out_rad, np.nan),
             focal_left_out_px=np.full_like(r.focal_left_out_px, np.nan),
         )
-        return replace(result, reliability=untested, held_flights=())
+        return replace(
+            result,
+            tests=replace(result.tests, reliability=untested),
+            decisions=replace(result.decisions, flights_without_offset=()),
+        )
 
     gross = gross_marks(block, settings)
     if gross is not None:
@@ -204,7 +208,7 @@ def _compared(block: Block, known: Block, outcome: Search, places: PredictedPlac
     rejected = {a.what for a in outcome.rejected}
     count = np.bincount(points.mark_point, minlength=len(points))
     at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}
-    r, left = outcome.result.reliability, known.control_points
+    r, left = outcome.result.tests.reliability, known.control_points
     of = {
         (left.name[g], int(i)): m
         for m, (g, i) in enumerate(zip(left.mark_point.tolist(), left.mark_photograph.tolist(), strict=True))

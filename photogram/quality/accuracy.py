@@ -85,7 +85,7 @@ def suspects(result: Adjustment) -> list[Suspect]:
     The limit of |w| is that which keeps false alarms among all tests together at FALSE_ALARMS. One blunder spreads to
     its neighbours: only the first is named with confidence, the others may be its effect.
     """
-    r, points, photographs = result.reliability, result.block.control_points, result.block.photographs
+    r, points, photographs = result.tests.reliability, result.block.control_points, result.block.photographs
     tests = [r.ground_w, r.mark_w, r.gnss_w]
     count = sum(int(np.isfinite(w).sum()) for w in tests)
     if not count:

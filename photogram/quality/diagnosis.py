@@ -135,15 +135,15 @@ def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, Fl
     """Return places (n, 2) in the world, predicted − surveyed heights (n,) and their sigmas (n,) of points that took no
     part: check points first, then control points as all other observations predict them, and how many these are."""
     points, frame = result.block.control_points, result.block.frame
-    check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.ground_world_m).all(axis=1))
-    left = np.flatnonzero(np.isfinite(result.reliability.ground_left_out_m[:, 2]))
-    adjusted = frame.map_from_world(result.ground_world_m[check])
+    check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.estimates.ground_world_m).all(axis=1))
+    left = np.flatnonzero(np.isfinite(result.tests.reliability.ground_left_out_m[:, 2]))
+    adjusted = frame.map_from_world(result.estimates.ground_world_m[check])
     surveyed = frame.map_from_world(points.position_world_m[check])
-    own = np.hypot(np.sqrt(result.ground_covariance_m2[check, 2, 2]), points.sigma_m[check, 2])
-    difference = np.concatenate([(adjusted - surveyed)[:, 2], result.reliability.ground_left_out_m[left, 2]])
-    sigma = np.concatenate([own, np.sqrt(result.reliability.ground_left_out_covariance_m2[left, 2, 2])])
+    own = np.hypot(np.sqrt(result.covariances.ground_m2[check, 2, 2]), points.sigma_m[check, 2])
+    difference = np.concatenate([(adjusted - surveyed)[:, 2], result.tests.reliability.ground_left_out_m[left, 2]])
+    sigma = np.concatenate([own, np.sqrt(result.tests.reliability.ground_left_out_covariance_m2[left, 2, 2])])
     chosen = np.concatenate([check, left])
-    return result.ground_world_m[chosen, :2], difference, sigma, len(left)
+    return result.estimates.ground_world_m[chosen, :2], difference, sigma, len(left)
 
 
 def fitted_dome(
@@ -175,7 +175,7 @@ def fitted_dome(
 
 
 def _dome(result: Adjustment) -> Dome:
-    known = result.deformation
+    known = result.covariances.deformation
     place, difference, sigma, left = height_differences_m(result)
     predicted = float(np.sqrt(known.covariance[DOME, DOME])) if known.known else float("nan")
     measured, spread, significant = float("nan"), float("nan"), False
@@ -382,26 +382,26 @@ def diagnose(result: Adjustment) -> Diagnosis:
     Remedies, and what is undetermined, follow from ``result.deformation``: the stage `adjustment` fills it; for another
     block ``quality.improvements.block_deformation`` does, without it nothing is said of them. Changes no estimate.
     """
-    known, block = result.deformation, result.block
+    known, block = result.covariances.deformation, result.block
     dome, patterns = _dome(result), residual_patterns(result)
     if block.is_free:  # heights, shifts and tilts of a block without a datum mean nothing
         return Diagnosis(
-            {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},
+            {c.name: correlations(result.covariances.calibration[i]) for i, c in enumerate(block.cameras)},
             {},
             patterns,
             dome,
             None,
-            (*result.warnings, *unmodelled(patterns, known, result.lens_fields)),
+            (*result.warnings, *unmodelled(patterns, known, result.decisions.lens_fields)),
             (),
             (),
         )
-    weak = weaknesses(known, block.cameras, result.flights)
+    weak = weaknesses(known, block.cameras, result.estimates.flights)
     placed = datum_sentence(known)
     warnings = (
         [w for w in result.warnings if placed is None or not w.startswith(POSITION_WEAK)]
         + hidden(known)
         + weak
-        + unmodelled(patterns, known, result.lens_fields)
+        + unmodelled(patterns, known, result.decisions.lens_fields)
     )
     if dome.significant:
         warnings.append(
@@ -411,12 +411,12 @@ def diagnose(result: Adjustment) -> Diagnosis:
             f"{dome.predicted_sigma_m:.3f} m (1 sigma) were predicted"
         )
     return Diagnosis(
-        {c.name: correlations(result.calibration_covariance[i]) for i, c in enumerate(block.cameras)},
-        focal_heights(known, block.cameras, result.flights),
+        {c.name: correlations(result.covariances.calibration[i]) for i, c in enumerate(block.cameras)},
+        focal_heights(known, block.cameras, result.estimates.flights),
         patterns,
         dome,
         placing(known),
         tuple(warnings),
         tuple(remedies_of(known)),
-        tuple(undetermined(known, block.cameras, result.flights, block.gnss_offset_sigma_m)),
+        tuple(undetermined(known, block.cameras, result.estimates.flights, block.gnss_offset_sigma_m)),
     )

@@ -226,8 +226,8 @@ def block_deformation(
     control = np.array(result.block.control_points.role) == "control"
     state = replace(
         start_state(problem.block, problem.flights),
-        control=result.ground_world_m[control],
-        offset=result.offset_world_m,
+        control=result.estimates.ground_world_m[control],
+        offset=result.estimates.offset_world_m,
     )
     problem = with_considered(problem, state)
     with limited_threads(0):  # everything here is too small for BLAS to share out

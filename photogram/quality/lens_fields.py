@@ -103,8 +103,8 @@ class _Looked:
 def _looked_at(result: Adjustment, c: int, given: Camera, *, always: bool) -> _Looked:
     block, tie = result.block, result.block.tie_points
     camera, name = block.cameras[c], given.name
-    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.residual_px).all(axis=1)
-    pixel, residual = tie.pixel[own], result.residual_px[own]
+    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.estimates.residual_px).all(axis=1)
+    pixel, residual = tie.pixel[own], result.estimates.residual_px[own]
     pattern = residual_pattern(camera, pixel, residual) if own.any() else None
     decision = LensFieldDecision(name, photographs=len(np.unique(tie.photograph[own])))
     if pattern is None:
@@ -140,13 +140,13 @@ def _judged(result: Adjustment, c: int, looked: _Looked) -> LensFieldDecision:
     block, tie = result.block, result.block.tie_points
     camera = block.cameras[c]
     assert camera.field is not None
-    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.residual_px).all(axis=1)
-    after = residual_pattern(camera, tie.pixel[own], result.residual_px[own]) if own.any() else None
+    own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.estimates.residual_px).all(axis=1)
+    after = residual_pattern(camera, tie.pixel[own], result.estimates.residual_px[own]) if own.any() else None
     count = len(camera.field.coefficients)
     decision = replace(
         looked.decision,
         rms_px=rms_px(camera.field),
-        sigma_px=rms_sigma_px(result.field_covariance_px2[c, :count, :count]),
+        sigma_px=rms_sigma_px(result.covariances.lens_field_px2[c, :count, :count]),
         largest_px=float(np.linalg.norm(camera.field.shift, axis=2).max()),
         left_px=float("nan") if after is None else after.pattern_px,
     )
@@ -207,4 +207,7 @@ def with_lens_fields(
             decisions[c] = replace(decisions[c], estimated=False)
             del wanted[c]
         block, verdict = plain, first
-    return block, replace(verdict, result=replace(verdict.result, lens_fields=tuple(decisions)))
+    return block, replace(
+        verdict,
+        result=replace(verdict.result, decisions=replace(verdict.result.decisions, lens_fields=tuple(decisions))),
+    )

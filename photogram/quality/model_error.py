@@ -71,7 +71,7 @@ def _variance(shapes: FloatArray, pattern_m2: FloatArray) -> FloatArray:
 def with_model_error(result: Adjustment) -> Adjustment:
     """Return the adjustment whose covariances of tie points and ground points count the model error of its
     ``deformation`` in height; as it is where there is none, and of a free network."""
-    known = result.deformation
+    known = result.covariances.deformation
     if result.block.is_free:  # a tilt and a height mean nothing without a datum
         return result
     if not np.any(known.model_error_covariance_m2 > 0.0):
@@ -83,10 +83,12 @@ def with_model_error(result: Adjustment) -> Adjustment:
     pattern_m2 = known.model_error_covariance_m2
     ties, ground, joint = (
         array.copy()
-        for array in (result.tie_point_covariance_m2, result.ground_covariance_m2, result.ground_joint_covariance_m2)
+        for array in (result.covariances.tie_point_m2, result.covariances.ground_m2, result.covariances.ground_joint_m2)
     )
     ties[:, 2, 2] += _variance(shapes(result.block.tie_points.position_world_m), pattern_m2)
-    of_ground = shapes(result.ground_world_m)
+    of_ground = shapes(result.estimates.ground_world_m)
     ground[:, 2, 2] += _variance(of_ground, pattern_m2)
     joint[2::3, 2::3] += _joint(of_ground, pattern_m2)
-    return replace(result, tie_point_covariance_m2=ties, ground_covariance_m2=ground, ground_joint_covariance_m2=joint)
+    return replace(
+        result, covariances=replace(result.covariances, tie_point_m2=ties, ground_m2=ground, ground_joint_m2=joint)
+    )

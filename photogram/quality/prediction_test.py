@@ -132,8 +132,8 @@ def _difference_map_m(result: Adjustment) -> FloatArray:
     """Return adjusted − surveyed (G, 3) of all ground points along easting, northing and height."""
     frame, points = result.block.frame, result.block.control_points
     difference = np.full((len(points), 3), np.nan)
-    known = np.isfinite(result.ground_world_m).all(axis=1)
-    adjusted = frame.map_from_world(result.ground_world_m[known])
+    known = np.isfinite(result.estimates.ground_world_m).all(axis=1)
+    adjusted = frame.map_from_world(result.estimates.ground_world_m[known])
     difference[known] = adjusted - frame.map_from_world(points.position_world_m[known])
     return difference
 
@@ -152,7 +152,7 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
         return None
     turn = np.kron(np.eye(len(points)), result.block.frame.rotation_world_from_map(np.zeros(3)))[:, rows]
     # points without a position have no covariance, and none of the rows
-    joint = turn.T @ np.nan_to_num(result.ground_joint_covariance_m2) @ turn
+    joint = turn.T @ np.nan_to_num(result.covariances.ground_joint_m2) @ turn
     joint[np.diag_indices(len(rows))] += points.sigma_m.ravel()[rows] ** 2
     d = difference.ravel()[rows]
     z = np.full(difference.shape, np.nan)
@@ -180,7 +180,7 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
 
 def _left_out_tests(result: Adjustment) -> list[tuple[int, float]]:
     """Return degrees of freedom and χ² of the control points, each predicted from everything but its own survey."""
-    r, found = result.reliability, list[tuple[int, float]]()
+    r, found = result.tests.reliability, list[tuple[int, float]]()
     for off, covariance in zip(r.ground_left_out_m, r.ground_left_out_covariance_m2, strict=True):
         known = np.isfinite(off)
         if known.any():
@@ -283,7 +283,7 @@ def _triple(values: FloatArray) -> tuple[float, float, float]:
 
 def leave_one_out(result: Adjustment) -> LeaveOneOut | None:
     """Summarise what all other observations predict for each control point; None where nothing else determines any."""
-    r, points = result.reliability, result.block.control_points
+    r, points = result.tests.reliability, result.block.control_points
     known = np.flatnonzero(np.isfinite(r.ground_left_out_m).all(axis=1))
     if not len(known):
         return None

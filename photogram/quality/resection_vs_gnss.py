@@ -65,11 +65,11 @@ def resection_differences(result: Adjustment, resections: Sequence[Resection | N
     """Return the differences of all cameras and flights that have resected photographs with GNSS positions, and an
     estimated offset."""
     block = result.block
-    if not len(result.deformation.given_parameters) or not len(block.tie_points):
+    if not len(result.covariances.deformation.given_parameters) or not len(block.tie_points):
         return []
     groups: dict[tuple[int, str], list[int]] = {}
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
-        known = photograph.gnss_world_m is not None and photograph.flight in result.flights
+        known = photograph.gnss_world_m is not None and photograph.flight in result.estimates.flights
         if known and pose is not None and resections[i] is not None:
             groups.setdefault((photograph.camera, photograph.flight), []).append(i)
     return [_difference(result, resections, c, flight, chosen) for (c, flight), chosen in groups.items()]
@@ -78,16 +78,16 @@ def resection_differences(result: Adjustment, resections: Sequence[Resection | N
 def _difference(
     result: Adjustment, resections: Sequence[Resection | None], c: int, flight: str, chosen: list[int]
 ) -> ResectionDifference:
-    block, frame, f = result.block, result.block.frame, result.flights.index(flight)
+    block, frame, f = result.block, result.block.frame, result.estimates.flights.index(flight)
     axes = frame.rotation_world_from_map(np.zeros(3))
     gnss = np.array([block.photographs[i].gnss_world_m for i in chosen])
     p3p = np.array([r.p3p.position_world_m for r in (resections[i] for i in chosen) if r is not None])
     centre = np.array([pose.position_world_m for pose in (block.poses[i] for i in chosen) if pose is not None])
     difference = frame.map_from_world(p3p) - frame.map_from_world(gnss)
     height = float(np.mean(centre[:, 2]) - np.median(block.tie_points.position_world_m[:, 2]))
-    given, adjusted = float(result.deformation.given_parameters[c, 0]), block.cameras[c].focal_px
+    given, adjusted = float(result.covariances.deformation.given_parameters[c, 0]), block.cameras[c].focal_px
     focal = height * (given - adjusted) / adjusted
-    offset = axes.T @ result.offset_world_m[f]
+    offset = axes.T @ result.estimates.offset_world_m[f]
     rest = difference - offset - np.array([0.0, 0.0, focal])
     return ResectionDifference(
         camera=block.cameras[c].name,
@@ -96,11 +96,11 @@ def _difference(
         mean_m=difference.mean(axis=0),
         given_px=given,
         focal_px=adjusted,
-        focal_sigma_px=float(np.sqrt(result.calibration_covariance[c, 0, 0])),
+        focal_sigma_px=float(np.sqrt(result.covariances.calibration[c, 0, 0])),
         height_m=height,
         focal_m=focal,
         offset_m=offset,
-        offset_sigma_m=np.sqrt(np.diag(axes.T @ result.offset_covariance_m2[f] @ axes)),
+        offset_sigma_m=np.sqrt(np.diag(axes.T @ result.covariances.offset_m2[f] @ axes)),
         rest_m=rest.mean(axis=0),
         scatter_m=float(np.sqrt(np.mean(np.sum(rest**2, axis=1)))),
     )

@@ -96,7 +96,7 @@ def residual_patterns(result: Adjustment) -> dict[str, ResidualPattern]:
     block = result.block
     camera_of = np.array([photograph.camera for photograph in block.photographs], dtype=np.int64)
     of_each = _by_camera(
-        block.cameras, camera_of[block.tie_points.photograph], block.tie_points.pixel, result.residual_px
+        block.cameras, camera_of[block.tie_points.photograph], block.tie_points.pixel, result.estimates.residual_px
     )
     return {camera.name: pattern for camera, _, pattern in of_each}
 

@@ -49,7 +49,7 @@ class _Figures(TypedDict):
 
 def _figures(result: Adjustment, measured: Block) -> Iterator[tuple[Observed, Constraint, _Figures]]:
     """Yield the observations of the constraints of a block as it was ``measured``, and their figures."""
-    tests, constraints = result.constraints, result.block.constraints
+    tests, constraints = result.tests.constraints, result.block.constraints
     for k, observed in enumerate(observations(constraints)):
         stated = measured.constraints[observed.constraint]
         sigma_m = stated.sigmas_m[observed.row]
@@ -107,9 +107,9 @@ def marked_points(result: Adjustment) -> list[MarkedPointRecord]:
     block, numbers = result.block, list[MarkedPointRecord]()
     points, R = block.control_points, block.frame.rotation_world_from_map(np.zeros(3))
     for g in np.flatnonzero(~np.isfinite(points.position_world_m).all(axis=1)).tolist():
-        position = result.ground_world_m[g]
+        position = result.estimates.ground_world_m[g]
         known = bool(np.isfinite(position).all())
-        covariance = R.T @ result.ground_covariance_m2[g] @ R
+        covariance = R.T @ result.covariances.ground_m2[g] @ R
         numbers.append(
             {
                 "name": points.name[g],
@@ -122,10 +122,10 @@ def marked_points(result: Adjustment) -> list[MarkedPointRecord]:
 
 
 def _relative(result: Adjustment) -> RelativePrecisionRecord:
-    X, tie = result.block.tie_points.position_world_m, result.tie_point_covariance_m2
+    X, tie = result.block.tie_points.position_world_m, result.covariances.tie_point_m2
     along = np.linalg.svd(X - np.median(X, axis=0), full_matrices=False)[2][0]
     low, high = np.percentile(X @ along, _EXTENT)
-    position, attitude = result.position_covariance_m2, result.rotation_covariance_rad2
+    position, attitude = result.covariances.position_m2, result.covariances.rotation_rad2
     sigma = [float(np.nanmedian(np.sqrt(np.einsum("naa->n", C) / 3.0))) for C in (position, attitude, tie)]
     return {
         "photographs": sigma[0],

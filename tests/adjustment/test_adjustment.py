@@ -58,8 +58,8 @@ def state_of(result: Adjustment) -> State:
     return State(
         oriented_by(result.block.cameras, camera_of, result.block.poses),
         result.block.tie_points.position_world_m,
-        result.ground_world_m[control],
-        result.offset_world_m,
+        result.estimates.ground_world_m[control],
+        result.estimates.offset_world_m,
     )
 
 
@@ -120,7 +120,7 @@ def test_cameras_scatter_as_predicted() -> None:
     for seed in SEEDS:
         i = seed % 6
         error = position_error(simulated(seed), adjusted(seed))[i]
-        total += float(error @ np.linalg.solve(adjusted(seed).position_covariance_m2[i], error))
+        total += float(error @ np.linalg.solve(adjusted(seed).covariances.position_m2[i], error))
     assert within_99(total, 3 * len(SEEDS))
 
 
@@ -130,7 +130,7 @@ def test_tie_points_scatter_as_predicted() -> None:
         result = adjusted(seed)
         error = result.block.tie_points.position_world_m - truth_of_points(simulated(seed), result)
         p = (7 * seed) % len(error)
-        total += float(error[p] @ np.linalg.solve(result.tie_point_covariance_m2[p], error[p]))
+        total += float(error[p] @ np.linalg.solve(result.covariances.tie_point_m2[p], error[p]))
     assert within_99(total, 3 * len(SEEDS))
 
 
@@ -139,9 +139,9 @@ def test_check_points_scatter_as_predicted() -> None:
     for seed in SEEDS:
         block, result = simulated(seed), adjusted(seed)
         for g, role in enumerate(block.block.control_points.role):
-            if role == "check" and np.isfinite(result.ground_world_m[g]).all():
-                error = result.ground_world_m[g] - block.truth.control_position_world_m[g]
-                total += float(error @ np.linalg.solve(result.ground_covariance_m2[g], error))
+            if role == "check" and np.isfinite(result.estimates.ground_world_m[g]).all():
+                error = result.estimates.ground_world_m[g] - block.truth.control_position_world_m[g]
+                total += float(error @ np.linalg.solve(result.covariances.ground_m2[g], error))
                 points += 1
                 break
     assert points > 0.8 * len(SEEDS)
@@ -199,7 +199,7 @@ def test_a_mismatch_along_the_epipolar_line_moves_no_focal_length(share_of_depth
     block, p = with_mismatch_at(made, share_of_depth)
     clean, spoilt = adjust(made.block, SETTINGS), adjust(block, SETTINGS)
     off_px = spoilt.block.cameras[0].focal_px - clean.block.cameras[0].focal_px
-    sigma_px = [float(np.sqrt(r.calibration_covariance[0, 0, 0])) for r in (clean, spoilt)]
+    sigma_px = [float(np.sqrt(r.covariances.calibration[0, 0, 0])) for r in (clean, spoilt)]
     assert abs(off_px) < 0.3 * sigma_px[0]
     assert sigma_px[1] > 0.95 * sigma_px[0]
     n = int(block.tie_points.first_observation[p])
@@ -226,7 +226,7 @@ def test_the_same_input_gives_the_same_result_bit_for_bit() -> None:
     np.testing.assert_array_equal(
         again.block.tie_points.position_world_m, adjusted(1).block.tie_points.position_world_m
     )
-    np.testing.assert_array_equal(again.position_covariance_m2, adjusted(1).position_covariance_m2)
+    np.testing.assert_array_equal(again.covariances.position_m2, adjusted(1).covariances.position_m2)
 
 
 def test_check_points_take_no_part() -> None:
@@ -235,7 +235,7 @@ def test_check_points_take_no_part() -> None:
     check = np.array([role == "check" for role in points.role])
     moved = points.position_world_m + np.where(check[:, None], 3.0, 0.0)
     other = adjust(replace(block, control_points=replace(points, position_world_m=moved)), SETTINGS)
-    np.testing.assert_array_equal(other.ground_world_m, adjusted(2).ground_world_m)
+    np.testing.assert_array_equal(other.estimates.ground_world_m, adjusted(2).estimates.ground_world_m)
     assert other.sigma0 == adjusted(2).sigma0
 
 
@@ -329,9 +329,9 @@ def test_two_points_in_plan_and_three_in_height_are_a_datum() -> None:
     roles: tuple[Role, ...] = tuple("control" if any(c) else "check" for c in controlled.tolist())
     few = replace(block, control_points=replace(points, role=roles, controlled=controlled))
     result = adjust(few, SETTINGS)
-    off = result.ground_world_m - points.position_world_m
+    off = result.estimates.ground_world_m - points.position_world_m
     assert np.abs(off[controlled]).max() < 1e-6
-    assert np.isfinite(result.position_covariance_m2).all()
+    assert np.isfinite(result.covariances.position_m2).all()
     in_plan = controlled & np.array([True, True, False])
     roles = tuple("control" if any(c) else "check" for c in in_plan.tolist())
     with pytest.raises(AdjustmentError, match="leave its height and its tilt open"):
@@ -405,10 +405,12 @@ def test_a_photograph_without_image_points_is_left_out() -> None:
     result = adjust(bare, SETTINGS)
     name = block.photographs[0].name
     assert result.block.poses[0] is None
-    assert result.reason[0].startswith("0 image points, at least 3 are needed")
-    assert result.reason[1:] == ("",) * 5
-    assert result.warnings[0] == f"Photograph {name} is left out: {result.reason[0]}"
-    np.testing.assert_array_equal(result.ground_world_m, adjust(without_photograph(bare, 0), SETTINGS).ground_world_m)
+    assert result.decisions.reason[0].startswith("0 image points, at least 3 are needed")
+    assert result.decisions.reason[1:] == ("",) * 5
+    assert result.warnings[0] == f"Photograph {name} is left out: {result.decisions.reason[0]}"
+    np.testing.assert_array_equal(
+        result.estimates.ground_world_m, adjust(without_photograph(bare, 0), SETTINGS).estimates.ground_world_m
+    )
 
 
 def test_a_control_point_behind_its_photograph_is_named() -> None:
@@ -429,16 +431,16 @@ def test_a_photograph_without_a_pose_takes_no_part() -> None:
     assert result.block.photographs == block.photographs
     assert [pose is None for pose in result.block.poses] == [i == 2 for i in range(6)]
     assert not np.any(result.block.tie_points.photograph == 2)
-    for values in (result.position_covariance_m2, result.rotation_covariance_rad2):
+    for values in (result.covariances.position_m2, result.covariances.rotation_rad2):
         assert np.flatnonzero(np.isnan(values).any(axis=(1, 2))).tolist() == [2]
     marks = block.control_points.mark_photograph == 2
     assert marks.any()
-    assert np.isnan(result.mark_residual_px[marks]).all()
+    assert np.isnan(result.estimates.mark_residual_px[marks]).all()
     without = adjust(without_photograph(block, 2), SETTINGS)
     assert result.cost == without.cost
-    np.testing.assert_array_equal(np.delete(result.position_covariance_m2, 2, axis=0), without.position_covariance_m2)
-    np.testing.assert_array_equal(result.ground_world_m, without.ground_world_m)
-    np.testing.assert_array_equal(result.mark_residual_px[~marks], without.mark_residual_px)
+    np.testing.assert_array_equal(np.delete(result.covariances.position_m2, 2, axis=0), without.covariances.position_m2)
+    np.testing.assert_array_equal(result.estimates.ground_world_m, without.estimates.ground_world_m)
+    np.testing.assert_array_equal(result.estimates.mark_residual_px[~marks], without.estimates.mark_residual_px)
     assert result.block.control_points is block.control_points
 
 
@@ -483,8 +485,8 @@ def test_both_engines_give_the_same_adjustment(estimated: bool, alike: float) ->
     np.testing.assert_allclose(
         fast.block.tie_points.position_world_m, slow.block.tie_points.position_world_m, rtol=0, atol=1e-6
     )
-    np.testing.assert_allclose(fast.position_covariance_m2, slow.position_covariance_m2, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(fast.ground_covariance_m2, slow.ground_covariance_m2, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(fast.covariances.position_m2, slow.covariances.position_m2, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(fast.covariances.ground_m2, slow.covariances.ground_m2, rtol=1e-6, atol=1e-12)
 
 
 # ---- pieces --------------------------------------------------------------------------------------------------------
@@ -507,7 +509,7 @@ def test_noise_scale_sees_through_the_freedom_of_the_points() -> None:
     # Residuals of two-ray points are half as large as the noise; the scale must come out as the noise itself.
     result = adjusted(4)
     tie = result.block.tie_points
-    scale = noise_scale(result.residual_px / tie.sigma_px[:, None], tie.point, len(tie))
+    scale = noise_scale(result.estimates.residual_px / tie.sigma_px[:, None], tie.point, len(tie))
     assert scale == pytest.approx(1.0, abs=0.1)
 
 

@@ -61,7 +61,9 @@ def check_errors(result: Adjustment) -> tuple[FloatArray, FloatArray]:
     checks = np.array(points.role) == "check"
     axes = result.block.frame.rotation_world_from_map(np.zeros(3))
     surveyed = axes @ (points.sigma_m[checks][:, :, None] ** 2 * axes.T)
-    return (result.ground_world_m - points.position_world_m)[checks], result.ground_covariance_m2[checks] + surveyed
+    return (result.estimates.ground_world_m - points.position_world_m)[checks], result.covariances.ground_m2[
+        checks
+    ] + surveyed
 
 
 def test_check_points_scatter_as_predicted_and_less_than_with_one_number_for_each_mark() -> None:
@@ -81,11 +83,11 @@ def test_check_points_scatter_as_predicted_and_less_than_with_one_number_for_eac
 def test_whitened_residuals_of_marks_scatter_by_their_redundancy() -> None:
     total, redundancy = 0.0, 0.0
     for seed in SEEDS:
-        r = adjusted(seed).reliability
+        r = adjusted(seed).tests.reliability
         known = np.isfinite(r.mark_w)
         total += float(np.sum(r.mark_w[known] ** 2 * r.mark_redundancy[known]))
         redundancy += float(np.sum(r.mark_redundancy[known]))
-        parts = adjusted(seed).components
+        parts = adjusted(seed).tests.components
         at = parts.group.tolist().index("marks")
         assert parts.squares[at] == pytest.approx(np.sum(r.mark_w[known] ** 2 * r.mark_redundancy[known]), rel=1e-9)
     low, high = (float(chi2.ppf(share, redundancy)) for share in (0.0005, 0.9995))
@@ -95,7 +97,7 @@ def test_whitened_residuals_of_marks_scatter_by_their_redundancy() -> None:
 def test_a_mark_left_out_is_predicted_with_its_covariance() -> None:
     T = []
     for seed in SEEDS:
-        r = adjusted(seed).reliability
+        r = adjusted(seed).tests.reliability
         for off, covariance in zip(r.mark_left_out_px, r.mark_left_out_covariance_px2, strict=True):
             if np.isfinite(off).all():
                 T.append(float(off @ np.linalg.solve(covariance, off)))
@@ -112,9 +114,9 @@ def test_both_engines_come_to_the_same(joined: bool) -> None:
         block = replace(block, constraints=(Distance(ends=(names[0], names[1]), length_m=length, sigma_m=0.01),))
     tight = replace(SETTINGS, relative_tolerance=1e-14, robust_loss="none")
     fast, slow = (adjust(block, replace(tight, engine=engine)) for engine in ("fast", "reference"))
-    np.testing.assert_allclose(fast.ground_world_m, slow.ground_world_m, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(fast.estimates.ground_world_m, slow.estimates.ground_world_m, rtol=0, atol=2e-7)
     np.testing.assert_allclose(fast.cost, slow.cost, rtol=1e-9)
-    np.testing.assert_allclose(fast.ground_covariance_m2, slow.ground_covariance_m2, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(fast.covariances.ground_m2, slow.covariances.ground_m2, rtol=1e-6, atol=1e-12)
     for mine, theirs in zip(fast.block.poses, slow.block.poses, strict=True):
         assert mine is not None
         assert theirs is not None
@@ -123,7 +125,7 @@ def test_both_engines_come_to_the_same(joined: bool) -> None:
 
 def test_the_other_solver_comes_to_the_same() -> None:
     other = adjust(survey(2), replace(SETTINGS, solver="gtsam"))
-    np.testing.assert_allclose(other.ground_world_m, adjusted(2).ground_world_m, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(other.estimates.ground_world_m, adjusted(2).estimates.ground_world_m, rtol=0, atol=1e-6)
 
 
 def test_a_residual_is_whitened_by_the_inverse_factor_of_its_covariance() -> None:

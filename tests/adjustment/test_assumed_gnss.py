@@ -44,7 +44,7 @@ def test_sigmas_are_found_for_each_flight_in_plan_and_in_height() -> None:
     ratios = []
     for seed in range(5):
         result = adjust(assumed(PLAN, seed), AdjustmentSettings())
-        s = result.sigmas
+        s = result.decisions.sigmas
         mine = np.char.startswith(s.kind, "gnss")
         assert list(zip(s.kind[mine].tolist(), s.of[mine].tolist(), strict=True)) == [
             ("gnss_plan", "1"), ("gnss_height", "1"), ("gnss_plan", "2"), ("gnss_height", "2"),
@@ -65,12 +65,12 @@ def test_what_is_stated_or_has_no_offset_stays() -> None:
     without_offset = replace(block, gnss_offset_sigma_m=np.zeros(3))
     for given in (stated, without_offset):
         result = adjust(given, AdjustmentSettings())
-        assert not np.char.startswith(result.sigmas.kind, "gnss").any()
+        assert not np.char.startswith(result.decisions.sigmas.kind, "gnss").any()
         for photograph in result.block.photographs:
             np.testing.assert_array_equal(photograph.gnss_sigma_m, ASSUMED_M)
 
 
 def test_no_sigma_falls_below_the_bound() -> None:
     result = adjust(assumed(replace(PLAN, gnss_sigma_m=(0.01, 0.01, 0.01)), 2), AdjustmentSettings())
-    gnss = np.char.startswith(result.sigmas.kind, "gnss")
-    np.testing.assert_allclose(result.sigmas.used_sigma[gnss], LEAST_M)
+    gnss = np.char.startswith(result.decisions.sigmas.kind, "gnss")
+    np.testing.assert_allclose(result.decisions.sigmas.used_sigma[gnss], LEAST_M)

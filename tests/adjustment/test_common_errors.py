@@ -146,7 +146,7 @@ def test_an_arm_ignored_shows_in_the_residuals_and_given_is_gone(made: Simulated
 
 def test_an_arm_ignored_is_estimated_and_removed(made: SimulatedBlock) -> None:
     found = adjust(made.block, AUTO)
-    attitude, arm = found.common_errors
+    attitude, arm = found.decisions.common_errors
     assert (attitude.error.kind, attitude.significant) == ("attitude", False)
     assert (arm.error.kind, arm.significant, arm.photographs) == ("lever_arm", True, len(made.block.photographs))
     sigma = np.sqrt(np.diag(arm.covariance))
@@ -165,14 +165,14 @@ def test_an_arm_ignored_is_estimated_and_removed(made: SimulatedBlock) -> None:
     given = with_arm(made, ARM)
     np.testing.assert_allclose(np.std(gnss_residual_m(found), axis=0), np.std(gnss_residual_m(given), axis=0), rtol=0.2)
     # as many unknowns more as priors more
-    both = [r.redundancy - 2 * len(r.residual_px) + 3 * len(r.block.tie_points) for r in (found, given)]
+    both = [r.redundancy - 2 * len(r.estimates.residual_px) + 3 * len(r.block.tie_points) for r in (found, given)]
     assert both[0] == both[1]
 
 
 def test_redundancies_and_squares_of_all_groups_are_those_of_the_whole(made: SimulatedBlock) -> None:
     for settings in (AUTO, replace(AUTO, engine="reference", maximum_rounds=2)):
         found = adjust(made.block, settings)
-        c = found.components
+        c = found.tests.components
         assert "common_errors" in c.group
         assert c.squares.sum() == pytest.approx(found.sigma0**2 * found.redundancy, rel=1e-6)
         assert 0.0 < c.redundancy[c.group.tolist().index("common_errors")] < 6.0
@@ -209,8 +209,11 @@ def test_p_is_uniform_without_an_arm_and_without_an_offset() -> None:
     """Small surveys without either, and none is counted."""
     plan = replace(PLAN, strips=2, photographs_per_strip=4, control_points=5, check_points=1)
     results = [adjust(simulate_block(plan, seed, tie_points=150).block, SETTINGS) for seed in seeds(25)]
-    assert kstest([result.left_arm_p for result in results], "uniform").pvalue > 0.01
-    offsets = [implied_offset_test(r.implied_offset_world_m[0], r.implied_offset_covariance_m2[0]).p for r in results]
+    assert kstest([result.tests.residual_lever_arm_p for result in results], "uniform").pvalue > 0.01
+    offsets = [
+        implied_offset_test(r.tests.implied_offset_world_m[0], r.tests.implied_offset_covariance_m2[0]).p
+        for r in results
+    ]
     assert kstest(offsets, "uniform").pvalue > 0.01
 
 
@@ -220,7 +223,7 @@ def test_both_engines_count_the_arm_alike(made: SimulatedBlock) -> None:
         assert a is not None
         assert b is not None
         np.testing.assert_allclose(a.position_world_m, b.position_world_m, atol=1e-7)
-    np.testing.assert_allclose(fast.reliability.gnss_w, reference.reliability.gnss_w, atol=1e-4)
+    np.testing.assert_allclose(fast.tests.reliability.gnss_w, reference.tests.reliability.gnss_w, atol=1e-4)
 
 
 def test_an_arm_along_the_cameras_axes_equals_the_same_arm_in_the_world(made: SimulatedBlock) -> None:
@@ -236,7 +239,7 @@ def test_an_arm_along_the_cameras_axes_equals_the_same_arm_in_the_world(made: Si
 
 
 def test_w_tests_of_positions_with_an_arm_are_standard(made: SimulatedBlock) -> None:
-    w = with_arm(made, ARM).reliability.gnss_w
+    w = with_arm(made, ARM).tests.reliability.gnss_w
     assert np.abs(w).max() < 4.0
     assert 0.6 < w.std() < 1.4
 
@@ -251,7 +254,7 @@ FLOWN = SurveyPlan(
 
 
 def kinds(found: Adjustment) -> list[str]:
-    return [e.error.kind for e in found.common_errors]
+    return [e.error.kind for e in found.decisions.common_errors]
 
 
 def block_of(seed: int = 1, **changes: Any) -> SimulatedBlock:
@@ -268,7 +271,7 @@ def test_a_time_offset_is_one_where_the_heading_does_not_follow_the_flight() -> 
     made = block_of(turns=False, time_offset_s=0.02)
     found = adjust(made.block, AUTO)
     assert kinds(found) == ["attitude", "time_offset"]
-    delay = found.common_errors[1]
+    delay = found.decisions.common_errors[1]
     sigma_s = float(np.sqrt(delay.covariance[0, 0]))
     assert sigma_s < 0.002
     assert abs(delay.estimate[0] - 0.02) < 4 * sigma_s
@@ -281,7 +284,7 @@ def test_a_time_offset_is_one_where_the_heading_does_not_follow_the_flight() -> 
 def test_an_arm_along_the_flight_and_a_time_offset_are_one_at_one_speed_and_the_report_says_so() -> None:
     found = adjust(block_of(time_offset_s=0.02).block, AUTO)
     assert kinds(found) == ["attitude", "lever_arm"]  # 16 cm fit a drone
-    arm = found.common_errors[1]
+    arm = found.decisions.common_errors[1]
     assert arm.estimate[1] == pytest.approx(-0.16, abs=0.04)
     assert "a time offset of +" in arm.as_well
     assert "held together as one" in gnss_of(found)["common_errors"][1]["sentence"]
@@ -290,7 +293,7 @@ def test_an_arm_along_the_flight_and_a_time_offset_are_one_at_one_speed_and_the_
 def test_a_drift_is_found() -> None:
     found = adjust(block_of(drift_m=(0.0, 0.3, 0.0)).block, AUTO)
     assert "drift" in kinds(found)
-    drift = found.common_errors[kinds(found).index("drift")]
+    drift = found.decisions.common_errors[kinds(found).index("drift")]
     assert (drift.error.flight, drift.error.camera) == ("1", None)
     off = drift.estimate - np.array([0.0, 0.3, 0.0])
     assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(drift.covariance)))
@@ -305,21 +308,21 @@ def test_a_compass_does_not_turn_the_block(oblique_deg: float) -> None:
     assert kinds(found)[0] == "attitude"
     assert abs(turn_deg(before, made)) > 0.5
     assert abs(turn_deg(found, made)) < 0.3
-    error = found.common_errors[0]
+    error = found.decisions.common_errors[0]
     assert error.significant
     # 6° clockwise seen from above are 6° about the axis of a camera that looks down
     assert np.degrees(error.estimate[2]) == pytest.approx(6.0, abs=1.0)
     assert "compass or boresight; it is estimated and removed" in gnss_of(found)["common_errors"][0]["sentence"]
     # attitudes are no longer contradicted
-    left = found.reliability.attitude_left_out_rad
-    sigma = np.sqrt(np.einsum("nii->ni", found.reliability.attitude_left_out_covariance_rad2))
+    left = found.tests.reliability.attitude_left_out_rad
+    sigma = np.sqrt(np.einsum("nii->ni", found.tests.reliability.attitude_left_out_covariance_rad2))
     assert 0.7 < np.std(left / sigma) < 1.3
     assert np.abs(np.mean(left / sigma, axis=0)).max() < 0.6
 
 
 def test_a_boresight_is_found_about_its_axes() -> None:
     found = adjust(block_of(boresight_deg=(1.5, -1.0, 0.0)).block, AUTO)
-    error = found.common_errors[0]
+    error = found.decisions.common_errors[0]
     off = np.degrees(error.estimate) - np.array([1.5, -1.0, 0.0])
     assert np.all(np.abs(off) < 4 * np.degrees(np.sqrt(np.diag(error.covariance))))
     assert error.significant
@@ -353,7 +356,7 @@ def test_positions_that_scatter_more_than_stated_pass_for_nothing_common() -> No
 
 def test_few_attitudes_and_settings_without_have_none() -> None:
     made = block_of()
-    assert adjust(made.block, SETTINGS).common_errors == ()
+    assert adjust(made.block, SETTINGS).decisions.common_errors == ()
     few = tuple(
         p if i < 2 else replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None)
         for i, p in enumerate(made.block.photographs)

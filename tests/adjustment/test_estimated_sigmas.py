@@ -118,7 +118,7 @@ def test_sigmas_of_key_points_and_of_correlation_are_found(sigma_px: tuple[float
     ratios, sigma0 = [], []
     for seed in range(3):
         result = adjust(noisy(10 + seed, sigma_px), AdjustmentSettings())
-        s = result.sigmas
+        s = result.decisions.sigmas
         assert s.kind.tolist() == [KEY_POINTS, CORRELATED]
         assert s.of.tolist() == ["simulated"] * 2
         np.testing.assert_allclose(s.stated_sigma, STATED_PX)
@@ -135,7 +135,7 @@ def test_sigmas_of_key_points_and_of_correlation_are_found(sigma_px: tuple[float
 
 def test_a_blurred_photograph_has_a_factor_of_its_own_and_is_named() -> None:
     result = adjust(noisy(3, (0.2, 0.2), blurred=4), AdjustmentSettings())
-    s = result.sigmas
+    s = result.decisions.sigmas
     assert s.kind.tolist() == [KEY_POINTS, CORRELATED, PHOTOGRAPH]
     assert s.of[2] == result.block.photographs[4].name
     assert s.factor[2] == pytest.approx(4.0, rel=0.2)
@@ -150,40 +150,40 @@ def test_a_blurred_photograph_has_a_factor_of_its_own_and_is_named() -> None:
 def test_sharp_photographs_are_not_accused() -> None:
     for seed in range(4):
         result = adjust(noisy(30 + seed, (0.2, 0.5)), AdjustmentSettings())
-        assert PHOTOGRAPH not in result.sigmas.kind.tolist()
+        assert PHOTOGRAPH not in result.decisions.sigmas.kind.tolist()
         assert not result.warnings
 
 
 def test_sigmas_stay_as_stated_where_asked_for_or_too_little_speaks() -> None:
     block = noisy(5, (0.1, 0.1))
     result = adjust(block, AdjustmentSettings(estimate_sigmas=False))
-    assert len(result.sigmas) == 0
+    assert len(result.decisions.sigmas) == 0
     np.testing.assert_array_equal(result.block.tie_points.sigma_px, STATED_PX)
     few = block.tie_points.select(np.arange(len(block.tie_points)) < 20)
     result = adjust(replace(block, tie_points=few), AdjustmentSettings())
     np.testing.assert_array_equal(result.block.tie_points.sigma_px, STATED_PX)
-    assert np.isnan(result.sigmas.estimated_sigma).all()
-    np.testing.assert_array_equal(result.sigmas.factor, 1.0)
+    assert np.isnan(result.decisions.sigmas.estimated_sigma).all()
+    np.testing.assert_array_equal(result.decisions.sigmas.factor, 1.0)
 
 
 def test_no_sigma_falls_below_the_floor() -> None:
     result = adjust(noisy(6, (0.01, 0.01), mismatches=0.0), AdjustmentSettings())
-    np.testing.assert_allclose(result.sigmas.used_sigma, FLOOR_PX)
-    assert np.all(result.sigmas.estimated_sigma < 0.02)
+    np.testing.assert_allclose(result.decisions.sigmas.used_sigma, FLOOR_PX)
+    assert np.all(result.decisions.sigmas.estimated_sigma < 0.02)
 
 
 def test_sigmas_that_are_given_are_used_and_give_the_same_result() -> None:
     block = noisy(7, (0.15, 0.3), blurred=2)
     first = adjust(block, AdjustmentSettings())
-    again = adjust(block, AdjustmentSettings(), sigmas=first.sigmas)
-    np.testing.assert_array_equal(again.sigmas.factor, first.sigmas.factor)
+    again = adjust(block, AdjustmentSettings(), sigmas=first.decisions.sigmas)
+    np.testing.assert_array_equal(again.decisions.sigmas.factor, first.decisions.sigmas.factor)
     assert again.cost == pytest.approx(first.cost, rel=0.02)  # an observation at the limit may change sides
-    tie = stated_again(first.block, first.sigmas).tie_points
+    tie = stated_again(first.block, first.decisions.sigmas).tie_points
     np.testing.assert_allclose(tie.sigma_px, STATED_PX)
 
 
 def test_least_squares_without_loss_or_limits_needs_no_correction() -> None:
     settings = replace(LEAST_SQUARES, estimate_sigmas=True)
     result = adjust(noisy(8, (0.25, 0.25), mismatches=0.0), settings)
-    np.testing.assert_allclose(result.sigmas.used_sigma, 0.25, rtol=0.08)
+    np.testing.assert_allclose(result.decisions.sigmas.used_sigma, 0.25, rtol=0.08)
     assert result.sigma0 == pytest.approx(1.0, abs=0.05)

@@ -32,7 +32,7 @@ def squared_error(made: TwoCameras, result: Adjustment) -> float:
     pose = result.block.rigs[0].pose
     assert pose is not None
     error = made.error(pose)
-    return float(error @ np.linalg.solve(result.exposures.relative_covariance[0], error))
+    return float(error @ np.linalg.solve(result.tests.exposures.relative_covariance[0], error))
 
 
 @pytest.mark.parametrize("given", [None, GIVEN], ids=["free", "given"])
@@ -42,9 +42,9 @@ def test_relative_poses_are_found_within_their_sigmas(given: FloatArray | None) 
     results = [adjust(made.block, LEAST_SQUARES) for made in every]
     total = sum(squared_error(made, result) for made, result in zip(every, results, strict=True))
     assert chi2.ppf(0.001, 60) < total < chi2.ppf(0.999, 60)
-    w = np.concatenate([result.exposures.w for result in results])
+    w = np.concatenate([result.tests.exposures.w for result in results])
     assert abs(float(np.std(w)) - 1.0) < 0.15
-    components = results[0].components
+    components = results[0].tests.components
     assert {"exposure_rotation", "exposure_offset"} <= set(components.group.tolist())
     assert ("relative_poses" in components.group.tolist()) == (given is not None)
 
@@ -58,8 +58,8 @@ def test_what_predicts_an_exposure_is_the_adjustment_without_it() -> None:
     both = [(poses[i].rotation_world_from_camera[None], poses[i].position_world_m[None]) for i in (2, 8)]
     assert rig.pose is not None
     actual = rig.pose.misfits(*relative_poses(*both))[0]
-    np.testing.assert_allclose(whole.exposures.left_out[2], actual, atol=0.02 * np.abs(actual).max())
-    assert np.isnan(without.exposures.w[2]).all()
+    np.testing.assert_allclose(whole.tests.exposures.left_out[2], actual, atol=0.02 * np.abs(actual).max())
+    assert np.isnan(without.tests.exposures.w[2]).all()
     assert whole.redundancy - without.redundancy == 6
 
 
@@ -69,7 +69,7 @@ def test_redundancy_numbers_sum_to_what_an_exposure_adds() -> None:
     whole, bare = (adjust(replace(made.block, rigs=rigs), LEAST_SQUARES) for rigs in (made.block.rigs, ()))
     # positions of companions take no part in a rig: three coordinates and three angles each
     assert whole.redundancy == bare.redundancy + 6 * 6 - 6 - 6 * 6
-    total = whole.components.redundancy.sum()
+    total = whole.tests.components.redundancy.sum()
     assert total == pytest.approx(whole.redundancy, abs=1e-6)
 
 
@@ -125,6 +125,6 @@ def test_photographs_without_a_pose_take_their_exposures_with_them() -> None:
     made = simulate_two_cameras(PLAN, 6, tie_points=200)
     poses = (*made.block.poses[:6], None, *made.block.poses[7:])
     result = adjust(replace(made.block, poses=poses), LEAST_SQUARES)
-    assert np.isnan(result.exposures.w[0]).all()
-    assert np.isfinite(result.exposures.w[1:]).all()
+    assert np.isnan(result.tests.exposures.w[0]).all()
+    assert np.isfinite(result.tests.exposures.w[1:]).all()
     assert result.block.rigs[0].value.any()

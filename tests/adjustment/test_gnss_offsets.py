@@ -47,7 +47,7 @@ def block() -> Block:
 
 def along_map(result: Adjustment) -> tuple[FloatArray, FloatArray]:
     axes = result.block.frame.rotation_world_from_map(np.zeros(3))
-    return axes.T @ result.offset_world_m[0], axes.T @ result.offset_covariance_m2[0] @ axes
+    return axes.T @ result.estimates.offset_world_m[0], axes.T @ result.covariances.offset_m2[0] @ axes
 
 
 # ---- the statistics --------------------------------------------------------------------------------------------------
@@ -90,11 +90,11 @@ def test_an_offset_held_at_zero_is_implied_as_one_set_free_would_be(block: Block
     off = shifted(block, np.array([0.05, -0.03, 0.08]))
     held = adjust(off, SETTINGS)
     free = adjust(replace(off, gnss_offset_sigma_m=np.full(3, 100.0)), SETTINGS)
-    assert (held.held_flights, free.held_flights) == (("1",), ())
-    sigma = np.sqrt(np.diag(free.offset_covariance_m2[0]))
-    np.testing.assert_allclose(np.sqrt(np.diag(held.implied_offset_covariance_m2[0])), sigma, rtol=0.02)
-    assert np.all(np.abs(held.implied_offset_world_m[0] - free.offset_world_m[0]) < 0.1 * sigma)
-    one = implied_offset_test(held.implied_offset_world_m[0], held.implied_offset_covariance_m2[0])
+    assert (held.decisions.flights_without_offset, free.decisions.flights_without_offset) == (("1",), ())
+    sigma = np.sqrt(np.diag(free.covariances.offset_m2[0]))
+    np.testing.assert_allclose(np.sqrt(np.diag(held.tests.implied_offset_covariance_m2[0])), sigma, rtol=0.02)
+    assert np.all(np.abs(held.tests.implied_offset_world_m[0] - free.estimates.offset_world_m[0]) < 0.1 * sigma)
+    one = implied_offset_test(held.tests.implied_offset_world_m[0], held.tests.implied_offset_covariance_m2[0])
     other = estimated_offset_test(*along_map(free), np.full(3, 100.0))
     assert one.chi2 == pytest.approx(other.chi2, rel=0.1)
 

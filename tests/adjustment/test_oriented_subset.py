@@ -98,13 +98,13 @@ def test_the_adjusted_part_goes_back_among_all_photographs() -> None:
     assert [i for i, pose in enumerate(result.block.poses) if pose is None] == OUT
     for i, pose in zip(kept.tolist(), part.block.poses, strict=True):
         assert result.block.poses[i] is pose
-    for name in ("position_covariance_m2", "rotation_covariance_rad2"):
-        values = getattr(result, name)
+    for name in ("position_m2", "rotation_rad2"):
+        values = getattr(result.covariances, name)
         assert values.shape == (8, 3, 3)
         assert np.isnan(values[OUT]).all()
-        np.testing.assert_array_equal(values[kept], getattr(part, name))
+        np.testing.assert_array_equal(values[kept], getattr(part.covariances, name))
     assert by_name(result.block) == by_name(part.block)
-    np.testing.assert_array_equal(result.residual_px, part.residual_px)
+    np.testing.assert_array_equal(result.estimates.residual_px, part.estimates.residual_px)
     assert [c.focal_px for c in result.block.cameras] == [c.focal_px for c in part.block.cameras]
 
 
@@ -113,11 +113,11 @@ def test_marks_keep_their_own_residuals() -> None:
     result = with_all_photographs(part, block, kept)
     c = block.control_points
     assert marks(result.block) == marks(block)
-    assert result.mark_residual_px.shape == (len(c.mark_photograph), 2)
+    assert result.estimates.mark_residual_px.shape == (len(c.mark_photograph), 2)
     out = np.isin(c.mark_photograph, OUT)
-    assert np.isnan(result.mark_residual_px[out]).all()
-    np.testing.assert_array_equal(result.mark_residual_px[~out], part.mark_residual_px)
-    assert np.nanmax(np.abs(result.mark_residual_px)) < 5.0
+    assert np.isnan(result.estimates.mark_residual_px[out]).all()
+    np.testing.assert_array_equal(result.estimates.mark_residual_px[~out], part.estimates.mark_residual_px)
+    assert np.nanmax(np.abs(result.estimates.mark_residual_px)) < 5.0
 
 
 def test_cut_and_put_back_is_cut_again() -> None:
@@ -136,7 +136,7 @@ def test_adjusting_the_whole_block_adjusts_its_registered_part() -> None:
     result = adjust(block, AdjustmentSettings())
     expected = with_all_photographs(part, block, kept)
     assert result.sigma0 == pytest.approx(part.sigma0, rel=1e-9)
-    np.testing.assert_allclose(result.position_covariance_m2, expected.position_covariance_m2, rtol=1e-6)
-    np.testing.assert_allclose(result.mark_residual_px, expected.mark_residual_px, atol=1e-9)
+    np.testing.assert_allclose(result.covariances.position_m2, expected.covariances.position_m2, rtol=1e-6)
+    np.testing.assert_allclose(result.estimates.mark_residual_px, expected.estimates.mark_residual_px, atol=1e-9)
     np.testing.assert_array_equal(result.block.tie_points.photograph, expected.block.tie_points.photograph)
     assert [pose is None for pose in result.block.poses] == [pose is None for pose in expected.block.poses]

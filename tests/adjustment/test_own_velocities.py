@@ -103,7 +103,7 @@ def test_photographs_show_how_they_moved_better_than_their_neighbours_tell() -> 
         neighbours = moving(result.block, result.block.oriented_cameras()).velocity
         told.append((neighbours - true)[:, :2])
         shown.append((velocities_of(result) - true)[:, :2])
-        T.append((result.readout_s[0] - 0.033) / result.readout_sigma_s[0])
+        T.append((result.decisions.readout_s[0] - 0.033) / result.decisions.readout_sigma_s[0])
     ratio = np.sqrt(np.mean(np.square(shown)) / np.mean(np.square(told)))
     assert ratio < 0.7
     assert np.abs(T).max() < 3.0
@@ -121,7 +121,7 @@ def test_velocities_are_as_good_beside_a_read_out_time_that_is_given() -> None:
         true = true_velocities(made)
         told.append((moving(result.block, result.block.oriented_cameras()).velocity - true)[:, :2])
         shown.append((velocities_of(result) - true)[:, :2])
-        assert 0.15 < result.neighbours_scatter_m_s < 0.6
+        assert 0.15 < result.decisions.neighbours_scatter_m_s < 0.6
     assert np.sqrt(np.mean(np.square(shown)) / np.mean(np.square(told))) < 0.6
 
 

@@ -61,7 +61,7 @@ def test_no_bit_of_the_result_depends_on_a_checked_coordinate(by_m: float) -> No
         np.testing.assert_array_equal(mine.position_world_m, theirs.position_world_m)
         np.testing.assert_array_equal(mine.rotation_world_from_camera, theirs.rotation_world_from_camera)
     np.testing.assert_array_equal(other.block.tie_points.position_world_m, block.tie_points.position_world_m)
-    np.testing.assert_array_equal(other.ground_world_m, adjusted().ground_world_m)
+    np.testing.assert_array_equal(other.estimates.ground_world_m, adjusted().estimates.ground_world_m)
     np.testing.assert_array_equal(other.block.cameras[0].parameters, block.cameras[0].parameters)
     assert other.sigma0 == adjusted().sigma0
 
@@ -71,7 +71,7 @@ def test_a_controlled_coordinate_does_touch_it() -> None:
     position = points.position_world_m.copy()
     position[0, 0] += 0.05
     other = adjust(replace(survey(), control_points=replace(points, position_world_m=position)), SETTINGS)
-    assert np.abs(other.ground_world_m - adjusted().ground_world_m).max() > 1e-3
+    assert np.abs(other.estimates.ground_world_m - adjusted().estimates.ground_world_m).max() > 1e-3
 
 
 def test_checked_coordinates_are_predicted_as_well_as_said() -> None:
@@ -79,8 +79,8 @@ def test_checked_coordinates_are_predicted_as_well_as_said() -> None:
     for seed in range(1, 13):
         result, points = adjusted(seed), survey(seed).control_points
         axes = result.block.frame.rotation_world_from_map(np.zeros(3))
-        off = (result.ground_world_m - points.position_world_m) @ axes
-        variance = np.einsum("ji,gjk,ki->gi", axes, result.ground_covariance_m2, axes) + points.sigma_m**2
+        off = (result.estimates.ground_world_m - points.position_world_m) @ axes
+        variance = np.einsum("ji,gjk,ki->gi", axes, result.covariances.ground_m2, axes) + points.sigma_m**2
         partly = (~points.controlled) & (np.array(points.role) == "control")[:, None]
         z.append((off / np.sqrt(variance))[partly])
     rms = float(np.sqrt(np.mean(np.concatenate(z) ** 2)))
@@ -88,7 +88,7 @@ def test_checked_coordinates_are_predicted_as_well_as_said() -> None:
 
 
 def test_only_controlled_coordinates_are_tested_and_counted() -> None:
-    points, r = survey().control_points, adjusted().reliability
+    points, r = survey().control_points, adjusted().tests.reliability
     for tested in (r.ground_w, r.ground_left_out_m):
         np.testing.assert_array_equal(np.isfinite(tested), points.controlled)
     whole = adjust(replace(survey(), control_points=replace(points, controlled=np.zeros((0, 3), bool))), SETTINGS)

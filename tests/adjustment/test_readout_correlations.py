@@ -39,21 +39,21 @@ def adjusted(plan: SurveyPlan, seed: int, time_offset: bool = False) -> Adjustme
 def test_a_time_offset_that_is_held_correlates_as_one_that_is_estimated() -> None:
     for seed in (1, 2):
         without, beside = adjusted(FORWARD, seed), adjusted(FORWARD, seed, time_offset=True)
-        assert beside.common_errors[-1].error.kind == "time_offset"
-        rho, expected = (float(r.readout_time_offset_correlation[0]) for r in (without, beside))
+        assert beside.decisions.common_errors[-1].error.kind == "time_offset"
+        rho, expected = (float(r.decisions.readout_time_offset_correlation[0]) for r in (without, beside))
         assert abs(expected) > 0.5
         assert rho == pytest.approx(expected, abs=0.05)
         # what it would cost the read-out time is what it costs it
         grown = 1.0 / np.sqrt(1.0 - rho**2)
-        formal = [float(np.sqrt(r.calibration_covariance[0, READOUT, READOUT])) for r in (without, beside)]
+        formal = [float(np.sqrt(r.covariances.calibration[0, READOUT, READOUT])) for r in (without, beside)]
         assert formal[1] / formal[0] == pytest.approx(grown, rel=0.15)
 
 
 def test_the_correlation_with_the_focal_length_is_that_of_the_covariance() -> None:
     result = adjusted(ONE_STRIP, 1)
-    covariance = result.calibration_covariance[0]
+    covariance = result.covariances.calibration[0]
     expected = covariance[0, READOUT] / np.sqrt(covariance[0, 0] * covariance[READOUT, READOUT])
-    assert float(result.readout_focal_correlation[0]) == pytest.approx(expected, rel=1e-9)
+    assert float(result.decisions.readout_focal_correlation[0]) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("plan", "surveys"), [(FORWARD, 16), (ONE_STRIP, 40)])
@@ -61,13 +61,13 @@ def test_estimates_of_many_surveys_correlate_as_predicted(plan: SurveyPlan, surv
     """Within two standard errors (1 − ρ²) / √n of a correlation from n surveys."""
     forward = plan is FORWARD
     found = [adjusted(plan, seed, time_offset=forward) for seed in range(1, surveys + 1)]
-    T = [float(r.readout_s[0]) for r in found]
+    T = [float(r.decisions.readout_s[0]) for r in found]
     if forward:
-        other = [float(r.common_errors[-1].estimate[0]) for r in found]
-        predicted = float(np.mean([r.readout_time_offset_correlation[0] for r in found]))
+        other = [float(r.decisions.common_errors[-1].estimate[0]) for r in found]
+        predicted = float(np.mean([r.decisions.readout_time_offset_correlation[0] for r in found]))
     else:
         other = [r.block.cameras[0].focal_px for r in found]
-        predicted = float(np.mean([r.readout_focal_correlation[0] for r in found]))
+        predicted = float(np.mean([r.decisions.readout_focal_correlation[0] for r in found]))
     assert predicted < -0.3, "else zero would do as well"
     error = (1.0 - predicted**2) / np.sqrt(surveys)
     assert np.corrcoef(T, other)[0, 1] == pytest.approx(predicted, abs=2.0 * error)
@@ -76,14 +76,14 @@ def test_estimates_of_many_surveys_correlate_as_predicted(plan: SurveyPlan, surv
 def test_what_nothing_tells_has_no_correlation() -> None:
     """On one strip at one speed a time offset is a shift of the whole block; without positions there is none to see."""
     alone = adjusted(replace(ONE_STRIP, control_points=0), 1)
-    assert np.isnan(alone.readout_time_offset_correlation).all()
-    assert np.isfinite(alone.readout_focal_correlation).all()
+    assert np.isnan(alone.decisions.readout_time_offset_correlation).all()
+    assert np.isfinite(alone.decisions.readout_focal_correlation).all()
     still = adjust(simulate_block(replace(ONE_STRIP, readout_s=0.0, readout_sigma_s=0.0), 1, tie_points=200).block,
                    SETTINGS)  # fmt: skip
-    assert np.isnan(still.readout_focal_correlation).all()
+    assert np.isnan(still.decisions.readout_focal_correlation).all()
     fixed = replace(ONE_STRIP, calibration_sigmas=(0.0,) * 11)
-    assert np.isnan(adjusted(fixed, 1).readout_focal_correlation).all()
-    assert np.isfinite(adjusted(fixed, 1).readout_time_offset_correlation).all()
+    assert np.isnan(adjusted(fixed, 1).decisions.readout_focal_correlation).all()
+    assert np.isfinite(adjusted(fixed, 1).decisions.readout_time_offset_correlation).all()
 
 
 def test_a_read_out_time_that_is_not_told_from_another_unknown_is_warned_of() -> None:

@@ -82,17 +82,17 @@ def test_a_point_left_out_is_predicted_as_by_an_adjustment_without_it() -> None:
         sigma = points.sigma_m.copy()
         sigma[g] = 1e4
         without = adjust(replace(survey, control_points=replace(points, sigma_m=sigma)), settings)
-        expected = axes.T @ (without.ground_world_m[g] - points.position_world_m[g])
-        spread = np.sqrt(np.diag(whole.reliability.ground_left_out_covariance_m2[g]))
-        np.testing.assert_array_less(np.abs(whole.reliability.ground_left_out_m[g] - expected), 0.01 * spread)
-        predicted = axes.T @ without.ground_covariance_m2[g] @ axes + np.diag(points.sigma_m[g] ** 2)
+        expected = axes.T @ (without.estimates.ground_world_m[g] - points.position_world_m[g])
+        spread = np.sqrt(np.diag(whole.tests.reliability.ground_left_out_covariance_m2[g]))
+        np.testing.assert_array_less(np.abs(whole.tests.reliability.ground_left_out_m[g] - expected), 0.01 * spread)
+        predicted = axes.T @ without.covariances.ground_m2[g] @ axes + np.diag(points.sigma_m[g] ** 2)
         np.testing.assert_allclose(np.diag(predicted), spread**2, rtol=0.01)
 
 
 def test_without_blunders_w_is_standard_normal() -> None:
     groups: dict[str, list[FloatArray]] = {"ground": [], "mark": [], "gnss": []}
     for seed in seeds(30):
-        r = adjusted(seed).reliability
+        r = adjusted(seed).tests.reliability
         for name, values in groups.items():
             w = getattr(r, f"{name}_w")
             values.append(w[np.isfinite(w)])
@@ -103,7 +103,7 @@ def test_without_blunders_w_is_standard_normal() -> None:
 def spoilt(survey: Block, kind: str, times: float, rng: np.random.Generator) -> tuple[Block, str]:
     """The survey with a blunder of so many minimal detectable ones, and the name of what it is in."""
     points, clean = survey.control_points, adjust(survey, AdjustmentSettings())
-    r, controls = clean.reliability, [g for g, role in enumerate(points.role) if role == "control"]
+    r, controls = clean.tests.reliability, [g for g, role in enumerate(points.role) if role == "control"]
     if kind == "mark":
         m = int(rng.choice(np.flatnonzero(np.isin(points.mark_point, controls))))
         mdb = minimal_detectable_blunder(np.full(2, points.mark_sigma_px[m]), r.mark_redundancy[m])

@@ -55,7 +55,7 @@ def adjusted(plan: SurveyPlan, seed: int) -> Adjustment:
 def check_error_m(plan: SurveyPlan, seed: int) -> FloatArray:
     result, made = adjusted(plan, seed), simulated(plan, seed)
     check = np.array([role == "check" for role in result.block.control_points.role])
-    error = (result.ground_world_m - made.truth.control_position_world_m)[check]
+    error = (result.estimates.ground_world_m - made.truth.control_position_world_m)[check]
     return np.asarray(error[np.isfinite(error).all(axis=1)])
 
 
@@ -63,10 +63,10 @@ def test_the_read_out_time_comes_back_with_its_sigma() -> None:
     normalised = []
     for seed in SEEDS:
         result = adjusted(ROLLING, seed)
-        camera, sigma = result.block.cameras[0], result.readout_sigma_s[0]
+        camera, sigma = result.block.cameras[0], result.decisions.readout_sigma_s[0]
         assert abs(camera.readout_s - 0.033) < 0.001
-        assert result.readout_s[0] == camera.readout_s
-        assert result.calibration_covariance[0, READOUT, READOUT] == pytest.approx(sigma**2)
+        assert result.decisions.readout_s[0] == camera.readout_s
+        assert result.covariances.calibration[0, READOUT, READOUT] == pytest.approx(sigma**2)
         normalised.append((camera.readout_s - 0.033) / sigma)
     assert 0.3 < np.sqrt(np.mean(np.square(normalised))) < 1.7
 
@@ -136,9 +136,9 @@ def test_cameras_of_one_block_are_judged_each_by_itself() -> None:
     assert sum("rolling" in line for line in said) == 2
     used = np.array([camera.readout_s for camera in result.block.cameras])
     assert (used != 0.0).tolist() == [True, True, False]
-    np.testing.assert_array_equal(used[:2], result.readout_s[:2])
-    assert (np.abs(result.readout_s - readouts) < 3.5 * result.readout_sigma_s).all()
-    assert (result.readout_sigma_s < 0.0005).all()
+    np.testing.assert_array_equal(used[:2], result.decisions.readout_s[:2])
+    assert (np.abs(result.decisions.readout_s - readouts) < 3.5 * result.decisions.readout_sigma_s).all()
+    assert (result.decisions.readout_sigma_s < 0.0005).all()
 
 
 @pytest.mark.parametrize("stated", [0.0, 0.033])
@@ -148,17 +148,18 @@ def test_a_global_shutter_has_no_read_out_time_whatever_its_source_states(stated
         camera = replace(block.cameras[0], readout_s=stated)
         result = adjust(replace(block, cameras=(camera,)), SETTINGS) if stated else adjusted(GLOBAL, seed)
         assert result.block.cameras[0].readout_s == 0.0
-        assert result.calibration_covariance[0, READOUT].tolist() == [0.0] * (READOUT + 1)
-        assert abs(result.readout_s[0]) < 3.0 * result.readout_sigma_s[0]
+        assert result.covariances.calibration[0, READOUT].tolist() == [0.0] * (READOUT + 1)
+        assert abs(result.decisions.readout_s[0]) < 3.0 * result.decisions.readout_sigma_s[0]
         why = held_parameters((camera,), result)[camera.name]["readout_s"]
         assert "no rolling shutter: held at 0" in why
 
 
 def test_what_is_looked_for_in_vain_changes_no_bit() -> None:
     plain, looked = adjusted(PLAN, 1), adjusted(GLOBAL, 1)
-    for name in ("ground_world_m", "position_covariance_m2", "cost"):
-        np.testing.assert_array_equal(getattr(plain, name), getattr(looked, name))
-    assert np.isnan(plain.readout_s).all()
+    np.testing.assert_array_equal(plain.estimates.ground_world_m, looked.estimates.ground_world_m)
+    np.testing.assert_array_equal(plain.covariances.position_m2, looked.covariances.position_m2)
+    assert plain.cost == looked.cost
+    assert np.isnan(plain.decisions.readout_s).all()
     assert looked_for(simulated(GLOBAL, 1).block.cameras).tolist() == [True]
     assert looked_for(simulated(PLAN, 1).block.cameras).tolist() == [False]
 
@@ -168,7 +169,7 @@ def test_a_known_read_out_time_is_used_as_it_is() -> None:
     result = adjust(replace(block, cameras=(replace(block.cameras[0], readout_s=0.033),)), SETTINGS)
     assert result.block.cameras[0].readout_s == 0.033
     assert result.sigma0 == pytest.approx(1.0, abs=0.03)
-    np.testing.assert_array_equal(result.calibration_covariance[0, READOUT], 0.0)
+    np.testing.assert_array_equal(result.covariances.calibration[0, READOUT], 0.0)
 
 
 def test_velocities_come_from_the_tags_else_from_the_neighbours_and_only_where_a_shutter_rolls() -> None:
@@ -192,9 +193,9 @@ def test_velocities_come_from_the_tags_else_from_the_neighbours_and_only_where_a
 def test_neighbours_alone_will_do_and_their_errors_count() -> None:
     plan = replace(ROLLING, velocity_tags=False)
     errors = np.array([adjusted(plan, s).block.cameras[0].readout_s - 0.033 for s in SEEDS])
-    sigmas = np.array([adjusted(plan, s).readout_sigma_s[0] for s in SEEDS])
+    sigmas = np.array([adjusted(plan, s).decisions.readout_sigma_s[0] for s in SEEDS])
     assert np.abs(errors).max() < 0.001
-    assert np.median(sigmas) > 1.3 * np.median([adjusted(ROLLING, s).readout_sigma_s[0] for s in SEEDS])
+    assert np.median(sigmas) > 1.3 * np.median([adjusted(ROLLING, s).decisions.readout_sigma_s[0] for s in SEEDS])
     assert np.abs(errors / sigmas).max() < 3.5
 
 
@@ -273,10 +274,10 @@ def test_a_rolling_shutter_is_not_taken_for_wrong_control_points() -> None:
         verdict = adjust_with_snooping(made.block, SETTINGS)
         assert verdict.blunders == ()
         result = verdict.result
-        assert result.block.cameras[0].readout_s == result.readout_s[0]
-        assert 0.02 < result.readout_s[0] < 0.06
-        z.append((result.readout_s[0] - 0.033) / result.readout_sigma_s[0])
+        assert result.block.cameras[0].readout_s == result.decisions.readout_s[0]
+        assert 0.02 < result.decisions.readout_s[0] < 0.06
+        z.append((result.decisions.readout_s[0] - 0.033) / result.decisions.readout_sigma_s[0])
         check = np.array([role == "check" for role in result.block.control_points.role])
-        error = (result.ground_world_m - made.truth.control_position_world_m)[check]
+        error = (result.estimates.ground_world_m - made.truth.control_position_world_m)[check]
         assert np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))) < 0.09  # 0.13 to 0.16 m with one of them rejected
     assert float(np.sqrt(np.mean(np.square(z)))) < 2.5

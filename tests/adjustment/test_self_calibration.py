@@ -55,7 +55,7 @@ def calibrated(plan: SurveyPlan, seed: int) -> tuple[Adjustment, Held]:
 
 
 def sigma_of(result: Adjustment) -> FloatArray:
-    return np.asarray(np.sqrt(np.diag(result.calibration_covariance[0]))[USUAL])
+    return np.asarray(np.sqrt(np.diag(result.covariances.calibration[0]))[USUAL])
 
 
 def error_of(plan: SurveyPlan, seed: int) -> FloatArray:
@@ -132,14 +132,14 @@ def test_what_is_held_stays_in_the_predicted_height() -> None:
     """The flying height over the ground is as uncertain as the focal length leaves it."""
     result, _ = calibrated(LEVEL, 1)
     tie = result.block.tie_points
-    sigma = np.sqrt(np.median(result.tie_point_covariance_m2[:, 2, 2]))
+    sigma = np.sqrt(np.median(result.covariances.tie_point_m2[:, 2, 2]))
     share = sigma_of(result)[0] / LEVEL.focal_px
     assert sigma > 0.8 * share * LEVEL.flying_height_m
     block = simulated(LEVEL, 1).block
     camera = replace(block.cameras[0], sigmas=np.zeros(12))
     known, _ = calibrate(replace(block, cameras=(camera,)), SETTINGS, ("auto",))
     assert len(tie) > 100
-    assert np.sqrt(np.median(known.tie_point_covariance_m2[:, 2, 2])) < 0.8 * sigma
+    assert np.sqrt(np.median(known.covariances.tie_point_m2[:, 2, 2])) < 0.8 * sigma
 
 
 def test_parallel_strips_hold_what_they_cannot_tell() -> None:

@@ -48,13 +48,13 @@ def test_relative_precision_is_what_errors_show(sigma_m: float | None) -> None:
         R = np.array([p.rotation_world_from_camera for p in result.block.poses if p is not None])
         centre = np.einsum("nij,nj->ni", R, pose[:, 3:])
         squares[n] = (
-            normalised_square(centre, result.position_covariance_m2),
-            normalised_square(pose[:, :3], result.rotation_covariance_rad2),
-            normalised_square(tie, result.tie_point_covariance_m2),
-            normalised_square(marked, result.ground_covariance_m2),
+            normalised_square(centre, result.covariances.position_m2),
+            normalised_square(pose[:, :3], result.covariances.rotation_rad2),
+            normalised_square(tie, result.covariances.tie_point_m2),
+            normalised_square(marked, result.covariances.ground_m2),
         )
-        joint = result.ground_joint_covariance_m2.reshape(4, 3, 4, 3)
-        apart = result.ground_world_m[2] - result.ground_world_m[3]
+        joint = result.covariances.ground_joint_m2.reshape(4, 3, 4, 3)
+        apart = result.estimates.ground_world_m[2] - result.estimates.ground_world_m[3]
         along = apart / np.linalg.norm(apart)
         C = joint[2, :, 2] + joint[3, :, 3] - joint[2, :, 3] - joint[3, :, 2]
         true_m = float(np.linalg.norm(survey.marked_m[2] - survey.marked_m[3]))
@@ -74,11 +74,11 @@ def test_the_unit_of_the_start_changes_nothing() -> None:
         for unit in (0.05, 20.0)
     )
     for result in (small, large):
-        length = float(np.linalg.norm(result.ground_world_m[0] - result.ground_world_m[1]))
+        length = float(np.linalg.norm(result.estimates.ground_world_m[0] - result.estimates.ground_world_m[1]))
         (measured,) = result.block.constraints
         assert isinstance(measured, Distance)
         assert length == pytest.approx(measured.length_m, abs=1e-6)
-    sigmas = [np.linalg.eigvalsh(result.tie_point_covariance_m2) for result in (small, large)]
+    sigmas = [np.linalg.eigvalsh(result.covariances.tie_point_m2) for result in (small, large)]
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=1e-2)
 
 
@@ -97,10 +97,10 @@ def test_two_distances_that_contradict_each_other_show_in_their_group() -> None:
     for off_m, significant in ((0.0, False), (0.05, True)):
         second = Distance(ends=("C", "D"), length_m=true_m + off_m, sigma_m=BAR_SIGMA_M)
         result = adjust(replace(survey.block, constraints=(*survey.block.constraints, second)), SETTINGS)
-        number = result.components.group.tolist().index("distances")
-        assert result.components.observations[number] == 2
-        assert result.components.redundancy[number] == pytest.approx(1.0, abs=0.05)
-        assert (result.components.squares[number] > 15.0) == significant
+        number = result.tests.components.group.tolist().index("distances")
+        assert result.tests.components.observations[number] == 2
+        assert result.tests.components.redundancy[number] == pytest.approx(1.0, abs=0.05)
+        assert (result.tests.components.squares[number] > 15.0) == significant
 
 
 def test_attitudes_do_not_strain_a_free_network() -> None:

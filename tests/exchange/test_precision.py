@@ -26,14 +26,16 @@ def test_draws_scatter_as_stated() -> None:
         pose = result.block.poses[i]
         assert pose is not None
         to_map = frame.rotation_world_from_map(pose.position_world_m).T
-        turns = Rotation.from_rotvec(rng.multivariate_normal(np.zeros(3), result.rotation_covariance_rad2[i], DRAWS))
+        turns = Rotation.from_rotvec(rng.multivariate_normal(np.zeros(3), result.covariances.rotation_rad2[i], DRAWS))
         drawn = np.array(
             [omega_phi_kappa_deg(to_map @ pose.rotation_world_from_camera @ turn) for turn in turns.as_matrix()]
         )
         np.testing.assert_allclose(angles[i], drawn.std(axis=0), rtol=0.03)
-        places = pose.position_world_m + rng.multivariate_normal(np.zeros(3), result.position_covariance_m2[i], DRAWS)
+        places = pose.position_world_m + rng.multivariate_normal(np.zeros(3), result.covariances.position_m2[i], DRAWS)
         np.testing.assert_allclose(centres[i], frame.map_from_world(places).std(axis=0), rtol=0.03)
-    places = result.ground_world_m[0] + rng.multivariate_normal(np.zeros(3), result.ground_covariance_m2[0], DRAWS)
+    places = result.estimates.ground_world_m[0] + rng.multivariate_normal(
+        np.zeros(3), result.covariances.ground_m2[0], DRAWS
+    )
     np.testing.assert_allclose(ground_sigmas(result)[0], frame.map_from_world(places).std(axis=0), rtol=0.03)
 
 

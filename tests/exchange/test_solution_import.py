@@ -29,7 +29,7 @@ def adjusted(project: Path) -> Adjustment:
 
 def largest_difference_in_sigmas(one: Adjustment, other: Adjustment) -> float:
     """Differences of projection centres in the map over the standard deviations of the other."""
-    sigma = np.sqrt(np.diagonal(other.position_covariance_m2, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(other.covariances.position_m2, axis1=1, axis2=2))
     centres = [
         r.block.frame.map_from_world(np.array([p.position_world_m for p in r.block.poses if p is not None]))
         for r in (one, other)

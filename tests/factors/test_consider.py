@@ -40,20 +40,20 @@ def test_covariances_are_those_of_the_held_block_and_what_the_focal_length_moves
     """Σ = Σ_held + S D Sᵀ, S from two adjustments with the focal length held a little higher and lower."""
     f, step = survey().cameras[0].focal_px, 0.5
     plain, counted = held(f), held(f, SIGMA_PX)
-    np.testing.assert_allclose(counted.ground_world_m, plain.ground_world_m, atol=1e-9)
+    np.testing.assert_allclose(counted.estimates.ground_world_m, plain.estimates.ground_world_m, atol=1e-9)
     higher, lower = held(f + step), held(f - step)
     for name in ("ground", "position"):
         if name == "ground":
-            S = (higher.ground_world_m - lower.ground_world_m) / (2.0 * step)
-            before, after = plain.ground_covariance_m2, counted.ground_covariance_m2
+            S = (higher.estimates.ground_world_m - lower.estimates.ground_world_m) / (2.0 * step)
+            before, after = plain.covariances.ground_m2, counted.covariances.ground_m2
         else:
             places = [np.array([p.position_world_m for p in r.block.poses if p is not None]) for r in (higher, lower)]
             S = (places[0] - places[1]) / (2.0 * step)
-            before, after = plain.position_covariance_m2, counted.position_covariance_m2
+            before, after = plain.covariances.position_m2, counted.covariances.position_m2
         expected = before + SIGMA_PX**2 * S[:, :, None] * S[:, None, :]
         np.testing.assert_allclose(after, expected, rtol=2e-3, atol=2e-3 * np.abs(expected).max())
-    assert counted.calibration_covariance[0, 0, 0] == pytest.approx(SIGMA_PX**2, rel=1e-6)
-    assert plain.calibration_covariance[0, 0, 0] == 0.0
+    assert counted.covariances.calibration[0, 0, 0] == pytest.approx(SIGMA_PX**2, rel=1e-6)
+    assert plain.covariances.calibration[0, 0, 0] == 0.0
 
 
 def test_tests_of_residuals_allow_for_the_focal_length() -> None:
@@ -61,11 +61,11 @@ def test_tests_of_residuals_allow_for_the_focal_length() -> None:
     f = survey().cameras[0].focal_px + 20.0
     plain, counted = held(f), held(f, SIGMA_PX)
     for name in ("ground_redundancy", "mark_redundancy", "gnss_redundancy"):
-        a, b = getattr(plain.reliability, name), getattr(counted.reliability, name)
+        a, b = getattr(plain.tests.reliability, name), getattr(counted.tests.reliability, name)
         known = np.isfinite(a)
         assert np.all(b[known] >= a[known] - 1e-9)
         assert b[known].sum() > a[known].sum() + 1e-4
-    worst = [float(np.nanmax(np.abs(r.reliability.gnss_w))) for r in (plain, counted)]
+    worst = [float(np.nanmax(np.abs(r.tests.reliability.gnss_w))) for r in (plain, counted)]
     assert worst[1] <= worst[0]
 
 

@@ -125,7 +125,7 @@ def test_given_and_free_relative_poses_differ_by_what_is_given() -> None:
     free, given = (
         adjust(simulate_two_cameras(PLAN, 2, tie_points=120, given_sigma=s).block, LEAST_SQUARES) for s in (None, GIVEN)
     )
-    sigma = [np.sqrt(np.diag(r.exposures.relative_covariance[0])) for r in (free, given)]
+    sigma = [np.sqrt(np.diag(r.tests.exposures.relative_covariance[0])) for r in (free, given)]
     assert np.all(sigma[1] < sigma[0])
     assert np.all(sigma[1] < GIVEN)
 
@@ -146,7 +146,7 @@ def test_a_relative_pose_that_nothing_determines_is_named() -> None:
     pose, master = held.block.poses[6], held.block.poses[0]
     assert pose is not None
     assert master is not None
-    assert held.exposures.redundancy[0] == pytest.approx(np.zeros(6), abs=1e-6)
+    assert held.tests.exposures.redundancy[0] == pytest.approx(np.zeros(6), abs=1e-6)
     expected = TRUE.companions(master.rotation_world_from_camera[None], master.position_world_m[None])
     np.testing.assert_allclose(pose.position_world_m, expected[1][0], atol=1e-6)
 

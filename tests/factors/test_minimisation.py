@@ -118,14 +118,14 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         unknown = replace(tie, position_world_m=np.full_like(tie.position_world_m, np.nan))
         found = adjust(replace(made.block, tie_points=unknown), AdjustmentSettings(), start=[camera])
         expected = adjust(replace(made.block, poses=truth.poses, tie_points=unknown), AdjustmentSettings())
-        assert abs(found.discarded_observations - expected.discarded_observations) <= 3, seed
+        assert abs(found.decisions.rejected_observations - expected.decisions.rejected_observations) <= 3, seed
         kept, common = found.block.tie_points, found.block.common_errors
         problem = make_problem(replace(made.block, tie_points=kept, common_errors=common), AdjustmentSettings())
         right = replace(problem.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
         start = start_state(right, problem.flights)
         minimum = minimise(problem, start, AdjustmentSettings())
         assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed
-        sigma = np.sqrt(np.einsum("naa->na", found.position_covariance_m2))
+        sigma = np.sqrt(np.einsum("naa->na", found.covariances.position_m2))
         position = np.array([pose.position_world_m for pose in found.block.poses if pose is not None])
         assert np.all(np.abs(position - minimum.state.position) <= 1e-2 * sigma), seed
 

@@ -54,13 +54,13 @@ def adjusted(offset_m: float, datum_m: float, engine: Literal["fast", "reference
 
 
 def plan_sigma_m(result: Adjustment) -> float:
-    return float(np.sqrt(np.mean(np.diagonal(result.tie_point_covariance_m2, axis1=1, axis2=2)[:, :2])))
+    return float(np.sqrt(np.mean(np.diagonal(result.covariances.tie_point_m2, axis1=1, axis2=2)[:, :2])))
 
 
 def test_an_accepted_datum_counts_once_in_the_position_of_a_block_of_several_flights() -> None:
     without, with_it = adjusted(0.0, 0.0), adjusted(0.0, DATUM_M)
     assert plan_sigma_m(with_it) == pytest.approx(np.hypot(plan_sigma_m(without), DATUM_M), rel=1e-3)
-    heights = [r.tie_point_covariance_m2[:, 2, 2] for r in (without, with_it)]
+    heights = [r.covariances.tie_point_m2[:, 2, 2] for r in (without, with_it)]
     np.testing.assert_allclose(heights[1], heights[0], rtol=1e-3)
     # nothing of the shape is lost: the same error of all flights turns and bends nothing
     points = [r.block.tie_points.position_world_m for r in (without, with_it)]
@@ -69,12 +69,12 @@ def test_an_accepted_datum_counts_once_in_the_position_of_a_block_of_several_fli
 
 def test_two_flights_may_be_off_by_their_own_beside_the_datum() -> None:
     result = adjusted(0.1, DATUM_M)
-    a, b = (np.diag(c)[:2] for c in result.offset_covariance_m2)
+    a, b = (np.diag(c)[:2] for c in result.covariances.offset_m2)
     np.testing.assert_allclose(np.sqrt([a, b]), DATUM_M, rtol=0.01)
-    assert np.all(np.abs(result.offset_world_m[0] - result.offset_world_m[1])[:2] < 0.1)
+    assert np.all(np.abs(result.estimates.offset_world_m[0] - result.estimates.offset_world_m[1])[:2] < 0.1)
 
 
 def test_both_engines_know_the_joint_prior() -> None:
     fast, reference = adjusted(0.1, DATUM_M), adjusted(0.1, DATUM_M, "reference")
     assert fast.cost == pytest.approx(reference.cost, rel=1e-6)
-    np.testing.assert_allclose(fast.offset_world_m, reference.offset_world_m, atol=1e-6)
+    np.testing.assert_allclose(fast.estimates.offset_world_m, reference.estimates.offset_world_m, atol=1e-6)

@@ -16,6 +16,7 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from makers import bare_adjustment
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
@@ -29,7 +30,7 @@ from photogram.files.poses import (
     write_pose_table,
 )
 from photogram.geodesy.frames import LocalFrame, map_from_geodetic
-from photogram.results import Adjustment, Reliability, VarianceComponents
+from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
 Json = dict[str, Any]
@@ -62,12 +63,7 @@ def adjusted(
     )
     block = Block(frame, (CAMERA,), photographs, tuple(poses), ties, ground)
     position = np.array([np.full((3, 3), np.nan) if p is None else np.diag([1e-4, 4e-4, 9e-4]) for p in poses])
-    return Adjustment(
-        block, 1.0, 1, np.zeros((4, 2)), np.zeros((0, 2)), position, 1e-4 * position, np.zeros((1, 12, 12)),
-        np.zeros((2, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), (), np.zeros((0, 3)), np.zeros((0, 3, 3)),
-        1, 1, True, 0.0, 0, 0, Reliability.unknown(0, 0, n), np.zeros((0, 0)), np.zeros((2, 3, 3)),
-        VarianceComponents.unknown(),
-    )  # fmt: skip
+    return bare_adjustment(block, position, 1e-4 * position)
 
 
 def table(folder: Path, result: Adjustment) -> list[dict[str, str]]:
@@ -208,7 +204,8 @@ def test_sigmas_are_along_easting_northing_and_height(tmp_path: Path) -> None:
     """A photograph known to 1 m along the world's east and up and to 30 m along its north, 2.5° beside the map's."""
     pose = Pose(NADIR, np.array([0.0, 0.0, 80.0]))
     covariance = np.diag([1.0, 900.0, 1.0])
-    (row,) = table(tmp_path, replace(adjusted([pose]), position_covariance_m2=covariance[None]))
+    result = adjusted([pose])
+    (row,) = table(tmp_path, replace(result, covariances=replace(result.covariances, position_m2=covariance[None])))
     sigma = vector(row, "sigma_easting_m", "sigma_northing_m", "sigma_height_m")
     R = FRAME.rotation_world_from_map(pose.position_world_m)
     assert sigma == pytest.approx(np.sqrt(np.diag(R.T @ covariance @ R)), abs=1e-4)
@@ -217,7 +214,7 @@ def test_sigmas_are_along_easting_northing_and_height(tmp_path: Path) -> None:
 
 def test_a_sigma_that_is_not_known_is_empty(tmp_path: Path) -> None:
     result = adjusted([Pose(NADIR, np.array([0.0, 0.0, 80.0]))])
-    result = replace(result, position_covariance_m2=np.full((1, 3, 3), np.nan))
+    result = replace(result, covariances=replace(result.covariances, position_m2=np.full((1, 3, 3), np.nan)))
     (row,) = table(tmp_path, result)
     assert row["sigma_easting_m"] == ""
     assert features(tmp_path, result)[0][0]["properties"]["sigma_easting_m"] is None

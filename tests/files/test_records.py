@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path, PurePosixPath
@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from makers import assert_same
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
@@ -100,27 +101,6 @@ TREES = st.builds(
     st.lists(st.tuples(TEXTS, TEXTS), max_size=3).map(tuple),
     st.lists(st.none() | st.lists(arrays_of(np.int64), max_size=2).map(tuple), max_size=2).map(tuple),
 )
-
-
-def assert_same(one: Any, other: Any) -> None:
-    """Assert that two values are of the same types and bits."""
-    assert type(one) is type(other)
-    if is_dataclass(one):
-        for f in fields(one):
-            assert_same(getattr(one, f.name), getattr(other, f.name))
-    elif isinstance(one, np.ndarray):
-        assert (one.dtype, one.shape) == (other.dtype, other.shape)
-        np.testing.assert_array_equal(one.view(f"V{one.itemsize}"), other.view(f"V{other.itemsize}"))
-    elif isinstance(one, tuple):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            assert_same(a, b)
-    elif isinstance(one, dict):
-        assert_same(tuple(one.items()), tuple(other.items()))
-    elif isinstance(one, float):
-        assert np.float64(one).tobytes() == np.float64(other).tobytes() or (np.isnan(one) and np.isnan(other))
-    else:
-        assert one == other
 
 
 @settings(max_examples=60, deadline=None)

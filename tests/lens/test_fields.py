@@ -233,8 +233,8 @@ def test_residuals_and_ground_follow_a_lens_that_only_a_field_describes() -> Non
     truth = made.tie_point_position_world_m
     off = [np.sqrt(np.mean((r.block.tie_points.position_world_m - truth) ** 2)) for r in (without, found)]
     assert off[1] < 0.5 * off[0]
-    sigma = np.sqrt(np.einsum("pii->pi", found.tie_point_covariance_m2))
+    sigma = np.sqrt(np.einsum("pii->pi", found.covariances.tie_point_m2))
     z = np.sqrt(np.mean(((found.block.tie_points.position_world_m - truth) / sigma) ** 2))
     assert 0.6 < z < 1.4
-    assert found.field_covariance_px2.shape[0] == len(made.block.cameras)
-    assert without.field_covariance_px2.shape == (0, 0, 0)
+    assert found.covariances.lens_field_px2.shape[0] == len(made.block.cameras)
+    assert without.covariances.lens_field_px2.shape == (0, 0, 0)

@@ -12,10 +12,8 @@ from makers import LEAST_SQUARES, simulated
 
 from photogram.adjustment.adjustment import adjust
 from photogram.camera import calibrations, field_at
-from photogram.files.npz_json import read_arrays
 from photogram.lens.fields import free_field
-from photogram.pipeline.store.stored_results import ADJUSTED, adjusted_block_from, adjustment_from, write_adjustment
-from photogram.projection import PARAMETERS
+from photogram.pipeline.store.stored_results import read_adjusted_block, read_adjustment, write_adjustment
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
 from photogram.results import LensFieldDecision
 from photogram.simulation.survey_plan import SurveyPlan
@@ -33,9 +31,7 @@ def test_relative_poses_come_back_as_they_were_adjusted(tmp_path: Path, known: b
     rejected = [unmeasured("exposure", name) for name in (names[1:2] if known else names)]
     result = adjust(without(block, rejected), LEAST_SQUARES)
     write_adjustment(tmp_path, result)
-    arrays = read_arrays(tmp_path / ADJUSTED)
-    stored = adjusted_block_from(block, arrays, result.block.tie_points, rejected)
-    again = adjustment_from(stored, lambda name: tmp_path / name)
+    again = read_adjustment(read_adjusted_block(block, tmp_path.joinpath, rejected), tmp_path.joinpath)
     (rig,), (expected,) = again.block.rigs, result.block.rigs
     assert rig.exposures == expected.exposures
     np.testing.assert_array_equal(rig.exposure_sigma, expected.exposure_sigma)
@@ -46,8 +42,8 @@ def test_relative_poses_come_back_as_they_were_adjusted(tmp_path: Path, known: b
         np.testing.assert_array_equal(
             rig.pose.rotation_master_from_companion, expected.pose.rotation_master_from_companion
         )
-    for name, values in vars(result.exposures).items():
-        np.testing.assert_array_equal(getattr(again.exposures, name), values)
+    for name, values in vars(result.tests.exposures).items():
+        np.testing.assert_array_equal(getattr(again.tests.exposures, name), values)
     assert again.redundancy == result.redundancy
 
 
@@ -62,14 +58,12 @@ def test_cameras_with_and_without_a_lens_field_are_read_as_they_were_adjusted(tm
         LensFieldDecision(camera.name, estimated=True, photographs=4, rms_px=0.1, sigma_px=0.04),
         LensFieldDecision("other", why="too few"),
     )
-    result = replace(adjust(block, LEAST_SQUARES), lens_fields=decisions)
+    plain = adjust(block, LEAST_SQUARES)
+    result = replace(plain, decisions=replace(plain.decisions, lens_fields=decisions))
     write_adjustment(tmp_path, result)
 
     measured = replace(block, cameras=(camera, other))  # a project knows nothing of fields
-    stored = read_arrays(tmp_path / ADJUSTED)
-    found = adjustment_from(
-        adjusted_block_from(measured, stored, result.block.tie_points), lambda name: tmp_path / name
-    )
+    found = read_adjustment(read_adjusted_block(measured, tmp_path.joinpath), tmp_path.joinpath)
     np.testing.assert_array_equal(calibrations(found.block.cameras), calibrations(result.block.cameras))
     assert found.block.cameras[1].field is None
     field = found.block.cameras[0].field
@@ -79,11 +73,7 @@ def test_cameras_with_and_without_a_lens_field_are_read_as_they_were_adjusted(tm
     pixel = result.block.tie_points.pixel
     np.testing.assert_array_equal(field_at(found.block.cameras[0], pixel), field_at(result.block.cameras[0], pixel))
     assert np.abs(field_at(found.block.cameras[0], pixel)).max() > 0.0
-    np.testing.assert_array_equal(found.field_covariance_px2, result.field_covariance_px2)
-    assert [d.estimated for d in found.lens_fields] == [True, False]
-    assert [d.why for d in found.lens_fields] == ["", "too few"]
-    assert found.lens_fields[0].sigma_px == 0.04
-    earlier = {name: array for name, array in stored.items() if not name.startswith("field_")}
-    earlier["camera_parameters"] = stored["camera_parameters"][:, :PARAMETERS]
-    plain = adjusted_block_from(measured, earlier, result.block.tie_points)
-    assert [c.field for c in plain.cameras] == [None, None]
+    np.testing.assert_array_equal(found.covariances.lens_field_px2, result.covariances.lens_field_px2)
+    assert [d.estimated for d in found.decisions.lens_fields] == [True, False]
+    assert [d.why for d in found.decisions.lens_fields] == ["", "too few"]
+    assert found.decisions.lens_fields[0].sigma_px == 0.04

@@ -181,7 +181,9 @@ def test_an_innocent_that_was_accused_beforehand_is_taken_back() -> None:
     for rejected in ([whole], [mark], [whole, mark], [position], [attitude], [focal], [whole, position, focal]):
         found = search(survey(), adjusted(without(survey(), rejected)), adjusted, rejected)
         assert found.rejected == ()
-        np.testing.assert_array_equal(found.result.ground_world_m, adjusted(survey()).ground_world_m)
+        np.testing.assert_array_equal(
+            found.result.estimates.ground_world_m, adjusted(survey()).estimates.ground_world_m
+        )
 
 
 def test_the_test_of_a_whole_point_is_the_quadratic_form_of_what_is_tested() -> None:
@@ -196,9 +198,11 @@ def test_the_test_of_a_whole_point_is_the_quadratic_form_of_what_is_tested() -> 
 
 def test_no_statement_is_made_where_only_the_point_itself_determines() -> None:
     result = adjusted(survey())
-    r = result.reliability
+    r = result.tests.reliability
     redundancy = r.ground_redundancy.copy()
     redundancy[0] = (0.5, 0.5, 0.0)
-    sentence = control_verdict(replace(result, reliability=replace(r, ground_redundancy=redundancy)), 0, [])
+    sentence = control_verdict(
+        replace(result, tests=replace(result.tests, reliability=replace(r, ground_redundancy=redundancy))), 0, []
+    )
     assert sentence is not None
     assert sentence.startswith("no statement possible in height: this point alone determines it; agrees with")

@@ -47,7 +47,9 @@ def finished(block: Block) -> Adjustment:
     settings = AdjustmentSettings(robust_loss="none", outlier_threshold=100.0)
     result = adjust(block, settings)
     given = [camera.parameters for camera in block.cameras]
-    return replace(result, deformation=block_deformation(result, settings, given))
+    return replace(
+        result, covariances=replace(result.covariances, deformation=block_deformation(result, settings, given))
+    )
 
 
 def test_focal_length_and_height_of_a_nadir_flight_without_control() -> None:
@@ -89,7 +91,7 @@ def test_predicted_dome_is_what_domes_scatter_by() -> None:
         result = finished(made.block)
         assert len(result.block.tie_points) == len(made.tie_point_position_world_m)
         error = result.block.tie_points.position_world_m[:, 2] - made.tie_point_position_world_m[:, 2]
-        known = result.deformation
+        known = result.covariances.deformation
         xy = made.tie_point_position_world_m[:, :2]
         dome, _, _ = fitted_dome(xy, error, np.ones(len(xy)), known.centre_world_m, known.radius_m)
         domes.append(dome)
@@ -142,14 +144,16 @@ def test_points_that_took_no_part() -> None:
     assert left == points.role.count("control") == 5
     assert len(place) == len(points)
     check = [g for g, role in enumerate(points.role) if role == "check"]
-    expected = result.ground_world_m[check, 2] - points.position_world_m[check, 2]
+    expected = result.estimates.ground_world_m[check, 2] - points.position_world_m[check, 2]
     np.testing.assert_allclose(difference[: len(check)], expected, atol=1e-4)
     assert np.all(sigma > points.sigma_m[:, 2].min())
 
 
 def test_what_is_not_determined_is_said_in_words() -> None:
     result = adjusted(RTK_NADIR)
-    said = undetermined(result.deformation, result.block.cameras, result.flights, result.block.gnss_offset_sigma_m)
+    said = undetermined(
+        result.covariances.deformation, result.block.cameras, result.estimates.flights, result.block.gnss_offset_sigma_m
+    )
     assert any("focal length" in s and "height of the ground" in s and "not separable" in s for s in said)
     assert not any(s.startswith("correlated") and s.count("k1") and "k2" in s and s.count("±") == 2 for s in said)
 
@@ -173,11 +177,11 @@ def test_the_numbers_of_the_report() -> None:
 
 def test_nothing_is_said_of_a_block_that_nothing_is_known_of() -> None:
     result = adjusted(NADIR)
-    unknown = replace(result, deformation=Deformation.unknown())
+    unknown = replace(result, covariances=replace(result.covariances, deformation=Deformation.unknown()))
     numbers = diagnosis_numbers(unknown, [None] * len(result.block.photographs))
     assert numbers["dome"]["predicted_sigma_m"] is None
     assert numbers["dome"]["measured_m"] is None
     assert numbers["warnings"] == numbers["undetermined"] == []
     assert numbers["remedies"] == []
     assert numbers["resections"] == []
-    assert weaknesses(unknown.deformation, result.block.cameras, result.flights) == []
+    assert weaknesses(unknown.covariances.deformation, result.block.cameras, result.estimates.flights) == []

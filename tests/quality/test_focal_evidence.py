@@ -68,12 +68,12 @@ def test_a_settled_focal_length_that_cannot_be_adjusted_ends_no_survey(monkeypat
 def test_what_is_settled_lies_near_the_source_and_its_sigma_counts() -> None:
     verdict = judged()
     result, decision = verdict.result, verdict.focal_lengths["simulated"]
-    camera, sigma = result.block.cameras[0], float(np.sqrt(result.calibration_covariance[0, 0, 0]))
+    camera, sigma = result.block.cameras[0], float(np.sqrt(result.covariances.calibration[0, 0, 0]))
     assert camera.focal_px == decision.settled.focal_px
     assert sigma == pytest.approx(decision.settled.sigma_px, rel=1e-6)
     assert abs(camera.focal_px - PLAN.focal_px) < abs(decision.says.focal_px - PLAN.focal_px)
     assert abs(camera.focal_px - PLAN.focal_px) < 3.0 * sigma
-    height_m = np.sqrt(np.median(result.tie_point_covariance_m2[:, 2, 2]))
+    height_m = np.sqrt(np.median(result.covariances.tie_point_m2[:, 2, 2]))
     assert height_m > 0.7 * sigma / camera.focal_px * PLAN.flying_height_m
     given = (replace(camera, focal_px=PLAN.focal_px),)
     assert (

@@ -66,7 +66,7 @@ def decided(block: Block, verdict: Verdict, settings: AdjustmentSettings = SETTI
     same, found = with_lens_fields(block, verdict, settings, never)
     assert same is block
     assert found.result.block is verdict.result.block
-    decision = found.result.lens_fields[0]
+    decision = found.result.decisions.lens_fields[0]
     assert not decision.estimated
     return decision
 
@@ -74,7 +74,7 @@ def decided(block: Block, verdict: Verdict, settings: AdjustmentSettings = SETTI
 def test_a_field_that_the_photographs_show_is_estimated_and_takes_the_pattern() -> None:
     made, before = survey(0.3), judged(0.3)
     block, after = with_lens_fields(made.block, before, SETTINGS, judge)
-    decision = after.result.lens_fields[0]
+    decision = after.result.decisions.lens_fields[0]
     assert decision.estimated, decision.why
     assert decision.gain > 0.0
     assert decision.gain_errors > 5.0
@@ -114,7 +114,7 @@ def test_fields_that_are_not_asked_for_are_not_looked_for() -> None:
     same, found = with_lens_fields(block, verdict, replace(SETTINGS, lens_field="none"), never)
     assert same is block
     assert found is verdict
-    assert found.result.lens_fields == ()
+    assert found.result.decisions.lens_fields == ()
 
 
 def test_few_photographs_do_not_hold_a_field() -> None:
@@ -148,18 +148,20 @@ def test_a_block_that_cannot_be_adjusted_with_a_field_stays_without() -> None:
     same, found = with_lens_fields(block, verdict, SETTINGS, fails)
     assert same is block
     assert found.result.block is verdict.result.block
-    assert found.result.lens_fields[0].why == "the block cannot be adjusted with it: no solution"
+    assert found.result.decisions.lens_fields[0].why == "the block cannot be adjusted with it: no solution"
 
 
 def test_a_field_that_the_block_does_not_hold_is_taken_back() -> None:
     def vague(block: Block, start: Sequence[FloatArray]) -> Verdict:
         found = judge(block, start)
-        unknown = 400.0 * found.result.field_covariance_px2
-        return replace(found, result=replace(found.result, field_covariance_px2=unknown))
+        unknown = 400.0 * found.result.covariances.lens_field_px2
+        return replace(
+            found, result=replace(found.result, covariances=replace(found.result.covariances, lens_field_px2=unknown))
+        )
 
     block, verdict = survey(0.3).block, judged(0.3)
     same, found = with_lens_fields(block, verdict, SETTINGS, vague)
-    decision = found.result.lens_fields[0]
+    decision = found.result.decisions.lens_fields[0]
     assert same is block
     assert found.result.block is verdict.result.block
     assert not decision.estimated

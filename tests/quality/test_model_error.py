@@ -30,11 +30,14 @@ def adjusted(pattern_px: float, seed: int = 3) -> Adjustment:
     block = replace(block, tie_points=replace(tie, pixel=tie.pixel + wave))
     result = adjust(block, AdjustmentSettings())
     known = [camera.parameters for camera in block.cameras]
-    return replace(result, deformation=block_deformation(result, AdjustmentSettings(), known))
+    return replace(
+        result,
+        covariances=replace(result.covariances, deformation=block_deformation(result, AdjustmentSettings(), known)),
+    )
 
 
 def height_variances(result: Adjustment) -> FloatArray:
-    return np.asarray(result.tie_point_covariance_m2[:, 2, 2])
+    return np.asarray(result.covariances.tie_point_m2[:, 2, 2])
 
 
 def test_shapes_and_modes_are_inverse_to_each_other() -> None:
@@ -53,30 +56,30 @@ def test_a_sound_camera_changes_nothing() -> None:
 def test_heights_count_a_pattern_and_nothing_else_does() -> None:
     result = adjusted(0.8)
     counted = with_model_error(result)
-    pattern_m2 = result.deformation.model_error_covariance_m2
+    pattern_m2 = result.covariances.deformation.model_error_covariance_m2
     assert np.all(np.diag(pattern_m2) > 0.0)
     np.testing.assert_allclose(pattern_m2, pattern_m2.T, rtol=1e-9)
     added = height_variances(counted) - height_variances(result)
-    known = result.deformation
+    known = result.covariances.deformation
     shapes = height_shapes(
         result.block.tie_points.position_world_m[:, :2], known.centre_world_m, known.radius_m,
         known.place_world_m[:, :2],
     )  # fmt: skip
     np.testing.assert_allclose(added, np.einsum("pk,kl,pl->p", shapes, pattern_m2, shapes), rtol=1e-6)
-    for name in ("tie_point_covariance_m2", "ground_covariance_m2"):
-        before, after = getattr(result, name).copy(), getattr(counted, name).copy()
+    for name in ("tie_point_m2", "ground_m2"):
+        before, after = getattr(result.covariances, name).copy(), getattr(counted.covariances, name).copy()
         before[:, 2, 2] = after[:, 2, 2] = 0.0
         np.testing.assert_array_equal(before, after)
-    np.testing.assert_array_equal(result.ground_world_m, counted.ground_world_m)
+    np.testing.assert_array_equal(result.estimates.ground_world_m, counted.estimates.ground_world_m)
 
 
 def test_the_joint_covariance_is_that_of_each_point_and_holds_what_they_share() -> None:
     counted = with_model_error(adjusted(0.8))
-    joint = counted.ground_joint_covariance_m2
-    own = np.array([joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3] for g in range(len(counted.ground_world_m))])
-    np.testing.assert_allclose(own, counted.ground_covariance_m2, rtol=1e-4, atol=1e-9)
+    joint = counted.covariances.ground_joint_m2
+    own = np.array([joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3] for g in range(len(counted.estimates.ground_world_m))])
+    np.testing.assert_allclose(own, counted.covariances.ground_m2, rtol=1e-4, atol=1e-9)
     assert np.linalg.eigvalsh(joint).min() > 0.0
-    before = adjusted(0.8).ground_joint_covariance_m2
+    before = adjusted(0.8).covariances.ground_joint_m2
     difference = np.zeros(len(joint))
     difference[2], difference[5] = 1.0, -1.0
     more, singly = joint - before, (joint - before)[[2, 5], [2, 5]].sum()
@@ -86,10 +89,12 @@ def test_the_joint_covariance_is_that_of_each_point_and_holds_what_they_share() 
 def test_the_deformation_holds_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Modes, places, shape and their summaries grow by the same covariance, and the shape by that without its mean."""
     result = adjusted(0.8)
-    counted = result.deformation
+    counted = result.covariances.deformation
     monkeypatch.setattr(improvements, "pattern_covariance_m2", lambda *_: np.zeros((4, 4)))
     cameras = [camera.parameters for camera in result.block.cameras]
-    plain = improvements.block_deformation(replace(result, deformation=counted), AdjustmentSettings(), cameras)
+    plain = improvements.block_deformation(
+        replace(result, covariances=replace(result.covariances, deformation=counted)), AdjustmentSettings(), cameras
+    )
     pattern_m2 = counted.model_error_covariance_m2
     relative_m2 = pattern_m2.copy()
     relative_m2[0], relative_m2[:, 0] = 0.0, 0.0

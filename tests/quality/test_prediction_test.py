@@ -187,7 +187,7 @@ def test_what_the_report_holds() -> None:
 def test_leave_one_out_summarises_every_control_point() -> None:
     result = adjusted(7, PLAN)
     found = leave_one_out(result)
-    off = result.reliability.ground_left_out_m[:5]
+    off = result.tests.reliability.ground_left_out_m[:5]
     assert found is not None
     assert found.n == 5
     assert found.rmse_h_m == pytest.approx(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))

@@ -58,7 +58,7 @@ def test_sigmas_of_height_differences_are_those_of_the_whole_system(control: int
     position, covariance = ground_errors(problem, state, found, places)
     frame = made.block.frame
     known = replace(Deformation.unknown(), ground_place_world_m=position, ground_covariance_m2=covariance)
-    numbers = ground_error_numbers(SimpleNamespace(block=made.block, deformation=known))  # type: ignore[arg-type]
+    numbers = ground_error_numbers(SimpleNamespace(block=made.block, covariances=SimpleNamespace(deformation=known)))  # type: ignore[arg-type]
     assert numbers is not None
     assert len(json.dumps(numbers)) < 120_000
     record = reported(numbers)

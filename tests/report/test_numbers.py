@@ -85,12 +85,18 @@ def test_keys_of_lens_fields() -> None:
     assert camera_numbers(result, {}, [])[name]["lens_field"] is None
     there = LensFieldDecision(name, estimated=True, photographs=24, pattern_px=0.1, covered=1.0, gain=0.05,
                               gain_errors=7.0, rms_px=0.2, sigma_px=0.02, largest_px=0.6, left_px=0.01)  # fmt: skip
-    found = camera_numbers(replace(result, lens_fields=(there,)), {}, [])[name]["lens_field"]
+    found = camera_numbers(replace(result, decisions=replace(result.decisions, lens_fields=(there,))), {}, [])[name][
+        "lens_field"
+    ]
     assert found is not None
     assert found["estimated"]
     assert found["why"] is None
     assert [found[key] for key in ("rms_px", "sigma_px", "largest_px", "left_px")] == [0.2, 0.02, 0.6, 0.01]
-    off = camera_numbers(replace(result, lens_fields=(LensFieldDecision(name, why="too few"),)), {}, [])[name]
+    off = camera_numbers(
+        replace(result, decisions=replace(result.decisions, lens_fields=(LensFieldDecision(name, why="too few"),))),
+        {},
+        [],
+    )[name]
     assert off["lens_field"] is not None
     assert off["lens_field"]["why"] == "too few"
     assert off["lens_field"]["rms_px"] is None
@@ -105,13 +111,20 @@ def test_keys_of_rolling_shutters() -> None:
     camera = camera_numbers(result, {}, [])[name]
     found = camera["rolling_shutter"]
     assert found is not None
-    assert found["estimate_s"] == camera["readout_s"] == result.readout_s[0]
+    assert found["estimate_s"] == camera["readout_s"] == result.decisions.readout_s[0]
     assert found["sigma_s"] == pytest.approx(camera["sigma"]["readout_s"])
     for key in ("focal_correlation", "time_offset_correlation"):
         assert 0.0 < abs(number(found[key])) < 1.0, key
-    assert found["neighbours_scatter_m_s"] == result.neighbours_scatter_m_s > 0.05
-    given = replace(result, readout_s=np.full(1, np.nan), readout_sigma_s=np.full(1, np.nan),
-                    readout_focal_correlation=np.full(1, np.nan), neighbours_scatter_m_s=float("nan"))  # fmt: skip
+    assert found["neighbours_scatter_m_s"] == result.decisions.neighbours_scatter_m_s > 0.05
+    unknown = np.full(1, np.nan)
+    decisions = replace(
+        result.decisions,
+        readout_s=unknown,
+        readout_sigma_s=unknown,
+        readout_focal_correlation=unknown,
+        neighbours_scatter_m_s=float("nan"),
+    )
+    given = replace(result, decisions=decisions)
     fixed = camera_numbers(given, {}, [])[name]["rolling_shutter"]
     assert fixed is not None
     assert fixed["estimate_s"] is fixed["focal_correlation"] is fixed["neighbours_scatter_m_s"] is None
@@ -596,7 +609,7 @@ def test_gnss_residuals_are_without_the_offset_of_the_flight(
 ) -> None:
     """The offsets are of metres, the receiver's noise of centimetres: a residual that keeps an offset shows it."""
     result, _, block = broken
-    assert np.linalg.norm(result.offset_world_m, axis=1).min() > 1.0
+    assert np.linalg.norm(result.estimates.offset_world_m, axis=1).min() > 1.0
     residual = gnss_residual_m(result)
     assert np.isnan(residual).all(axis=1).tolist() == [i in (1, 4, 6) for i in range(8)]
     known = residual[np.isfinite(residual).all(axis=1)]

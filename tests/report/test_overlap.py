@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from makers import bare_adjustment
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.geodesy.frames import LocalFrame
 from photogram.report.numbers.overlap import CELLS, Overlap, ground_overlap
-from photogram.results import Adjustment, Reliability, VarianceComponents
+from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints, Photograph, Raster, TiePoints
 
 FRAME = LocalFrame("EPSG:25832", (602340.0, 5794120.0, 100.0), "grid")
@@ -37,13 +38,7 @@ def block_of(points: FloatArray, poses: Sequence[Pose | None], camera: Camera = 
     ground = ControlPoints((), (), nothing(0, 3), nothing(0, 3), no_marks, no_marks, nothing(0, 2), nothing(0, 2, 2))
     photographs = tuple(Photograph(f"{i}.JPG", 0) for i in range(len(poses)))
     block = Block(FRAME, (camera,), photographs, tuple(poses), ties, ground)
-    count = len(poses)
-    return Adjustment(
-        block, 1.0, 1, nothing(n, 2), nothing(0, 2), nothing(count, 3, 3), nothing(count, 3, 3), nothing(1, 12, 12),
-        nothing(len(points), 3, 3), nothing(0, 3), nothing(0, 3, 3), (), nothing(0, 3), nothing(0, 3, 3), 1, 1, True,
-        0.0, 0, 0, Reliability.unknown(0, 0, count), nothing(0, 0), nothing(len(points), 3, 3),
-        VarianceComponents.unknown(),
-    )  # fmt: skip
+    return bare_adjustment(block, nothing(len(poses), 3, 3), nothing(len(poses), 3, 3))
 
 
 def level(width_m: float, height_m: float, count: int = 4000, seed: int = 0) -> FloatArray:

@@ -43,13 +43,13 @@ def test_figures_are_those_of_the_adjustment(adjusted: tuple[Block, Adjustment])
     assert record["rotation_deg"] is not None
     angles = [Rotation.from_rotvec(np.deg2rad(a) * e) for a, e in zip(record["rotation_deg"], np.eye(3), strict=True)]
     np.testing.assert_allclose((angles[0] * angles[1] * angles[2]).as_matrix(), pose.rotation_master_from_companion)
-    sigma = np.sqrt(np.diag(result.exposures.relative_covariance[0]))
+    sigma = np.sqrt(np.diag(result.tests.exposures.relative_covariance[0]))
     np.testing.assert_allclose(record["offset_sigma_m"] or [], sigma[3:])
     np.testing.assert_allclose(record["rotation_sigma_deg"] or [], np.rad2deg(sigma[:3]))
     assert not record["offset_given"]
-    w = np.delete(result.exposures.w, 1, axis=0)
+    w = np.delete(result.tests.exposures.w, 1, axis=0)
     assert record["largest_w"] == pytest.approx(np.abs(w).max())
-    redundancy = np.delete(result.exposures.redundancy, 1, axis=0)
+    redundancy = np.delete(result.tests.exposures.redundancy, 1, axis=0)
     assert record["offset_redundancy"] == pytest.approx(redundancy[:, 3:].mean())
     assert record["rotation_redundancy"] == pytest.approx(redundancy[:, :3].mean())
     assert (record["offset_mdb_m"] or 0.0) > 4.0 * block.rigs[0].exposure_sigma[0, 3]

@@ -75,7 +75,7 @@ def test_bands_that_match_nothing_are_adjusted_to_their_relative_poses(made: Ban
     for k, (rig, true) in enumerate(zip(result.block.rigs, made.relative, strict=True)):
         assert rig.pose is not None
         error = true.misfits(rig.pose.rotation_master_from_companion[None], rig.pose.offset_m[None])[0]
-        covariance = result.exposures.relative_covariance[k]
+        covariance = result.tests.exposures.relative_covariance[k]
         total += float(error @ np.linalg.solve(covariance, error))
         assert np.all(np.sqrt(np.diag(covariance))[:3] < 0.2 * NOMINAL_SIGMA[:3])
         assert np.abs(made.registration_px(result, k + 1)).max() < 2.0

@@ -53,7 +53,7 @@ def test_predictions_are_the_errors_of_simulated_surveys(plan: FlightPlan) -> No
     for seed in range(100, 100 + SEEDS):
         survey = survey_of(plan, seed, errors=True, extra=found.place_m[seen][::4])
         result = adjust(survey.block, AdjustmentSettings(robust_loss="none"))
-        errors.append((result.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
+        errors.append((result.estimates.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
     rms = np.sqrt(np.nanmean(np.array(errors) ** 2, axis=(0, 1)))
     predicted = np.sqrt(np.mean(found.sigma_m[seen] ** 2, axis=0))
     assert np.hypot(rms[0], rms[1]) / np.hypot(predicted[0], predicted[1]) == pytest.approx(1.0, abs=0.2)
@@ -66,7 +66,7 @@ def test_a_prediction_is_that_of_the_adjustment_without_errors() -> None:
     found = predict_accuracy(plan)
     survey = survey_of(plan, 1, errors=False, extra=found.place_m)
     result = adjust(survey.block, AdjustmentSettings(robust_loss="none"))
-    sigma = np.sqrt(np.einsum("gii->gi", result.ground_covariance_m2[plan.control :]))
+    sigma = np.sqrt(np.einsum("gii->gi", result.covariances.ground_m2[plan.control :]))
     known = np.isfinite(sigma[:, 0])
     np.testing.assert_allclose(sigma[known], found.sigma_m[known], rtol=1e-3)
     assert known.sum() > 0.9 * len(known)

@@ -295,13 +295,13 @@ def test_surfaces_of_adjusted_surveys_err_as_they_say() -> None:
             start_point_sigma_m=0.05,
         )  # fmt: skip
         result = adjust(made.block, AdjustmentSettings(robust_loss="none", outlier_threshold=100.0))
-        place, rays = result.block.tie_points.position_world_m, result.tie_point_ray_covariance_m2
-        precision = PointPrecision(rays, result.tie_point_covariance_m2 - rays)
+        place, rays = result.block.tie_points.position_world_m, result.covariances.tie_point_ray_m2
+        precision = PointPrecision(rays, result.covariances.tie_point_m2 - rays)
         settings = SurfaceSettings(cell_m=2.0, spike_nmad=0)
         heights, sigma = both(surface_with_sigma(PointCloud(place), precision, settings))
         score = heights.values / sigma.values
         z.append(score[np.isfinite(score)])
-        points.append(place[:, 2] / np.sqrt(result.tie_point_covariance_m2[:, 2, 2]))
+        points.append(place[:, 2] / np.sqrt(result.covariances.tie_point_m2[:, 2, 2]))
     for scores in (np.concatenate(z), np.concatenate(points)):
         assert np.sqrt(np.mean(scores**2)) == pytest.approx(1.0, abs=0.15)
         assert np.mean(np.abs(scores) < 1) == pytest.approx(0.683, abs=0.06)

@@ -174,7 +174,7 @@ def test_the_adjustment_recovers_the_camera(name: str, seed: int) -> None:
     assert result.converged
     assert camera.model == truth.model
     assert result.sigma0 == pytest.approx(1.0, abs=0.05)
-    sigma = np.sqrt(np.diag(result.calibration_covariance[0]))
+    sigma = np.sqrt(np.diag(result.covariances.calibration[0]))
     free = sigma > 0
     assert free.tolist() == [s > 0 for s in (*PLANS[name].calibration_sigmas, 0.0)]
     normalised = (camera.parameters - truth.parameters)[free] / sigma[free]
@@ -255,7 +255,7 @@ def test_two_flights_with_focal_lengths_of_their_own_are_told_apart() -> None:
     made, block = two_flights(3.0)
     result = adjust(block, AdjustmentSettings())
     focal = np.array([camera.focal_px for camera in result.block.cameras])
-    sigma = np.sqrt(result.calibration_covariance[:, 0, 0])
+    sigma = np.sqrt(result.covariances.calibration[:, 0, 0])
     truth = made.truth.camera.focal_px + np.array([0.0, 3.0])
     assert np.all(np.abs(focal - truth) < 3.0 * sigma)
     assert focal[1] - focal[0] > 3.0 * np.hypot(*sigma)

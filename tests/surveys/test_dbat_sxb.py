@@ -54,7 +54,7 @@ def test_the_same_observations_give_the_same_adjustment(compared: tuple[dbat.Pub
     """sigma0 1.1786, redundancy 1261, exterior orientation to the last digit, standard deviations of every element
     and of the control and check points to the printed digits, check points to the millimetre."""
     theirs, ours = compared
-    assert (round(ours.sigma0, 4), ours.redundancy, ours.discarded_observations) == (theirs.sigma0, 1261, 0)
+    assert (round(ours.sigma0, 4), ours.redundancy, ours.decisions.rejected_observations) == (theirs.sigma0, 1261, 0)
     off = np.abs(dbat.exterior(ours) - theirs.exterior)
     np.testing.assert_array_less(off, 2e-6)  # degrees, metres
     assert np.max(off / theirs.deviation) < 0.05

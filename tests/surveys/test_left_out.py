@@ -77,4 +77,4 @@ def test_what_was_left_out_is_left_out_when_it_is_read_back(adjusted_survey: Pat
     assert {(kind, name) for kind, name, *_ in accused} == {("mark", "G03"), ("control point", "G05")}
     assert np.isinf(points.sigma_m[points.name.index("G05"), 2])
     assert np.isinf(points.mark_sigma_px[points.mark_point == points.name.index("G03")]).sum() == 1
-    assert np.isfinite(result.ground_world_m).all()
+    assert np.isfinite(result.estimates.ground_world_m).all()

@@ -52,7 +52,7 @@ def test_the_page_runs_and_its_numbers_are_right(tmp_path: Path, monkeypatch: py
         rows = block.tie_points.photograph == number
         points = block.tie_points.position_world_m[block.tie_points.point[rows]]
         projected = pg.project_points(block.cameras[0], pose, points)
-        assert projected - block.tie_points.pixel[rows] == pytest.approx(found.residual_px[rows], abs=1e-6)
+        assert projected - block.tie_points.pixel[rows] == pytest.approx(found.estimates.residual_px[rows], abs=1e-6)
 
     assert 0.0 < names["sigma_m"] < names["apart_m"]
     flown = names["flown"]

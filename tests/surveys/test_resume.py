@@ -328,7 +328,7 @@ def test_a_corrected_control_point_repeats_the_adjustment_alone(adjusted_survey:
         anew, orientation = run.adjustment(), run.orientation()
     assert orientation.method == "attitude"
     # tie points were transferred before the correction, so that the last hundredths of a pixel are others
-    sigma_m = np.sqrt(np.linalg.eigvalsh(anew.position_covariance_m2)[:, 0])
+    sigma_m = np.sqrt(np.linalg.eigvalsh(anew.covariances.position_m2)[:, 0])
     moved_m = np.linalg.norm(positions_map_m(corrected.block) - positions_map_m(anew.block), axis=1)
     np.testing.assert_array_less(moved_m, 0.25 * sigma_m)
     assert corrected.block.control_points.role == anew.block.control_points.role

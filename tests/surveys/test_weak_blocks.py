@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from makers import assert_same
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
@@ -20,14 +21,7 @@ from photogram.camera import Pose, project_points
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.files.npz_json import read_arrays
-from photogram.pipeline.store.stored_results import (
-    ADJUSTED,
-    adjusted_block_from,
-    adjustment_arrays,
-    adjustment_from,
-    write_adjustment,
-)
+from photogram.pipeline.store.stored_results import read_adjusted_block, read_adjustment, write_adjustment
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, CommonError
@@ -72,9 +66,9 @@ def test_a_photograph_that_too_few_rays_hold_is_left_out_with_the_reason() -> No
     assert len(pairs) == 4
     result = adjust(thinned(block, 2, pairs), SETTINGS)
     assert [pose is None for pose in result.block.poses] == [False, False, True, False, False, False]
-    assert "not determined" in result.reason[2]
+    assert "not determined" in result.decisions.reason[2]
     assert block.photographs[2].name in result.warnings[0]
-    sigma_m = np.sqrt(np.einsum("nii->ni", result.position_covariance_m2))
+    sigma_m = np.sqrt(np.einsum("nii->ni", result.covariances.position_m2))
     for pose, truth, sigma in zip(result.block.poses, simulated(0).truth.poses, sigma_m, strict=True):
         assert pose is None or np.all(np.abs(pose.position_world_m - truth.position_world_m) < 4.5 * sigma)
 
@@ -93,7 +87,7 @@ def test_a_photograph_that_few_rays_hold_is_named_and_not_the_block() -> None:
         f"Photograph {block.photographs[2].name} is weakly determined by its 4 tie points and 0 marks"
     )
     assert not [w for w in result.warnings if "of the block" in w]
-    sigma = np.sqrt(np.einsum("nii->ni", result.rotation_covariance_rad2).max(axis=1))
+    sigma = np.sqrt(np.einsum("nii->ni", result.covariances.rotation_rad2).max(axis=1))
     assert sigma[2] > 0.05
     assert np.delete(sigma, 2).max() < 0.02
     assert adjusted(0).warnings == ()
@@ -122,7 +116,7 @@ def test_positions_of_a_metre_nearly_in_one_line_are_a_weak_datum_with_its_sigma
     assert len(whole) == 1
     assert not [w for w in result.warnings if "weakly determined" in w]
     stated = np.deg2rad(float(re.findall(r"known to ([0-9.]+)° only \(1 sigma\)", whole[0])[0]))
-    sigma = np.sqrt(np.linalg.eigvalsh(result.rotation_covariance_rad2)[:, -1])
+    sigma = np.sqrt(np.linalg.eigvalsh(result.covariances.rotation_rad2)[:, -1])
     np.testing.assert_allclose(sigma, stated, rtol=0.1)
     assert stated > 0.05
     turns = [
@@ -146,8 +140,10 @@ def test_a_photograph_that_starts_upside_down_is_left_out(marked: bool) -> None:
     assert np.count_nonzero(wrong.control_points.mark_photograph == 1) >= (3 if marked else 0)
     result = adjust(wrong, SETTINGS)
     assert [pose is None for pose in result.block.poses] == [False, True, False, False, False, False]
-    assert ("not determined by control points" if marked else "0 image points, at least 3") in result.reason[1]
-    assert np.isnan(result.mark_residual_px[wrong.control_points.mark_photograph == 1]).all()
+    assert ("not determined by control points" if marked else "0 image points, at least 3") in result.decisions.reason[
+        1
+    ]
+    assert np.isnan(result.estimates.mark_residual_px[wrong.control_points.mark_photograph == 1]).all()
     kept = adjusted(0)
     error = [
         np.abs(p.position_world_m - q.position_world_m).max()
@@ -168,38 +164,30 @@ def test_a_focal_length_that_nothing_tells_is_named_with_its_sigma() -> None:
     points = block.control_points
     loose = replace(points, sigma_m=np.full_like(points.sigma_m, 2.0))
     result = adjust(replace(block, photographs=photographs, control_points=loose), SETTINGS)
-    sigma = np.sqrt(result.calibration_covariance[0, 0, 0])
+    sigma = np.sqrt(result.covariances.calibration[0, 0, 0])
     assert sigma > WEAK_CAMERA * block.cameras[0].focal_px
     named = [w for w in result.warnings if w.startswith(f"The focal length of {block.cameras[0].name} is known to")]
     assert len(named) == 1
     assert f"{sigma:.3g} px only" in named[0]
 
 
-def test_what_is_said_comes_back_from_the_workspace() -> None:
-    result = replace(adjusted(0), warnings=("One.", "Two, after it: ä."), reason=("", "left out", "", "", "", ""))
-    arrays = adjustment_arrays(result)
-    for name in ("warnings", "reason"):
-        assert tuple(str(word) for word in arrays[name]) == getattr(result, name)
-
-
-def test_common_errors_come_back_from_the_workspace(tmp_path: Path) -> None:
-    found = replace(adjusted(0).common_errors[0], as_well="an arm")
+def test_an_adjustment_comes_back_from_the_workspace(tmp_path: Path) -> None:
+    plain = adjusted(0)
+    error = replace(plain.decisions.common_errors[0], as_well="an arm")
     arm = CommonError("lever_arm", None, 0, np.ones(2), np.array([0.05, 0.01]), np.eye(3)[:, :2])
-    other = replace(found, error=arm, estimate=np.array([0.05, 0.01, np.nan]), p=float("nan"))
-    result = replace(adjusted(0), common_errors=(found, other))
+    other = replace(error, error=arm, estimate=np.array([0.05, 0.01, np.nan]), p=float("nan"))
+    reason = ("", "left out", "", "", "", "")
+    result = replace(
+        plain,
+        warnings=("One.", "Two, after it: ä."),
+        decisions=replace(plain.decisions, common_errors=(error, other), reason=reason),
+    )
     write_adjustment(tmp_path, result)
-    arrays = read_arrays(tmp_path / ADJUSTED)
-    block = adjusted_block_from(result.block, arrays, result.block.tie_points)
+    block = read_adjusted_block(result.block, tmp_path.joinpath)
     assert [e.kind for e in block.common_errors] == ["attitude", "lever_arm"]
-    back = adjustment_from(block, lambda name: tmp_path / name)
-    for given, read in zip(result.common_errors, back.common_errors, strict=True):
-        assert (read.error.kind, read.error.flight, read.error.camera) == (
-            given.error.kind, given.error.flight, given.error.camera
-        )  # fmt: skip
-        for name in ("sigma", "value", "basis"):
-            np.testing.assert_array_equal(getattr(read.error, name), getattr(given.error, name))
-        for name in ("estimate", "covariance", "photographs", "chi2", "degrees", "p", "as_well"):
-            np.testing.assert_array_equal(getattr(read, name), getattr(given, name))
+    assert_same(block.poses, result.block.poses)
+    assert_same(block.tie_points, result.block.tie_points)
+    assert_same(replace(read_adjustment(block, tmp_path.joinpath), block=result.block), result)
 
 
 def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() -> None:
@@ -221,10 +209,10 @@ def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() ->
         pixel[mark] = project_points(camera, pose, target[None])[0]
     wrong = without_marks(replace(block, control_points=replace(points, mark_pixel=pixel)), keep)
     result = adjust(wrong, SETTINGS)
-    assert np.isnan(result.ground_world_m[g]).all()
-    assert np.isnan(result.ground_covariance_m2[g]).all()
+    assert np.isnan(result.estimates.ground_world_m[g]).all()
+    assert np.isnan(result.covariances.ground_m2[g]).all()
     others = [c for c in checks if c != g]
-    assert np.isfinite(result.ground_world_m[others]).all()
+    assert np.isfinite(result.estimates.ground_world_m[others]).all()
     names = f"{block.photographs[a].name}, {block.photographs[b].name}"
     assert f"Check point {points.name[g]} has no adjusted position, because its marks in {names}" in result.warnings[0]
 
@@ -268,6 +256,6 @@ def test_a_mark_that_is_left_out_has_no_residual() -> None:
     part = adjust(without_marks(block, kept), SETTINGS)
     whole = with_all_marks(part, block, kept)
     assert whole.block.control_points is block.control_points
-    assert np.isnan(whole.mark_residual_px[3]).all()
-    np.testing.assert_array_equal(whole.mark_residual_px[kept], part.mark_residual_px)
-    assert len(whole.reliability.mark_w) == len(kept)
+    assert np.isnan(whole.estimates.mark_residual_px[3]).all()
+    np.testing.assert_array_equal(whole.estimates.mark_residual_px[kept], part.estimates.mark_residual_px)
+    assert len(whole.tests.reliability.mark_w) == len(kept)

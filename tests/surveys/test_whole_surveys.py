@@ -198,8 +198,8 @@ def predicted_and_true(plan: SurveyPlan, seed: int) -> tuple[float, float]:
     )
     result = adjust(block.block, AdjustmentSettings())
     point = seed % len(block.block.control_points)
-    error = result.ground_world_m[point, 2] - block.truth.control_position_world_m[point, 2]
-    return float(np.sqrt(result.ground_covariance_m2[point, 2, 2])), float(error)
+    error = result.estimates.ground_world_m[point, 2] - block.truth.control_position_world_m[point, 2]
+    return float(np.sqrt(result.covariances.ground_m2[point, 2, 2])), float(error)
 
 
 def test_heights_without_control_are_as_uncertain_as_predicted() -> None:

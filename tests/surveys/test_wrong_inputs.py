@@ -113,7 +113,7 @@ def test_a_wrong_focal_length_is_named_and_no_control_point(factor: float) -> No
     (blunder,) = verdict.blunders
     assert (blunder.kind, blunder.camera) == ("focal length", "simulated")
     camera = verdict.result.block.cameras[0]
-    sigma = float(np.sqrt(verdict.result.calibration_covariance[0, 0, 0]))
+    sigma = float(np.sqrt(verdict.result.covariances.calibration[0, 0, 0]))
     assert abs(camera.focal_px - RTK.focal_px) < 3.0 * sigma
     assert 0.0 < sigma < 0.01 * RTK.focal_px
     assert verdict.focal_lengths["simulated"].says.trustworthy
@@ -155,8 +155,8 @@ def test_gnss_off_control_as_a_whole_is_one_offset_and_no_point_is_accused() -> 
     (blunder,) = verdict.blunders
     assert blunder.kind == "GNSS offset"
     result = verdict.result
-    sigma = np.sqrt(np.diag(result.offset_covariance_m2[0]))
-    assert np.all(np.abs(result.offset_world_m[0] - [-0.3, 0.2, -0.5]) < 3.0 * sigma)
+    sigma = np.sqrt(np.diag(result.covariances.offset_m2[0]))
+    assert np.all(np.abs(result.estimates.offset_world_m[0] - [-0.3, 0.2, -0.5]) < 3.0 * sigma)
     assert_as_good_as_clean(verdict)
 
 
@@ -228,7 +228,7 @@ def test_what_is_left_out_does_not_touch_the_result() -> None:
         assert a is not None
         assert b is not None
         np.testing.assert_array_equal(a.position_world_m, b.position_world_m)
-    np.testing.assert_array_equal(results[0].ground_world_m, results[1].ground_world_m)
+    np.testing.assert_array_equal(results[0].estimates.ground_world_m, results[1].estimates.ground_world_m)
     assert results[0].redundancy == results[1].redundancy
     assert results[0].sigma0 == results[1].sigma0
 

@@ -52,7 +52,7 @@ class CloseRange:
         R0 = turn @ self.rotation
         turned = Rotation.from_matrix(R0.transpose(0, 2, 1) @ R).as_rotvec()
         pose = np.hstack([turned, np.einsum("nji,nj->ni", R0, C - place[0])])
-        return pose, X - place[1], result.ground_world_m - place[2]
+        return pose, X - place[1], result.estimates.ground_world_m - place[2]
 
 
 def _looking_at_origin(centre: FloatArray, roll_rad: float) -> FloatArray:

@@ -77,7 +77,7 @@ def rig_reliabilities(result: Adjustment) -> list[RigReliability]:
     for rig in result.block.rigs:
         part = slice(start, start + len(rig.exposures))
         start = part.stop
-        r, w = result.exposures.redundancy[part], result.exposures.w[part]
+        r, w = result.tests.exposures.redundancy[part], result.tests.exposures.w[part]
         own = np.isfinite(r).all(axis=1)
         rejected = int(np.isinf(rig.exposure_sigma).any(axis=1).sum())
         if not own.any():

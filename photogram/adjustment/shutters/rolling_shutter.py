@@ -338,17 +338,20 @@ def with_readouts(result: Adjustment, shutters: Shutters, scatter_m_s: float = f
     """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
     covariances, and what is to be warned of; with what the neighbours' velocities scatter by."""
     found, told = shutters.found, shutters.correlations
-    covariance = result.calibration_covariance.copy()
+    covariance = result.covariances.calibration.copy()
     covariance[:, READOUT, :] *= found.inflation[:, None]
     covariance[:, :, READOUT] *= found.inflation[:, None]
     return replace(
         result,
-        calibration_covariance=covariance,
-        readout_s=found.estimate_s,
-        readout_sigma_s=found.sigma_s,
-        readout_focal_correlation=told.focal_length,
-        readout_time_offset_correlation=told.time_offset,
-        neighbours_scatter_m_s=scatter_m_s,
+        covariances=replace(result.covariances, calibration=covariance),
+        decisions=replace(
+            result.decisions,
+            readout_s=found.estimate_s,
+            readout_sigma_s=found.sigma_s,
+            readout_focal_correlation=told.focal_length,
+            readout_time_offset_correlation=told.time_offset,
+            neighbours_scatter_m_s=scatter_m_s,
+        ),
         warnings=(
             *result.warnings,
             *unmoved(result.block),

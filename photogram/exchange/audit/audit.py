@@ -108,7 +108,10 @@ def audited(
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     bent = block_deformation(ours.result, AdjustmentSettings(), known_before)
-    ours = replace(ours, result=with_model_error(replace(ours.result, deformation=bent)))
+    ours = replace(
+        ours,
+        result=with_model_error(replace(ours.result, covariances=replace(ours.result.covariances, deformation=bent))),
+    )
     result = ours.result
     every = np.arange(len(solution.photographs))
     moved = brought(start, every, result) or start.theirs
@@ -144,7 +147,7 @@ def _with_scatter_of_marks(start: ForeignBlock, progress: Progress) -> tuple[Blo
             result = adjust(block, AdjustmentSettings(), progress, start=start.parameters)
         except AdjustmentError:
             return start.block, 1.0
-        w = np.abs(result.reliability.mark_w)
+        w = np.abs(result.tests.reliability.mark_w)
         w = w[np.isfinite(w)]
         if len(w) < FEWEST_MARKED:
             return start.block, 1.0
@@ -180,7 +183,7 @@ def _observed(ties: TiePoints) -> NDArray[np.void]:
 
 def _bend(theirs: Block, result: Adjustment) -> Bend | None:
     """Return the dome of their heights over ours, from the tie points in both."""
-    deformation = result.deformation
+    deformation = result.covariances.deformation
     if not deformation.known or result.block.is_free:
         return None
     own, other = result.block.tie_points, theirs.tie_points

@@ -90,8 +90,8 @@ def pose_differences(poses: Sequence[Pose | None], result: Adjustment) -> list[P
         position = a.position_world_m - b.position_world_m
         turn = b.rotation_world_from_camera.T @ a.rotation_world_from_camera
         rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        squares = position @ np.linalg.pinv(result.position_covariance_m2[i]) @ position
-        squares += rotation @ np.linalg.pinv(result.rotation_covariance_rad2[i]) @ rotation
+        squares = position @ np.linalg.pinv(result.covariances.position_m2[i]) @ position
+        squares += rotation @ np.linalg.pinv(result.covariances.rotation_rad2[i]) @ rotation
         name = result.block.photographs[i].name
         found.append(PoseDifference(name, position, rotation, float(np.sqrt(squares / 6.0))))
     return found
@@ -118,5 +118,5 @@ def calibration_differences(cameras: Sequence[Camera | None], result: Adjustment
     own = np.array([camera.parameters for camera in result.block.cameras])
     given = np.array([np.full(PARAMETERS, np.nan) if camera is None else camera.parameters for camera in cameras])
     off = given.reshape(own.shape) - own
-    sigma = np.sqrt(np.einsum("ckk->ck", result.calibration_covariance))
+    sigma = np.sqrt(np.einsum("ckk->ck", result.covariances.calibration))
     return off, np.divide(off, sigma, out=np.full(off.shape, np.nan), where=sigma > 0.0)

@@ -73,7 +73,7 @@ def left_out(audit: Audit) -> tuple[str, ...]:
     for beside in audit.beside:
         said += [f"Of {beside.solution.program}: {sentence.removesuffix('.')}" for sentence in beside.solution.left_out]
     result = audit.ours.result
-    sigma = np.sqrt(np.einsum("nkk->nk", result.position_covariance_m2))
+    sigma = np.sqrt(np.einsum("nkk->nk", result.covariances.position_m2))
     known = np.isfinite(sigma).all(axis=1)
     unit = "m" if result.block.has_scale else "units"
     if known.any():
@@ -94,7 +94,7 @@ def left_out(audit: Audit) -> tuple[str, ...]:
             f"What all other observations predict for each of {things(left.n, 'control point')}: RMSE "
             f"{left.rmse_h_m:.3f} m in plan, {left.rmse_v_m:.3f} m in height; {left.worst} is the worst"
         )
-    groups = result.sigmas
+    groups = result.decisions.sigmas
     for kind, of, stated, used in zip(
         groups.kind.tolist(), groups.of.tolist(), groups.stated_sigma.tolist(), groups.used_sigma.tolist(), strict=True
     ):

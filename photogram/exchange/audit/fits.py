@@ -61,8 +61,13 @@ def _intersected(block: Block) -> FloatArray:
 
 def fit_of_adjustment(result: Adjustment) -> Fit:
     """Return how an adjustment fits."""
-    off = _differences(result.block, result.ground_world_m)
-    return Fit(_rms(result.residual_px), _rms(result.mark_residual_px), off, *_accuracies(result.block, off))
+    off = _differences(result.block, result.estimates.ground_world_m)
+    return Fit(
+        _rms(result.estimates.residual_px),
+        _rms(result.estimates.mark_residual_px),
+        off,
+        *_accuracies(result.block, off),
+    )
 
 
 def known_rows(rows: FloatArray) -> BoolArray:

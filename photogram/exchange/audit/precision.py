@@ -32,16 +32,18 @@ def exterior_sigmas(result: Adjustment) -> tuple[FloatArray, FloatArray]:
                 for k in range(3)
             ]
         )
-        angles[i] = np.sqrt(np.diag(jacobian @ result.rotation_covariance_rad2[i] @ jacobian.T))
-        centres[i] = _along_map(to_map, result.position_covariance_m2[i])
+        angles[i] = np.sqrt(np.diag(jacobian @ result.covariances.rotation_rad2[i] @ jacobian.T))
+        centres[i] = _along_map(to_map, result.covariances.position_m2[i])
     return angles, centres
 
 
 def ground_sigmas(result: Adjustment) -> FloatArray:
     """Return the standard deviations (G, 3) of ground points, m, NaN for those that were not intersected."""
     frame = result.block.frame
-    sigma = np.full(result.ground_world_m.shape, np.nan)
-    for g, (point, covariance) in enumerate(zip(result.ground_world_m, result.ground_covariance_m2, strict=True)):
+    sigma = np.full(result.estimates.ground_world_m.shape, np.nan)
+    for g, (point, covariance) in enumerate(
+        zip(result.estimates.ground_world_m, result.covariances.ground_m2, strict=True)
+    ):
         if np.isfinite(point).all():
             sigma[g] = _along_map(frame.rotation_world_from_map(point).T, covariance)
     return sigma

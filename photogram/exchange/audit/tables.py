@@ -278,7 +278,7 @@ def _calibrations(audit: Audit) -> list[CalibrationRow]:
     rows = []
     result = audit.ours.result
     for c, camera in enumerate(audit.solution.cameras):
-        own, covariance = result.block.cameras[c], result.calibration_covariance[c]
+        own, covariance = result.block.cameras[c], result.covariances.calibration[c]
         sigma = np.sqrt(np.diag(covariance))
         known = np.flatnonzero(sigma > 0.0)
         correlation = np.zeros_like(covariance)

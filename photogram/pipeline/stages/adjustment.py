@@ -92,9 +92,11 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
-    result = with_model_error(replace(verdict.result, deformation=deformation))
+    result = with_model_error(
+        replace(verdict.result, covariances=replace(verdict.result.covariances, deformation=deformation))
+    )
     frame, tie_points = block.frame, result.block.tie_points
-    sigma = _sigma_map_m(frame, result.tie_point_covariance_m2)
+    sigma = _sigma_map_m(frame, result.covariances.tie_point_m2)
     cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_adjustment(folder, result)

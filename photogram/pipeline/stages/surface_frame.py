@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.files.npz_json import read_arrays, read_json_as, write_json
+from photogram.files.npz_json import read_json_as, write_json
 from photogram.files.records import read_record
 from photogram.geodesy.crs import NO_CRS, plan_of
 from photogram.grid import MapGrid
@@ -25,7 +25,7 @@ from photogram.quality.deformation import GROUND
 from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import PlaneRecord
-from photogram.results import Deformation
+from photogram.results import AdjustmentCovariances
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane, block_on_plane, fit_plane
 from photogram.surface.tin_dsm import PointPrecision, ShapePrecision
 from photogram.survey import Block, PointCloud
@@ -114,17 +114,20 @@ class SurfaceFrame:
             return self.plane.rotation_world_from_plane
         return self.run.block().frame.rotation_world_from_map(np.zeros(3))
 
+    def _covariances(self) -> AdjustmentCovariances:
+        return read_record(self.run.workspace.file("adjustment", COVARIANCES), AdjustmentCovariances)
+
     def precision(self) -> PointPrecision:
         """Return the covariances of ``cloud`` along the axes of the frame."""
-        arrays, R = read_arrays(self.run.workspace.file("adjustment", COVARIANCES)), self._axes
-        whole, rays = (R.T @ arrays[f"tie_point_{part}covariance_m2"] @ R for part in ("", "ray_"))
+        covariances, R = self._covariances(), self._axes
+        whole, rays = R.T @ covariances.tie_point_m2 @ R, R.T @ covariances.tie_point_ray_m2 @ R
         precision = PointPrecision(rays, whole - rays)
         return precision if self.plane is None else precision.select(self._near(self._points_plane_m()))
 
     def shape(self) -> ShapePrecision | None:
         """Return how well the shape of the survey is known in the frame, without its datum; None where there are too
         few tie points to say, or no datum."""
-        found = read_record(self.run.workspace.file("adjustment", "deformation.npz"), Deformation)
+        found = self._covariances().deformation
         block = self.run.block()
         if not len(found.place_world_m) or block.is_free:
             return None

@@ -25,14 +25,12 @@ from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.stored_results import (
-    ADJUSTED,
-    SIGMAS,
     PlacedBy,
     StoredPhotographs,
     StoredResections,
     StoredVerdict,
-    adjusted_block_from,
-    adjustment_from,
+    read_adjusted_block,
+    read_adjustment,
     read_measured,
     read_verdict,
     rejected_from,
@@ -41,7 +39,7 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.project.start import Start, start_of
-from photogram.results import Adjustment, EstimatedSigmas
+from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, Features, Matches, PointCloud, TiePoints
@@ -259,15 +257,15 @@ class Run:
     def adjusted_block(self) -> Block:
         """Return the block that was adjusted: cameras, poses and tie points as they came out, without what was left
         out. Needs the stage `adjustment`, of which no covariance is read."""
-        arrays = read_arrays(self.workspace.file("adjustment", ADJUSTED))
-        tie_points = read_record(self.workspace.file("adjustment", "tie_points.npz"), TiePoints)
-        sigmas = read_record(self.workspace.file("adjustment", SIGMAS), EstimatedSigmas)
-        return adjusted_block_from(self.block(), arrays, tie_points, rejected_from(self.verdict()), sigmas)
+        return read_adjusted_block(self.block(), self._of_adjustment, rejected_from(self.verdict()))
+
+    def _of_adjustment(self, name: str) -> Path:
+        return self.workspace.file("adjustment", name)
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
         `adjustment`."""
-        return adjustment_from(self.adjusted_block(), lambda name: self.workspace.file("adjustment", name))
+        return read_adjustment(self.adjusted_block(), self._of_adjustment)
 
     def held(self) -> dict[str, dict[str, str]]:
         """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""

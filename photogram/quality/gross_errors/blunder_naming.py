@@ -64,11 +64,11 @@ class _Ground:
 def _ground(result: Adjustment, points: ControlPoints) -> _Ground:
     frame = result.block.frame
     axes = frame.rotation_world_from_map(np.zeros(3))
-    variance = np.einsum("ji,gjk,ki->gi", axes, result.ground_covariance_m2, axes)
+    variance = np.einsum("ji,gjk,ki->gi", axes, result.covariances.ground_m2, axes)
     return _Ground(
         points.name,
         frame.map_from_world(points.position_world_m),
-        frame.map_from_world(result.ground_world_m),
+        frame.map_from_world(result.estimates.ground_world_m),
         np.sqrt(variance + points.sigma_m**2),
     )
 
@@ -157,7 +157,9 @@ def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunde
     pose, camera = result.block.poses[i], result.block.cameras[block.photographs[i].camera]
     u, v = hypothesis.off
     if pose is not None:
-        place = np.where(np.isfinite(result.ground_world_m), result.ground_world_m, points.position_world_m)
+        place = np.where(
+            np.isfinite(result.estimates.ground_world_m), result.estimates.ground_world_m, points.position_world_m
+        )
         predicted = project_points(camera, pose, place) - points.mark_pixel[m]
         u, v = predicted[g].tolist()
         distance = np.where(np.isfinite(predicted).all(axis=1), np.linalg.norm(predicted, axis=1), np.inf)
@@ -182,8 +184,8 @@ def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Bl
     if pose is not None and photograph.gnss_world_m is not None:
         measured = photograph.measured_centre_world_m(pose.rotation_world_from_camera)
         offset = np.zeros(3)
-        if photograph.flight in result.flights:
-            offset = result.offset_world_m[result.flights.index(photograph.flight)]
+        if photograph.flight in result.estimates.flights:
+            offset = result.estimates.offset_world_m[result.estimates.flights.index(photograph.flight)]
         offset = offset + common_shifts(result.block)[i]
         places = frame.map_from_world(np.array([pose.position_world_m - offset, measured]))
         off = tuple((places[0] - places[1]).tolist())
@@ -211,7 +213,7 @@ def _of_focal_length(result: Adjustment, block: Block, hypothesis: Hypothesis) -
     """Return the blunder of a given focal length: its estimate from all other observations."""
     c = [camera.name for camera in block.cameras].index(hypothesis.name)
     given, adjusted = block.cameras[c], result.block.cameras[c].focal_px
-    sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
+    sigma = float(np.sqrt(result.covariances.calibration[c, 0, 0]))
     text = (
         f"focal length of camera {given.name}: all other observations give {adjusted:.1f} ± {sigma:.1f} px where "
         f"{given.focal_px:.1f} ± {given.sigmas[0]:.1f} px is given ({adjusted / given.focal_px - 1.0:+.1%}): a wrong "
@@ -223,9 +225,9 @@ def _of_focal_length(result: Adjustment, block: Block, hypothesis: Hypothesis) -
 def _of_offset(result: Adjustment, hypothesis: Hypothesis) -> Blunder:
     """Return the offset of the GNSS positions of a flight that the control points show."""
     off, sigma = np.array(hypothesis.off), np.array(hypothesis.sigma)
-    if hypothesis.name in result.flights:
-        f = result.flights.index(hypothesis.name)
-        off, sigma = result.offset_world_m[f], np.sqrt(np.diag(result.offset_covariance_m2[f]))
+    if hypothesis.name in result.estimates.flights:
+        f = result.estimates.flights.index(hypothesis.name)
+        off, sigma = result.estimates.offset_world_m[f], np.sqrt(np.diag(result.covariances.offset_m2[f]))
     text = (
         f"GNSS positions of flight {hypothesis.name}: they lie off the control points by a common offset "
         f"(easting, northing, height {_metres(-off)} m, each ± {_metres(sigma).replace('+', '')} m), which is "
@@ -238,7 +240,7 @@ def _of_constraint(result: Adjustment, block: Block, hypothesis: Hypothesis) -> 
     """Return what contradicts a constraint: by how much everything else gives another value."""
     every = list(observations(block.constraints))
     k = next(n for n, o in enumerate(every) if (o.kind, o.label) == (hypothesis.kind, hypothesis.name))
-    off_m, sigma_m = result.constraints.residual_m[k], result.constraints.adjusted_sigma_m[k]
+    off_m, sigma_m = result.tests.constraints.residual_m[k], result.tests.constraints.adjusted_sigma_m[k]
     constraint = block.constraints[every[k].constraint]
     sigmas = abs(off_m) / np.hypot(sigma_m, constraint.sigmas_m[every[k].row])
     if isinstance(constraint, CommonSurface):

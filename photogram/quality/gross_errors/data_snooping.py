@@ -140,7 +140,7 @@ def _hypothesis(
 
 
 def _of_points(result: Adjustment) -> Iterator[Hypothesis]:
-    r, points = result.reliability, result.block.control_points
+    r, points = result.tests.reliability, result.block.control_points
     for g, name in enumerate(points.name):
         known = np.flatnonzero(np.isfinite(r.ground_left_out_m[g]))
         place = {axis: n for n, axis in enumerate(known.tolist())}
@@ -153,7 +153,7 @@ def _of_points(result: Adjustment) -> Iterator[Hypothesis]:
 
 def hypotheses(result: Adjustment) -> Iterator[Hypothesis]:
     """Yield every alternative that something else determines, one for each part of a measurement."""
-    r, points, photographs = result.reliability, result.block.control_points, result.block.photographs
+    r, points, photographs = result.tests.reliability, result.block.control_points, result.block.photographs
     yield from _of_points(result)
     for m in np.flatnonzero(np.isfinite(r.mark_left_out_px).all(axis=1)).tolist():
         name, photograph = points.name[points.mark_point[m]], photographs[points.mark_photograph[m]].name
@@ -170,20 +170,20 @@ def hypotheses(result: Adjustment) -> Iterator[Hypothesis]:
     for c in np.flatnonzero(np.isfinite(r.focal_left_out_px)).tolist():
         off, sigma = r.focal_left_out_px[c : c + 1], r.focal_left_out_sigma_px[c : c + 1]
         yield _hypothesis(("focal length", result.block.cameras[c].name, None), (0,), off, np.diag(sigma**2))
+    tested = result.tests.constraints
     for o, off_m, sigma_m in zip(
-        observations(result.block.constraints), result.constraints.left_out_m, result.constraints.left_out_sigma_m,
-        strict=True,
-    ):  # fmt: skip
+        observations(result.block.constraints), tested.left_out_m, tested.left_out_sigma_m, strict=True
+    ):
         if np.isfinite(off_m):
             yield _hypothesis((o.kind, o.label, None), (0,), np.array([off_m]), np.array([[sigma_m**2]]))
-    tests = result.exposures
+    tests = result.tests.exposures
     for e, (photograph, _) in enumerate(exposure_names(result.block.rigs)):
         if np.isfinite(tests.left_out[e]).all():
             pair: tuple[Suspected, str, None] = ("exposure", photograph, None)
             for part in _EXPOSURE_PARTS:
                 yield _hypothesis(pair, part, tests.left_out[e], tests.left_out_covariance[e])
-    for f, flight in enumerate(result.held_flights):
-        offset, covariance = result.implied_offset_world_m[f], result.implied_offset_covariance_m2[f]
+    for f, flight in enumerate(result.decisions.flights_without_offset):
+        offset, covariance = result.tests.implied_offset_world_m[f], result.tests.implied_offset_covariance_m2[f]
         if (
             len(result.block.control_points.with_role("control"))
             and implied_offset_test(offset, covariance).significant
@@ -294,12 +294,12 @@ class Search:
     def cost(self) -> float:
         """Return the cost of this explanation: the remaining weighted square sum, minus the expectation of all
         observations but tie points, plus the price of everything rejected."""
-        r, lost = self.result.reliability, LOST_RAY * self.result.discarded_observations
-        of_constraints = self.result.constraints.redundancy
-        of_exposures = self.result.exposures.redundancy
+        r, lost = self.result.tests.reliability, LOST_RAY * self.result.decisions.rejected_observations
+        of_constraints = self.result.tests.constraints.redundancy
+        of_exposures = self.result.tests.exposures.redundancy
         tested = (r.ground_redundancy, r.mark_redundancy, r.gnss_redundancy, of_constraints, of_exposures)
         expected = sum(float(np.nansum(n)) for n in tested)
-        lost += LOST_PHOTOGRAPH * sum(bool(why) for why in self.result.reason)
+        lost += LOST_PHOTOGRAPH * sum(bool(why) for why in self.result.decisions.reason)
         return 2.0 * self.result.cost - expected + lost + PRICE * len(self.rejected)
 
 
@@ -309,7 +309,7 @@ def scatter(result: Adjustment) -> dict[str, float]:
 
     From the median of their tests, which a single blunder does not change; 1 where they do not, or are too few.
     """
-    r = result.reliability
+    r = result.tests.reliability
     attitude = r.attitude_left_out_rad / np.sqrt(np.einsum("nii->ni", r.attitude_left_out_covariance_rad2))
     more, kinds = {}, np.array([o.kind for o in observations(result.block.constraints)], dtype=np.str_)
     for kind, w, fewest in (
@@ -317,8 +317,8 @@ def scatter(result: Adjustment) -> dict[str, float]:
         ("mark", r.mark_w, FEWEST_ALIKE),
         ("GNSS position", r.gnss_w, FEWEST_ALIKE),
         ("attitude", attitude, FEWEST_ALIKE),
-        ("exposure", result.exposures.w, FEWEST_ALIKE),
-        *((kind, result.constraints.w[kinds == kind, None], FEWEST_ALIKE) for kind in CONSTRAINT_KINDS),
+        ("exposure", result.tests.exposures.w, FEWEST_ALIKE),
+        *((kind, result.tests.constraints.w[kinds == kind, None], FEWEST_ALIKE) for kind in CONSTRAINT_KINDS),
     ):
         own = np.abs(w[np.isfinite(w).all(axis=1)])
         more[kind] = max(1.0, float(np.median(own) / norm.ppf(0.75))) if len(own) >= fewest else 1.0
@@ -358,8 +358,8 @@ def chance_of_coordinates(a: Hypothesis, surveyed: ControlPoints, result: Adjust
     points, frame = surveyed, result.block.frame
     g, axes = points.name.index(a.name), frame.rotation_world_from_map(np.zeros(3))
     own = axes[:, list(a.axes)]
-    covariance = own.T @ (result.ground_covariance_m2[g] + axes @ np.diag(points.sigma_m[g] ** 2) @ axes.T) @ own
-    off = own.T @ (result.ground_world_m[g] - points.position_world_m[g])
+    covariance = own.T @ (result.covariances.ground_m2[g] + axes @ np.diag(points.sigma_m[g] ** 2) @ axes.T) @ own
+    off = own.T @ (result.estimates.ground_world_m[g] - points.position_world_m[g])
     if not np.isfinite(off).all():
         return -np.inf
     return float(chi2.logsf(off @ np.linalg.solve(covariance, off) / scale**2, len(off)))
@@ -373,7 +373,7 @@ def _chance_of_mark(a: Hypothesis, result: Adjustment) -> float:
     points = result.block.control_points
     photograph = [p.name for p in result.block.photographs].index(str(a.photograph))
     m = (points.mark_point == points.name.index(a.name)) & (points.mark_photograph == photograph)
-    off_px = result.mark_residual_px[m][0]
+    off_px = result.estimates.mark_residual_px[m][0]
     others = points.mark_sigma_px[(points.mark_point == points.name.index(a.name)) & ~m]
     if not (np.isfinite(off_px).all() and np.isfinite(others).any()):
         return -np.inf
@@ -381,8 +381,8 @@ def _chance_of_mark(a: Hypothesis, result: Adjustment) -> float:
     pose, g = result.block.poses[photograph], points.name.index(a.name)
     if pose is not None:
         camera = result.block.cameras[result.block.photographs[photograph].camera]
-        distance_m = np.linalg.norm(result.ground_world_m[g] - pose.position_world_m)
-        spread_m = np.sqrt(np.linalg.eigvalsh(result.ground_covariance_m2[g])[-1])
+        distance_m = np.linalg.norm(result.estimates.ground_world_m[g] - pose.position_world_m)
+        spread_m = np.sqrt(np.linalg.eigvalsh(result.covariances.ground_m2[g])[-1])
         sigma_px = float(np.hypot(sigma_px, camera.focal_px * spread_m / distance_m))
     return float(chi2.logsf(float(off_px @ off_px) / sigma_px**2, 2))
 

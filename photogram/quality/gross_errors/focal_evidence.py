@@ -40,7 +40,7 @@ def _restricted(block: Block, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) 
 
 def _focal_of(result: Adjustment, camera: Camera, c: int) -> tuple[float, float]:
     """Return the focal length of a camera and its standard deviation without the prior of ``camera``, px."""
-    sigma = float(np.sqrt(result.calibration_covariance[c, 0, 0]))
+    sigma = float(np.sqrt(result.covariances.calibration[c, 0, 0]))
     return without_prior(result.block.cameras[c].focal_px, sigma, camera.focal_px, float(camera.sigmas[0]))
 
 
@@ -55,7 +55,7 @@ def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) 
     start = replace(
         without_rolling(block, np.array(global_shutter)),
         poses=free.block.poses,
-        tie_points=stated_again(free.block, free.sigmas).tie_points,
+        tie_points=stated_again(free.block, free.decisions.sigmas).tie_points,
     )
     parts: list[tuple[float, float]] = []
     for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
@@ -73,7 +73,7 @@ def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) 
 def prediction(result: Adjustment) -> float:
     """Return the logarithm of the likelihood of the control points, each predicted by all the rest
     (cross-validation)."""
-    r, total = result.reliability, 0.0
+    r, total = result.tests.reliability, 0.0
     for off, covariance in zip(r.ground_left_out_m, r.ground_left_out_covariance_m2, strict=True):
         known = np.flatnonzero(np.isfinite(off))
         if len(known):

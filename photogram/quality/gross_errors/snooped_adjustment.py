@@ -125,7 +125,7 @@ def _worst(result: Adjustment) -> float:
 def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     """Return the accuracy at the check coordinates of ``points``."""
     frame = result.block.frame
-    difference = frame.map_from_world(result.ground_world_m) - frame.map_from_world(points.position_world_m)
+    difference = frame.map_from_world(result.estimates.ground_world_m) - frame.map_from_world(points.position_world_m)
     return check_accuracy(np.where(points.controlled, np.nan, difference))
 
 
@@ -143,7 +143,7 @@ def _explained(
     if settings.estimate_sigmas and not gross:
         estimated = _looked_at(block, (), weighing.estimate)
         if estimated is not None and _worst(estimated) <= BENT and not _outvoted(block, estimated):
-            weighing.sigmas = estimated.sigmas
+            weighing.sigmas = estimated.decisions.sigmas
             return search(block, estimated, weighing.adjust), estimated
     adjuster = weighing.adjust
     if not gross:
@@ -189,10 +189,10 @@ def _reweighted(block: Block, found: Search, weighing: Weighing) -> Search:
     rejects."""
     try:
         result = weighing.estimate(without(block, found.rejected))
-        weighing.sigmas = result.sigmas
+        weighing.sigmas = result.decisions.sigmas
         return search(block, result, weighing.adjust, found.rejected)
     except PhotogramError as fault:
-        weighing.sigmas = found.result.sigmas
+        weighing.sigmas = found.result.decisions.sigmas
         said = f"The sigmas of tie points could not be estimated: {fault}. They are used as stated"
         return replace(found, result=replace(found.result, warnings=(*found.result.warnings, said)))
 

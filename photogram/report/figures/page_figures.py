@@ -131,14 +131,17 @@ def _ellipses(result: Adjustment) -> PageFigure | None:
     R = frame.rotation_world_from_map(np.zeros(3))
     registered = [i for i, pose in enumerate(result.block.poses) if pose is not None]
     poses = [pose for pose in result.block.poses if pose is not None]
-    known = np.flatnonzero(np.isfinite(result.ground_world_m).all(axis=1))
+    known = np.flatnonzero(np.isfinite(result.estimates.ground_world_m).all(axis=1))
     roles = np.asarray(points.role, dtype=str)[known] if len(points) else np.zeros(0, dtype=str)
     centre = np.array([p.position_world_m for p in poses]).reshape(-1, 3)
-    covariance = result.position_covariance_m2[registered]
+    covariance = result.covariances.position_m2[registered]
     groups = [_Uncertain("projection centres", BLUE, frame.map_from_world(centre), R.T @ covariance @ R)]
     for role, colour in (("control", VERMILION), ("check", GREEN)):
         chosen = known[roles == role]
-        place, covariance = frame.map_from_world(result.ground_world_m[chosen]), result.ground_covariance_m2[chosen]
+        place, covariance = (
+            frame.map_from_world(result.estimates.ground_world_m[chosen]),
+            result.covariances.ground_m2[chosen],
+        )
         names = tuple(points.name[g] for g in chosen)
         groups.append(_Uncertain(f"{role} points", colour, place, R.T @ covariance @ R, names))
     groups = [g for g in groups if len(g.place_map_m) and np.isfinite(g.covariance_m2).all()]
@@ -247,11 +250,13 @@ def _residuals(result: Adjustment) -> list[PageFigure]:
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
-            figure = residual_figure(camera, block.tie_points.pixel[seen], result.residual_px[seen], width_in=PLAN_IN)
+            figure = residual_figure(
+                camera, block.tie_points.pixel[seen], result.estimates.residual_px[seen], width_in=PLAN_IN
+            )
             caption = residual_caption(camera.name, patterns.get(camera.name))
             figures.append(PageFigure(f"residuals {c}", caption, f"Image residuals of {camera.name}", embedded(figure)))
         if camera.field is not None:
-            figures.append(_lens_field(c, camera, camera.field, result.field_covariance_px2[c]))
+            figures.append(_lens_field(c, camera, camera.field, result.covariances.lens_field_px2[c]))
     return figures
 
 
@@ -287,7 +292,7 @@ def _histograms(result: Adjustment) -> PageFigure | None:
         return None
     figure = new_figure(PLAN_IN + 0.6, 2.7)
     left, right = figure.subplots(1, 2)
-    values = result.residual_px
+    values = result.estimates.residual_px
     spread = max(float(np.sqrt(np.mean(values**2))), 1e-3)
     reach = 3.5 * spread
     for k, (name, colour) in enumerate((("u", BLUE), ("v", VERMILION))):

@@ -106,7 +106,7 @@ def plan_contents(result: Adjustment, overlap: Overlap | None) -> PlanContents:
         points.name,
         points.role,
         surveyed,
-        frame.map_from_world(result.ground_world_m) - surveyed,
+        frame.map_from_world(result.estimates.ground_world_m) - surveyed,
         None if overlap is None else overlap.photographs,
     )
 

@@ -60,7 +60,7 @@ def plot_adjustment(result: Adjustment) -> None:
 def _draw_residuals(axes: Axes, result: Adjustment, control: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
     points, frame = result.block.control_points, result.block.frame
     surveyed = frame.map_from_world(points.position_world_m[control])
-    residual_m = (frame.map_from_world(result.ground_world_m[control]) - surveyed)[:, :2]
+    residual_m = (frame.map_from_world(result.estimates.ground_world_m[control]) - surveyed)[:, :2]
     known = np.isfinite(residual_m).all(axis=1)
     longest_m = float(np.linalg.norm(residual_m[known], axis=1).max(initial=0.0))
     if longest_m == 0.0:

@@ -32,7 +32,7 @@ def _cameras(result: Adjustment, found: Diagnosis) -> dict[str, CalibrationRecor
     """Return the free parameters of every camera with their sigmas and correlations."""
     numbers: dict[str, CalibrationRecord] = {}
     for c, camera in enumerate(result.block.cameras):
-        sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
+        sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
         free = np.flatnonzero(sigma > 0)
         numbers[camera.name] = {
             "parameters": [PARAMETER_NAMES[k] for k in free],
@@ -50,7 +50,7 @@ def _rounded(values: FloatArray, digits: int) -> list[Any]:
 def ground_error_numbers(result: Adjustment) -> GroundErrorsRecord | None:
     """Return what photographs and calibration do to the ground at places over the block, easting, northing, height;
     None where there are too few tie points to say."""
-    frame, known = result.block.frame, result.deformation
+    frame, known = result.block.frame, result.covariances.deformation
     places, covariance = known.ground_place_world_m, known.ground_covariance_m2
     if not len(places):
         return None
@@ -116,13 +116,13 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             for name, pattern in found.patterns.items()
         },
         "pattern_effect": {
-            "slopes_m": [_finite(s) for s in result.deformation.pattern_sigma_m[:2]],
-            "dome_m": _finite(result.deformation.pattern_sigma_m[2]),
-            "radius_m": _finite(result.deformation.radius_m),
+            "slopes_m": [_finite(s) for s in result.covariances.deformation.pattern_sigma_m[:2]],
+            "dome_m": _finite(result.covariances.deformation.pattern_sigma_m[2]),
+            "radius_m": _finite(result.covariances.deformation.radius_m),
         },
         "dome": _dome(found.dome),
         "placing": None if found.placing is None else _placing(found.placing),
-        "intersection_sigma_m": [_finite(s) for s in result.deformation.intersection_sigma_m],
+        "intersection_sigma_m": [_finite(s) for s in result.covariances.deformation.intersection_sigma_m],
         "ground_errors": ground_error_numbers(result),
         "warnings": list(found.warnings),
         "remedies": [

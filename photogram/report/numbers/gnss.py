@@ -121,20 +121,20 @@ def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Flight
     residual = gnss_residual_m(result)[members]
     mean = residual.mean(axis=0)
     axes = block.frame.rotation_world_from_map(np.zeros(3))
-    estimated = flight in result.flights
+    estimated = flight in result.estimates.flights
     offset, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     if estimated:
-        f = result.flights.index(flight)
-        offset = axes.T @ result.offset_world_m[f]
-        covariance = axes.T @ result.offset_covariance_m2[f] @ axes
+        f = result.estimates.flights.index(flight)
+        offset = axes.T @ result.estimates.offset_world_m[f]
+        covariance = axes.T @ result.covariances.offset_m2[f] @ axes
         prior = np.maximum(block.gnss_offset_sigma_m, 1e-6)
         test = estimated_offset_test(offset, covariance, prior)
         sentence = _offset_sentence(flight, offset, np.sqrt(np.diag(covariance)), block.gnss_offset_sigma_m, test)
     else:
-        if flight in result.held_flights:
-            f = result.held_flights.index(flight)
-            offset = axes.T @ result.implied_offset_world_m[f]
-            covariance = axes.T @ result.implied_offset_covariance_m2[f] @ axes
+        if flight in result.decisions.flights_without_offset:
+            f = result.decisions.flights_without_offset.index(flight)
+            offset = axes.T @ result.tests.implied_offset_world_m[f]
+            covariance = axes.T @ result.tests.implied_offset_covariance_m2[f] @ axes
         test = implied_offset_test(offset, covariance)
         sentence = _held_sentence(flight, mean, offset, np.sqrt(np.diag(covariance)), test)
     known = bool(test.degrees)
@@ -199,7 +199,9 @@ def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> 
 
 def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     """Return the lever arm that the positions show beside the one that is counted, and the warning it deserves."""
-    found = LeftArm(result.left_arm_camera_m, result.left_arm_sigma_m, result.left_arm_p)
+    found = LeftArm(
+        result.tests.residual_lever_arm_m, result.tests.residual_lever_arm_sigma_m, result.tests.residual_lever_arm_p
+    )
     if not np.isfinite(found.p):
         return None, ""
     right, backward, down = found.arm_camera_m
@@ -270,7 +272,7 @@ def _common_sentence(found: CommonErrorEstimate, camera: str) -> str:
 def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
     """Return the common errors that were estimated, beside the offsets of flights."""
     block, numbers = result.block, list[CommonErrorRecord]()
-    for found in result.common_errors:
+    for found in result.decisions.common_errors:
         unit, factor = _UNITS[found.error.kind]
         name = None if found.error.camera is None else block.cameras[found.error.camera].name
         sigma = np.sqrt(np.diag(found.covariance))

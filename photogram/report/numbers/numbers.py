@@ -111,7 +111,7 @@ def gnss_residual_m(result: Adjustment) -> FloatArray:
     """
     photographs, frame = result.block.photographs, result.block.frame
     centre, expected = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3), np.nan)
-    offset = dict(zip(result.flights, result.offset_world_m, strict=True))
+    offset = dict(zip(result.estimates.flights, result.estimates.offset_world_m, strict=True))
     shifts = iter(common_shifts(registered_block(result.block)[0]))
     for i, (photograph, pose) in enumerate(zip(photographs, result.block.poses, strict=True)):
         if pose is None:
@@ -125,7 +125,7 @@ def gnss_residual_m(result: Adjustment) -> FloatArray:
 
 def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str, PhotographRecord]:
     """Return exterior orientation, sigmas and resection of every photograph; of those that are not registered, why."""
-    block, frame, reliability = result.block, result.block.frame, result.reliability
+    block, frame, reliability = result.block, result.block.frame, result.tests.reliability
     control = block.control_points.fully_controlled()
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
     gsd_m, residual_m = photographs_ground_sampling_m(result.block), gnss_residual_m(result)
@@ -133,7 +133,7 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         camera = block.cameras[photograph.camera].name
         if pose is None:
-            left_out = result.reason[i] if result.reason else ""
+            left_out = result.decisions.reason[i] if result.decisions.reason else ""
             numbers[photograph.name] = {
                 "camera": camera,
                 "registered": False,
@@ -150,9 +150,9 @@ def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str
             "registered": True,
             "reason": None,
             "position_map_m": _map(frame, pose.position_world_m).tolist(),
-            "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.position_covariance_m2[i]),
+            "sigma_m": _sigma_map_m(frame, pose.position_world_m, result.covariances.position_m2[i]),
             "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
-            "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.rotation_covariance_rad2[i]))).tolist(),
+            "sigma_attitude_deg": np.rad2deg(np.sqrt(np.diag(result.covariances.rotation_rad2[i]))).tolist(),
             "rotation_camera_from_map": rotation.tolist(),
             "tie_points": int(rays[i]),
             "gsd_m": float(gsd_m[i]),
@@ -221,7 +221,7 @@ def camera_numbers(
     contradict the source."""
     numbers: dict[str, CameraRecord] = {}
     for c, camera in enumerate(result.block.cameras):
-        sigma = np.sqrt(np.diag(result.calibration_covariance[c]))
+        sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
         free = (camera.sigmas > 0) & (sigma > 0)
         numbers[camera.name] = {
             "model": camera.model,
@@ -240,7 +240,7 @@ def camera_numbers(
             "source": (sources[c] or None) if sources else None,
             "width_px": camera.width_px,
             "height_px": camera.height_px,
-            "lens_field": _lens_field(result.lens_fields[c]) if result.lens_fields else None,
+            "lens_field": _lens_field(result.decisions.lens_fields[c]) if result.decisions.lens_fields else None,
             "rolling_shutter": _rolling_shutter(result, c),
         }
     return numbers
@@ -252,15 +252,15 @@ def _rolling_shutter(result: Adjustment, camera: int) -> RollingShutterRecord | 
     def of_camera(values: FloatArray) -> float | None:
         return _finite(float(values[camera])) if len(values) else None
 
-    estimate_s = of_camera(result.readout_s)
+    estimate_s = of_camera(result.decisions.readout_s)
     if estimate_s is None and result.block.cameras[camera].readout_s == 0.0:
         return None
     return {
         "estimate_s": estimate_s,
-        "sigma_s": of_camera(result.readout_sigma_s),
-        "focal_correlation": of_camera(result.readout_focal_correlation),
-        "time_offset_correlation": of_camera(result.readout_time_offset_correlation),
-        "neighbours_scatter_m_s": _finite(result.neighbours_scatter_m_s),
+        "sigma_s": of_camera(result.decisions.readout_sigma_s),
+        "focal_correlation": of_camera(result.decisions.readout_focal_correlation),
+        "time_offset_correlation": of_camera(result.decisions.readout_time_offset_correlation),
+        "neighbours_scatter_m_s": _finite(result.decisions.neighbours_scatter_m_s),
     }
 
 
@@ -318,7 +318,7 @@ class _Predicted:
 
 
 def _predicted(result: Adjustment, g: int) -> _Predicted:
-    r, sigma_m = result.reliability, result.block.control_points.sigma_m[g]
+    r, sigma_m = result.tests.reliability, result.block.control_points.sigma_m[g]
     if not np.isfinite(r.ground_redundancy[g]).any():
         return _Predicted()
     effect_m = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
@@ -349,11 +349,11 @@ def ground_numbers(
     """
     frame, used = result.block.frame, result.block.control_points
     points = used if measured is None else measured
-    r, numbers = result.reliability, list[GroundPointRecord]()
+    r, numbers = result.tests.reliability, list[GroundPointRecord]()
     for g, name in enumerate(points.name):
         surveyed = _map(frame, points.position_world_m[g])
-        known = bool(np.isfinite(result.ground_world_m[g]).all())
-        adjusted = _map(frame, result.ground_world_m[g])
+        known = bool(np.isfinite(result.estimates.ground_world_m[g]).all())
+        adjusted = _map(frame, result.estimates.ground_world_m[g])
         marks = np.flatnonzero(points.mark_point == g).tolist()
         tested, predicted = _tested(r.ground_redundancy[g], r.ground_w[g], used.sigma_m[g]), _predicted(result, g)
         numbers.append(
@@ -365,7 +365,7 @@ def ground_numbers(
                 "surveyed_sigma_m": points.sigma_m[g].tolist(),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
-                "sigma_m": [*_sigma_map_m(frame, result.ground_world_m[g], result.ground_covariance_m2[g])]
+                "sigma_m": [*_sigma_map_m(frame, result.estimates.ground_world_m[g], result.covariances.ground_m2[g])]
                 if known
                 else None,
                 "redundancy": tested.redundancy,
@@ -386,7 +386,7 @@ def ground_numbers(
 
 
 def _mark(result: Adjustment, points: ControlPoints, m: int, kinds: MarkKinds) -> MarkRecord:
-    reliability, residual_px = result.reliability, result.mark_residual_px[m]
+    reliability, residual_px = result.tests.reliability, result.estimates.mark_residual_px[m]
     covariance, sigma_px = points.mark_covariance_px2[m][None], points.mark_sigma_px[m]
     whitened_px = np.diag(lower_factors(covariance)[0])
     tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], whitened_px)
@@ -432,7 +432,7 @@ def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
 
 def adjustment_numbers(result: Adjustment, seconds: float, disbelieved: Disbelieved = BELIEVED) -> AdjustmentRecord:
     """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
-    residual = np.sum(result.residual_px**2, axis=1)
+    residual = np.sum(result.estimates.residual_px**2, axis=1)
     rays = result.block.tie_points.rays
     axes = result.block.frame.rotation_world_from_map(np.zeros(3))
     return {
@@ -442,17 +442,17 @@ def adjustment_numbers(result: Adjustment, seconds: float, disbelieved: Disbelie
         "tie_points": len(result.block.tie_points),
         "tie_points_by_rays": {str(n): int(np.count_nonzero(rays == n)) for n in np.unique(rays)},
         "observations": len(residual),
-        "discarded_observations": result.discarded_observations,
-        "discarded_tie_points": result.discarded_points,
+        "discarded_observations": result.decisions.rejected_observations,
+        "discarded_tie_points": result.decisions.rejected_points,
         "iterations": result.iterations,
         "rounds": result.rounds,
         "converged": result.converged,
         "gnss_offsets": {
             flight: {
-                "offset_m": (axes.T @ result.offset_world_m[f]).tolist(),
-                "sigma_m": np.sqrt(np.diag(axes.T @ result.offset_covariance_m2[f] @ axes)).tolist(),
+                "offset_m": (axes.T @ result.estimates.offset_world_m[f]).tolist(),
+                "sigma_m": np.sqrt(np.diag(axes.T @ result.covariances.offset_m2[f] @ axes)).tolist(),
             }
-            for f, flight in enumerate(result.flights)
+            for f, flight in enumerate(result.estimates.flights)
         },
         "seconds": seconds,
         "disbelieved_attitudes": disbelieved.attitudes,

@@ -83,7 +83,7 @@ def component_numbers(result: Adjustment) -> dict[str, VarianceComponentRecord]:
             "significant": found.significant,
             "sentence": _sentence(name, found),
         }
-        for name, found in scatters(result.components).items()
+        for name, found in scatters(result.tests.components).items()
     }
 
 
@@ -170,7 +170,7 @@ def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> 
             said = [point["verdict"]] if point["verdict"] else []
             point["suspect"], point["verdict"] = True, "; ".join([*said, accused[point["name"]]])
     loo = None if left_out is None else _left_out_numbers(left_out)
-    sigmas = estimated_sigma_numbers(result.sigmas)
+    sigmas = estimated_sigma_numbers(result.decisions.sigmas)
     return Consistency(_check_point_numbers(found), loo, component_numbers(result), sigmas)
 
 

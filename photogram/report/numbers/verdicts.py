@@ -56,7 +56,7 @@ def _listed(words: Sequence[str]) -> str:
 def control_verdict(result: Adjustment, g: int, blunders: Sequence[BlunderRecord]) -> str | None:
     """Return a sentence on control point ``g``, None for check points: its blunder, else what a blunder in it would
     have to reach to be found, and along which axes no statement is possible."""
-    points, r = result.block.control_points, result.reliability
+    points, r = result.block.control_points, result.tests.reliability
     own = [blunder["sentence"] for blunder in blunders if points.name[g] in blunder["points"]]
     if own or points.role[g] == "check":
         return "; ".join(own) or None

@@ -37,7 +37,7 @@ def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRec
     for k, (rig, stated, found) in enumerate(
         zip(result.block.rigs, measured.rigs, rig_reliabilities(result), strict=True)
     ):
-        variance = np.diag(result.exposures.relative_covariance[k])
+        variance = np.diag(result.tests.exposures.relative_covariance[k])
         sigma = np.sqrt(np.where(np.isfinite(variance), np.clip(variance, 0.0, None), np.nan))
         pose = rig.pose if found.exposures else None
         angles = None

@@ -217,11 +217,13 @@ def _pictures(outcome: _Outcome) -> list[str]:
         if seen.any():
             name = f"residuals_{file_stem(c + 1, camera.name)}.png"
             title = f"Residuals of tie points in {camera.name}"
-            residual_picture(pictures / name, camera, block.tie_points.pixel[seen], result.residual_px[seen], title)
+            residual_picture(
+                pictures / name, camera, block.tie_points.pixel[seen], result.estimates.residual_px[seen], title
+            )
             products.append(f"pictures/{name}")
         if camera.field is not None:
             name, title = f"lens_field_{file_stem(c + 1, camera.name)}.png", f"Lens field of {camera.name}"
-            field_picture(pictures / name, camera, camera.field, result.field_covariance_px2[c], title)
+            field_picture(pictures / name, camera, camera.field, result.covariances.lens_field_px2[c], title)
             products.append(f"pictures/{name}")
     comparisons = stored_comparisons(run)
     if comparisons:
