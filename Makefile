@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs tables fuzz chaos clean
+.PHONY: help demo test lint docs tables fuzz chaos clean pictures
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -17,6 +17,7 @@ help:
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
+	@echo "make pictures PHOTOGRAPHS=folder   draw the first picture of the README anew, from the 18 photographs of Brighton Beach"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
 
 $(BIN)/python:
@@ -63,6 +64,14 @@ chaos: $(VENV)/installed-test
 	folder=$$(mktemp -d) && $(BIN)/python tests/chaos/interruptions.py "$$folder/survey" && rm -rf "$$folder"
 	PYTHONPATH=benchmarks $(BIN)/python tests/chaos/marking_interruptions.py
 	$(BIN)/python tests/chaos/wrong_inputs.py
+
+pictures: $(VENV)/installed-test
+	@test -n "$(PHOTOGRAPHS)" || { echo "say where the 18 photographs of Brighton Beach are: make pictures PHOTOGRAPHS=folder"; exit 1; }
+	mkdir -p build/beach
+	test -f build/beach/project.yaml || $(BIN)/photogram init "$(PHOTOGRAPHS)" --project build/beach/project.yaml
+	$(BIN)/photogram adjust build/beach/project.yaml
+	$(BIN)/python docs/pictures/beach_survey.py build/beach/results docs/pictures/beach_survey.png
+	@echo "Look at docs/pictures/beach_survey.png"
 
 clean:
 	rm -rf $(VENV) demo fuzz-failures build dist *.egg-info
