@@ -44,6 +44,8 @@ def sample_block(tie_points: int = 200) -> Block:
     ground = _ground(tie_points, rng)
     surveyed = _ground(CONTROL + CHECK, rng)
     photograph, point, pixel = _rays(camera, poses, ground, TIE_POINT_SIGMA_PX, rng)
+    feature = np.concatenate([np.arange(n) for n in np.bincount(photograph, minlength=len(poses))])
+    order = np.lexsort((photograph, point))
     mark_photograph, mark_point, mark_pixel = _rays(camera, poses, surveyed, MARK_SIGMA_PX, rng)
     roles: tuple[Role, ...] = tuple("control" if n < CONTROL else "check" for n in range(CONTROL + CHECK))
     return Block(
@@ -52,10 +54,10 @@ def sample_block(tie_points: int = 200) -> Block:
         tuple(_photograph(number, centre, rng) for number, centre in enumerate(centres)),
         tuple(Pose(_DOWN, centre + rng.standard_normal(3)) for centre in centres),
         TiePoints(
-            photograph,
-            point,
-            np.concatenate([np.arange(n) for n in np.bincount(photograph, minlength=len(poses))]),
-            pixel,
+            photograph[order],
+            point[order],
+            feature[order],
+            pixel[order],
             np.full(len(point), TIE_POINT_SIGMA_PX),
             ground + rng.standard_normal(ground.shape),
             np.full((len(ground), 3), 128, np.uint8),
