@@ -49,7 +49,7 @@ from photogram.projection import B1, B2, READOUT
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.quality.residual_patterns import residual_patterns
 from photogram.results import Adjustment
-from photogram.sfm.orientation import believed_attitudes
+from photogram.sfm.orientation import accepted_attitudes
 
 STATED_S, STATED_SIGMA_S, UNKNOWN_S = 0.033, 0.0116, 0.03
 AFFINITY = 0.003, 0.001  # of the focal length: b1, b2
@@ -105,7 +105,7 @@ def adjusted(run: Run, row: str) -> Line:
     orientation = run.orientation()
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
     cameras = tuple(with_shutter(camera, row) for camera in block.cameras)
-    block = replace(block, photographs=believed_attitudes(block, block.poses), cameras=cameras)
+    block = replace(block, photographs=accepted_attitudes(block, block.poses), cameras=cameras)
     start = []
     for parameters, camera in zip(orientation.parameters, cameras, strict=True):
         own = parameters.copy()

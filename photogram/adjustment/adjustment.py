@@ -14,7 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from photogram.adjustment.assessment import Assessed, assessed
-from photogram.adjustment.common_errors import MOST_CHANGES, What, estimates, left_arm, next_change, values_after
+from photogram.adjustment.common_errors import (
+    MOST_CHANGES,
+    What,
+    estimates,
+    next_change,
+    residual_lever_arm,
+    values_after,
+)
 from photogram.adjustment.constraint_tests import constraint_tests
 from photogram.adjustment.gnss_offsets import implied_offsets
 from photogram.adjustment.ground_points import ground_points, mark_residuals_px, unmet
@@ -26,11 +33,11 @@ from photogram.adjustment.shutters.rolling_shutter import (
     Readouts,
     Shutters,
     free_readouts,
-    looked_for,
+    is_clear,
+    is_significant,
     neighbours_scatter_m_s,
-    shown,
-    shutters_found,
-    surely_shown,
+    readout_estimates,
+    requested,
     with_readouts,
     without_rolling,
 )
@@ -227,7 +234,7 @@ def _adjust_oriented(
 ) -> Adjustment:
     """Adjust a block whose photographs all have a pose to start from: read-out times that nobody states are held at
     zero until the photographs show one, and again where it comes out as none."""
-    asked = looked_for(block.cameras)
+    asked = requested(block.cameras)
     ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked)
     while isinstance(ended, _Rolling):
         progress(0, 0, "rolling shutter: the read-out time is estimated")
@@ -259,7 +266,7 @@ def _adjust_block(
     whole = make_problem(block if used is None else with_gnss_sigmas(block, used), settings)
 
     def stop(problem: Problem, state: State, number: int) -> bool:
-        return bool(surely_shown(problem, state, asked, number).any())
+        return bool(is_clear(problem, state, asked, number).any())
 
     try:
         first = start_state(whole.block, whole.flights)
@@ -270,7 +277,7 @@ def _adjust_block(
             first = replace(first, cameras=recalibrated(first.cameras, moved))
         solved = solve_rounds(whole, first, settings, progress, used, stop if asked.any() else None, 2 if again else 1)
         if solved.stopped:
-            there = surely_shown(solved.problem, solved.minimum.state, asked, solved.rounds)
+            there = is_clear(solved.problem, solved.minimum.state, asked, solved.rounds)
             return _Rolling.at(solved.minimum.state, there)
         progress(0, 0, "covariances")
         assessment = assessed(solved, block, settings)
@@ -284,7 +291,7 @@ def _adjust_block(
 
 
 def _shown(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
-    return shown(assessment.problem, assessment.state, assessment.held, asked)
+    return is_significant(assessment.problem, assessment.state, assessment.held, asked)
 
 
 def _settled(
@@ -306,7 +313,7 @@ def _settled(
         if changed is not None:
             solved, unknowns = changed
         else:
-            shutters = shutters_found(assessment.problem, assessment.state, assessment.held, assessment.covariances,
+            shutters = readout_estimates(assessment.problem, assessment.state, assessment.held, assessment.covariances,
                                       shutters)  # fmt: skip
             again = _without_none(solved, shutters.found.none, settings, progress)
             if again is None and reweighted < MOST_REWEIGHTED:
@@ -354,8 +361,8 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         poses, tie_covariance, joint = relative.poses, relative.tie_point, relative.ground
         own = np.arange(3 * len(ground)).reshape(-1, 3)
         ground_covariance = joint[own[:, :, None], own[:, None, :]]
-    held_flights, implied, implied_covariance = implied_offsets(final, final_state, held)
-    arm = left_arm(final, final_state, held)
+    flights_without_offset, implied, implied_covariance = implied_offsets(final, final_state, held)
+    arm = residual_lever_arm(final, final_state, held)
     tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
     return Adjustment(
         block=assessment.block,
@@ -395,7 +402,7 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
             residual_lever_arm_p=arm.p,
         ),
         decisions=Decisions(
-            flights_without_offset=held_flights,
+            flights_without_offset=flights_without_offset,
             common_errors=estimates(final, final_state, held, found, dict(unknowns.as_well)),
             sigmas=estimated,
             rejected_observations=int(np.count_nonzero(~solved.used)),

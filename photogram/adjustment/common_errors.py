@@ -64,7 +64,7 @@ What = tuple[str, str | None, int | None]
 
 
 @dataclass(frozen=True, eq=False)
-class LeftArm:
+class ResidualLeverArm:
     """An arm (3,) along the camera's axes that would be estimated, with its sigmas (3,), and the p of there being
     none; NaN for components that are not told, and p where none is."""
 
@@ -168,14 +168,14 @@ def _known_components(basis: FloatArray) -> FloatArray:
     return np.where(np.sum(basis**2, axis=1) > 0.99, 1.0, np.nan)
 
 
-def left_arm(problem: Problem, state: State, found: Covariances) -> LeftArm:
+def residual_lever_arm(problem: Problem, state: State, found: Covariances) -> ResidualLeverArm:
     """Return the lever arm that is left at the solution ``state`` with its covariances ``found``."""
     told = score(problem, state, found, state.rotation)
     if not len(told.value):
-        return LeftArm(np.full(3, np.nan), np.full(3, np.nan), float("nan"))
+        return ResidualLeverArm(np.full(3, np.nan), np.full(3, np.nan), float("nan"))
     known = _known_components(told.basis)
     sigma = np.sqrt(told.basis**2 @ told.variance)
-    return LeftArm(known * (told.basis @ told.value), known * sigma, float(np.exp(told.log_chance)))
+    return ResidualLeverArm(known * (told.basis @ told.value), known * sigma, float(np.exp(told.log_chance)))
 
 
 # ---- which errors become unknowns ------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.projection import CAMERA_PARAMETERS, PARAMETERS
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
-from photogram.quality.placing import Placing, datum_sentence, placing
+from photogram.quality.placing import DatumPrecision, datum_precision, datum_sentence
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation, LensFieldDecision
 from photogram.wording import things
@@ -113,7 +113,7 @@ class Diagnosis:
     focal_height: Mapping[str, FocalHeight]
     patterns: Mapping[str, ResidualPattern]
     dome: Dome
-    placing: Placing | None
+    datum_precision: DatumPrecision | None
     warnings: tuple[str, ...]
     remedies: tuple[Remedy, ...]
     undetermined: tuple[str, ...]
@@ -415,7 +415,7 @@ def diagnose(result: Adjustment) -> Diagnosis:
         focal_heights(known, block.cameras, result.estimates.flights),
         patterns,
         dome,
-        placing(known),
+        datum_precision(known),
         tuple(warnings),
         tuple(remedies_of(known)),
         tuple(undetermined(known, block.cameras, result.estimates.flights, block.gnss_offset_sigma_m)),

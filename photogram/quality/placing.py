@@ -21,7 +21,7 @@ DATUM_TIMES = 2.0
 
 
 @dataclass(frozen=True)
-class Placing:
+class DatumPrecision:
     """Datum and shape of a block, 1 sigma in m."""
 
     absolute_plan_m: float
@@ -46,19 +46,19 @@ def _plan_and_height(variance_m2: FloatArray) -> tuple[float, float]:
     return float(np.sqrt(variance_m2[0] + variance_m2[1])), float(np.sqrt(variance_m2[2]))
 
 
-def placing(known: Deformation) -> Placing | None:
+def datum_precision(known: Deformation) -> DatumPrecision | None:
     """Return how well a block is placed, the datum's part by itself; None where nothing is known."""
     if not known.known:
         return None
     variance, own = np.diag(known.covariance), known.intersection_sigma_m**2
     absolute, relative = known.absolute_sigma_m**2 + own, known.relative_sigma_m**2 + own
     of, at, by = (_plan_and_height(v) for v in (absolute, relative, variance[GROUND]))
-    return Placing(*of, *at, *by, float(np.sqrt(variance[SLOPES].max())), known.radius_m)
+    return DatumPrecision(*of, *at, *by, float(np.sqrt(variance[SLOPES].max())), known.radius_m)
 
 
 def datum_sentence(known: Deformation) -> str | None:
     """Return what the datum adds to the uncertainty of every point, said once; None where it adds little."""
-    found, precise = placing(known), known.intersection_sigma_m
+    found, precise = datum_precision(known), known.intersection_sigma_m
     if found is None:
         return None
     plan = float(np.hypot(precise[0], precise[1]))

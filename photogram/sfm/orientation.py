@@ -341,7 +341,7 @@ def orient(
     )  # fmt: skip
 
 
-def placed_again(block: Block, orientation: Orientation, settings: OrientationSettings) -> Block:
+def georeferenced_again(block: Block, orientation: Orientation, settings: OrientationSettings) -> Block:
     """Return a block with poses and tie points as ``orientation`` has them, brought to the control points as they are
     now: those that placed the orientation were others.
 
@@ -370,7 +370,7 @@ def _angle_rad(a: FloatArray, b: FloatArray) -> float:
     return float(np.arccos(np.clip((np.trace(a.T @ b) - 1.0) / 2.0, -1.0, 1.0)))
 
 
-def believed_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
+def accepted_attitudes(block: Block, poses: Sequence[Pose | None]) -> tuple[Photograph, ...]:
     """Return the photographs with the measured attitudes that may take part in the adjustment.
 
     An attitude is accepted that agrees with the pose in the world within ATTITUDE_LIMIT sigmas, after a turn common to

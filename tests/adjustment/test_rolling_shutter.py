@@ -14,8 +14,8 @@ from photogram.adjustment.self_calibration import held_parameters
 from photogram.adjustment.shutters.rolling_shutter import (
     SURE,
     in_motion,
-    looked_for,
-    surely_shown,
+    is_clear,
+    requested,
     unmoved,
     weighed_anew,
     without_rolling,
@@ -85,8 +85,8 @@ def test_a_rolling_shutter_is_seen_between_the_rounds(plan: SurveyPlan, there: b
     asked = np.array([True])
     problem = make_problem(without_rolling(simulated(plan, 1).block, asked), SETTINGS)
     state = minimise(problem, start_state(problem.block, problem.flights), SETTINGS).state
-    assert surely_shown(problem, state, asked, number).tolist() == [there]
-    assert surely_shown(problem, state, ~asked, number).tolist() == [False]
+    assert is_clear(problem, state, asked, number).tolist() == [there]
+    assert is_clear(problem, state, ~asked, number).tolist() == [False]
 
 
 def test_a_global_shutter_among_mismatches_is_not_taken_for_a_rolling_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,8 +160,8 @@ def test_what_is_looked_for_in_vain_changes_no_bit() -> None:
     np.testing.assert_array_equal(plain.covariances.position_m2, looked.covariances.position_m2)
     assert plain.cost == looked.cost
     assert np.isnan(plain.decisions.readout_s).all()
-    assert looked_for(simulated(GLOBAL, 1).block.cameras).tolist() == [True]
-    assert looked_for(simulated(PLAN, 1).block.cameras).tolist() == [False]
+    assert requested(simulated(GLOBAL, 1).block.cameras).tolist() == [True]
+    assert requested(simulated(PLAN, 1).block.cameras).tolist() == [False]
 
 
 def test_a_known_read_out_time_is_used_as_it_is() -> None:

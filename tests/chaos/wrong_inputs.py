@@ -28,7 +28,7 @@ from photogram.adjustment.self_calibration import with_priors
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
-from photogram.sfm.orientation import OrientationSettings, believed_attitudes, orient
+from photogram.sfm.orientation import OrientationSettings, accepted_attitudes, orient
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, Photograph
 
@@ -214,7 +214,7 @@ def judged(given: Block) -> tuple[Verdict, set[What]]:
     )
     orientation = orient(start, OrientationSettings())
     block = replace(start, poses=orientation.poses, cameras=tuple(with_priors(c) for c in start.cameras))
-    block = replace(block, photographs=believed_attitudes(block, orientation.poses))
+    block = replace(block, photographs=accepted_attitudes(block, orientation.poses))
     lost: set[What] = {
         ("attitude", a.name, None)
         for a, b in zip(given.photographs, block.photographs, strict=True)

@@ -26,7 +26,7 @@ from photogram.pipeline.store.stage_summary import Summary
         ("tie_points", {"tie_points": 900, "conflicts": 0}, "900 tie points"),
         (
             "adjustment",
-            {"converged": True, "iterations": 20, "sigma0": 1.13781, "blunders": 1, "disbelieved_headings": 18},
+            {"converged": True, "iterations": 20, "sigma0": 1.13781, "blunders": 1, "rejected_headings": 18},
             "converged after 20 iterations, sigma0 1.138, 1 blunder rejected, 18 headings not used",
         ),
         (

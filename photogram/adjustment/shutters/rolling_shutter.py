@@ -158,13 +158,13 @@ def free_readouts(cameras: Sequence[Camera]) -> BoolArray:
     return np.array([c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
 
 
-def looked_for(cameras: Sequence[Camera]) -> BoolArray:
+def requested(cameras: Sequence[Camera]) -> BoolArray:
     """Return the cameras (C,) of which no source says that their shutter rolls, and none that it does not: read-out
     times that begin at zero. They are held there until the photographs show one."""
     return np.array([c.readout_s == 0.0 and c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
 
 
-def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) -> tuple[BoolArray, Readouts]:
+def is_significant(problem: Problem, state: State, found: Covariances, asked: BoolArray) -> tuple[BoolArray, Readouts]:
     """Return for which of the cameras ``asked`` (C,), whose read-out times are held at zero, the photographs show one,
     and what one step would make of them."""
     moved = replace(state, cameras=moving(problem.block, state.cameras))
@@ -175,10 +175,10 @@ def shown(problem: Problem, state: State, found: Covariances, asked: BoolArray) 
     return significant, Readouts(estimate, sigma, significant, np.ones(len(asked)))
 
 
-def surely_shown(problem: Problem, state: State, asked: BoolArray, number: int) -> BoolArray:
+def is_clear(problem: Problem, state: State, asked: BoolArray, number: int) -> BoolArray:
     """Return for which of the cameras ``asked`` (C,) the photographs show a read-out time after the first or second
-    round of an adjustment, of this ``number``, as ``shown`` would say at its end. Of the others one may still come out
-    then."""
+    round of an adjustment, of this ``number``, as ``is_significant`` would say at its end. Of the others one may still
+    come out then."""
     moved = replace(state, cameras=moving(problem.block, state.cameras))
     there = [bool(asked[c]) and least_statistic(problem, moved, c, READOUT) > SURE[number] for c in range(len(asked))]
     return np.array(there, dtype=bool)
@@ -234,7 +234,7 @@ class Shutters:
         return Shutters(Readouts.unknown(cameras), Correlations.unknown(cameras))
 
 
-def shutters_found(
+def readout_estimates(
     problem: Problem, state: State, found: Covariances, counted: Covariances, before: Shutters
 ) -> Shutters:
     """Return the read-out times that are free, and those that were ``before`` and are held at zero since; at a solution

@@ -29,7 +29,7 @@ from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_wi
 from photogram.quality.improvements import block_deformation
 from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
-from photogram.sfm.orientation import believed_attitudes, confirmed_resections, placed_again
+from photogram.sfm.orientation import accepted_attitudes, confirmed_resections, georeferenced_again
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, PointCloud
 from photogram.wording import Progress, things
@@ -46,7 +46,7 @@ class AdjustmentSummary(TypedDict, total=False):
     """Number of blunders rejected."""
     iterations: int
     """Number of iterations."""
-    disbelieved_headings: int
+    rejected_headings: int
     """Number of headings of the gimbal not used."""
     disbelieved_attitudes: int
     """Number of attitudes of the gimbal not used."""
@@ -70,15 +70,18 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
 
 def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummary:
     """Adjust the block jointly."""
-    orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.placed_by().control
+    orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.georeferenced_by().control
     block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
     resections = orientation.resections
     if not as_placed or block.is_free:  # the scale of a free block hangs on distances that may have changed
-        block, resections = placed_again(block, orientation, orientation_thresholds(run.project)), _resections(run)
+        block, resections = (
+            georeferenced_again(block, orientation, orientation_thresholds(run.project)),
+            _resections(run),
+        )
     block = without_attitudes(block) if block.is_free else block
     measured = block
     if orientation.method != "control":
-        block = replace(block, photographs=believed_attitudes(block, block.poses))
+        block = replace(block, photographs=accepted_attitudes(block, block.poses))
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
@@ -108,7 +111,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         "converged": result.converged,
         "blunders": len(blunders),
         "iterations": result.iterations,
-        "disbelieved_headings": sum(not p.heading_known for p in block.photographs),
+        "rejected_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(
             m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
             for m, p in zip(measured.photographs, block.photographs, strict=True)
@@ -123,7 +126,7 @@ def _words(summary: AdjustmentSummary) -> str:
     parts.append(f"sigma0 {nan if sigma0 is None else sigma0:.3f}")
     if summary.get("blunders"):
         parts.append(f"{things(summary['blunders'], 'blunder')} rejected")
-    headings, attitudes = summary.get("disbelieved_headings", 0), summary.get("disbelieved_attitudes", 0)
+    headings, attitudes = summary.get("rejected_headings", 0), summary.get("disbelieved_attitudes", 0)
     parts += [f"{things(n, what)} not used" for n, what in ((headings, "heading"), (attitudes, "attitude")) if n]
     return ", ".join(parts)
 

@@ -28,7 +28,7 @@ from photogram.pipeline.store.dependence import (
 )
 from photogram.pipeline.store.pieces import Kind, each
 from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION_FILE, PLACED_BY, Run, mask_file
-from photogram.pipeline.store.stored_results import PlacedBy, starting_poses
+from photogram.pipeline.store.stored_results import GeoreferencedBy, starting_poses
 from photogram.project.rigs.entries import bands_of
 from photogram.projection import CX
 from photogram.sfm.known_poses import KnownPoses
@@ -113,7 +113,7 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Orientatio
     orientation = _with_copies(found, kept.tolist(), copies)
     write_record(folder / ORIENTATION_FILE, orientation)
     write_json(folder / "poses.json", starting_poses(orientation, run.names))
-    write_json(folder / PLACED_BY, PlacedBy(control_fingerprint(run.project), orientation.rests_on_control))
+    write_json(folder / PLACED_BY, GeoreferencedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
     return {

@@ -112,5 +112,5 @@ def orientation_as_made(run: Run) -> object | None:
     points now are; None where one came from control points, or the stage is not there."""
     if run.workspace.mark("orientation") is None or not run.workspace.has("orientation", PLACED_BY):
         return None
-    placed = run.placed_by()
+    placed = run.georeferenced_by()
     return None if placed.poses else [run.project.orientation, placed.control, *_known_poses(run.project)]

@@ -25,7 +25,7 @@ from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.stored_results import (
-    PlacedBy,
+    GeoreferencedBy,
     StoredPhotographs,
     StoredResections,
     StoredVerdict,
@@ -232,9 +232,9 @@ class Run:
         """Return starting poses and resections. Needs the stage `orientation`."""
         return read_record(self.workspace.file("orientation", ORIENTATION_FILE), Orientation)
 
-    def placed_by(self) -> PlacedBy:
+    def georeferenced_by(self) -> GeoreferencedBy:
         """Return what the orientation owes to control points. Needs the stage `orientation`."""
-        return PlacedBy(**read_json(self.workspace.file("orientation", PLACED_BY)))
+        return GeoreferencedBy(**read_json(self.workspace.file("orientation", PLACED_BY)))
 
     def resections(self) -> tuple[Resection | None, ...]:
         """Return the resections from the control points as they are in the adjustment. Needs the stage

@@ -32,7 +32,7 @@ from photogram.survey import Block, Photograph, TiePoints
 
 
 @dataclass(frozen=True)
-class PlacedBy:
+class GeoreferencedBy:
     """What an orientation owes to control points: ``control`` is the fingerprint of those that it was made with,
     ``poses`` whether any pose is a resection from them. Where none is, the block came from its tie points, and control
     points have only placed it in the world."""

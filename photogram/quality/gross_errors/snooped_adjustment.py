@@ -85,7 +85,7 @@ class Verdict:
 
 
 @dataclass(eq=False)
-class Weighing:
+class CommonSigmas:
     """How blocks are adjusted while explanations are compared: all with the same ``sigmas``, since one that bends the
     block would otherwise raise those of the tie points and hide behind them."""
 
@@ -98,7 +98,7 @@ class Weighing:
         """Adjust a block with ``sigmas``."""
         return adjust(block, self.settings, self.progress, start=self.start, sigmas=self.sigmas)
 
-    def near(self, result: Adjustment) -> Adjuster:
+    def restarting(self, result: Adjustment) -> Adjuster:
         """Return what adjusts parts of the block of an adjustment, from where that ended, with ``sigmas``: it has
         rejected what is wrong, so that one round is enough."""
         settings = replace(self.settings, maximum_rounds=1, relative_tolerance=NEAR_TOLERANCE)
@@ -134,18 +134,18 @@ def _no_checks(points: ControlPoints) -> CheckAccuracy:
 
 
 def _explained(
-    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], weighing: Weighing
+    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], common: CommonSigmas
 ) -> tuple[Search, Adjustment | None]:
     """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
     blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
     gross, whole, found = _looked_for(lambda: grossly_off(block, settings, start)), None, []
     fault: PhotogramError | None = None
     if settings.estimate_sigmas and not gross:
-        estimated = _looked_at(block, (), weighing.estimate)
+        estimated = _looked_at(block, (), common.estimate)
         if estimated is not None and _worst(estimated) <= BENT and not _outvoted(block, estimated):
-            weighing.sigmas = estimated.decisions.sigmas
-            return search(block, estimated, weighing.adjust), estimated
-    adjuster = weighing.adjust
+            common.sigmas = estimated.decisions.sigmas
+            return search(block, estimated, common.adjust), estimated
+    adjuster = common.adjust
     if not gross:
         try:
             whole = adjuster(block)
@@ -184,15 +184,15 @@ def _explained(
     return min(found, key=cost), whole
 
 
-def _reweighted(block: Block, found: Search, weighing: Weighing) -> Search:
+def _reweighted(block: Block, found: Search, common: CommonSigmas) -> Search:
     """Return the data snooping that goes on from an explanation with the sigmas that are estimated without what it
     rejects."""
     try:
-        result = weighing.estimate(without(block, found.rejected))
-        weighing.sigmas = result.decisions.sigmas
-        return search(block, result, weighing.adjust, found.rejected)
+        result = common.estimate(without(block, found.rejected))
+        common.sigmas = result.decisions.sigmas
+        return search(block, result, common.adjust, found.rejected)
     except PhotogramError as fault:
-        weighing.sigmas = found.result.decisions.sigmas
+        common.sigmas = found.result.decisions.sigmas
         said = f"The sigmas of tie points could not be estimated: {fault}. They are used as stated"
         return replace(found, result=replace(found.result, warnings=(*found.result.warnings, said)))
 
@@ -280,19 +280,19 @@ def adjust_with_snooping(
     too little is left, with what contradicts the rest by name.
     """
 
-    weighing = Weighing(settings, progress, start, EstimatedSigmas.none())
-    adjuster = weighing.adjust
+    common = CommonSigmas(settings, progress, start, EstimatedSigmas.none())
+    adjuster = common.adjust
     of_another_size, size = _of_another_size(block, start)
     block = without(block, of_another_size)
     try:
-        found, whole = _explained(block, settings, start, weighing)
-        if settings.estimate_sigmas and (found.rejected or not len(weighing.sigmas)):
-            found = _reweighted(block, found, weighing)
+        found, whole = _explained(block, settings, start, common)
+        if settings.estimate_sigmas and (found.rejected or not len(common.sigmas)):
+            found = _reweighted(block, found, common)
     except PhotogramError as fault:
         if not size:
             raise
         raise AdjustmentError(f"{size[0].sentence}; without them {fault}") from fault
-    settled, decisions = settle_focal_lengths(block, found, adjuster, weighing.near, progress, readings_px)
+    settled, decisions = settle_focal_lengths(block, found, adjuster, common.restarting, progress, readings_px)
     if settled is not None:
         try:
             found = _with_settled(settled, found, decisions, adjuster)

@@ -250,7 +250,7 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
         add(f"GNSS position of {entry['photograph']}", 1, entry["reason"])
     add("attitudes of the gimbal", adjustment["disbelieved_attitudes"], "they contradict the tie points")
     reason = "they contradict the tie points; the tilt is used"
-    add("headings of the gimbal", adjustment["disbelieved_headings"], reason)
+    add("headings of the gimbal", adjustment["rejected_headings"], reason)
     for name, cloud in report["clouds"].items():
         reason = "removed by the statistical outlier filter before the comparison"
         add(f"points of the {CLOUD_TITLES.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)

@@ -11,7 +11,7 @@ from photogram.arrays import FloatArray
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.diagnosis import REMEDIES, Diagnosis, Dome, diagnose
 from photogram.quality.ground_errors import factor_of_differences
-from photogram.quality.placing import Placing
+from photogram.quality.placing import DatumPrecision
 from photogram.quality.resection_vs_gnss import resection_differences
 from photogram.report.record.diagnosis import (
     CalibrationRecord,
@@ -77,7 +77,7 @@ def _dome(dome: Dome) -> DomeRecord:
     }
 
 
-def _placing(placing: Placing) -> PlacingRecord:
+def _placing(placing: DatumPrecision) -> PlacingRecord:
     return {
         "absolute_plan_m": _finite(placing.absolute_plan_m),
         "absolute_height_m": _finite(placing.absolute_height_m),
@@ -121,7 +121,7 @@ def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]
             "radius_m": _finite(result.covariances.deformation.radius_m),
         },
         "dome": _dome(found.dome),
-        "placing": None if found.placing is None else _placing(found.placing),
+        "placing": None if found.datum_precision is None else _placing(found.datum_precision),
         "intersection_sigma_m": [_finite(s) for s in result.covariances.deformation.intersection_sigma_m],
         "ground_errors": ground_error_numbers(result),
         "warnings": list(found.warnings),

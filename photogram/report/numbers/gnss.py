@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.adjustment.common_errors import LeftArm
+from photogram.adjustment.common_errors import ResidualLeverArm
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
 from photogram.arrays import FloatArray
 from photogram.project.measured.measured_block import PhotographNote
@@ -199,7 +199,7 @@ def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> 
 
 def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     """Return the lever arm that the positions show beside the one that is counted, and the warning it deserves."""
-    found = LeftArm(
+    found = ResidualLeverArm(
         result.tests.residual_lever_arm_m, result.tests.residual_lever_arm_sigma_m, result.tests.residual_lever_arm_p
     )
     if not np.isfinite(found.p):

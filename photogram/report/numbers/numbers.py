@@ -54,14 +54,14 @@ MarkKinds = Mapping[tuple[str, str], str]
 
 
 @dataclass(frozen=True)
-class Disbelieved:
+class RejectedAttitudes:
     """How many measured attitudes and headings contradict the tie points and were not used."""
 
     attitudes: int = 0
     headings: int = 0
 
 
-BELIEVED = Disbelieved()
+NONE_REJECTED = RejectedAttitudes()
 NOT_ADJUSTED = "none of its observations was adjusted"
 
 
@@ -430,7 +430,9 @@ def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
     }
 
 
-def adjustment_numbers(result: Adjustment, seconds: float, disbelieved: Disbelieved = BELIEVED) -> AdjustmentRecord:
+def adjustment_numbers(
+    result: Adjustment, seconds: float, rejected: RejectedAttitudes = NONE_REJECTED
+) -> AdjustmentRecord:
     """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
     residual = np.sum(result.estimates.residual_px**2, axis=1)
     rays = result.block.tie_points.rays
@@ -455,8 +457,8 @@ def adjustment_numbers(result: Adjustment, seconds: float, disbelieved: Disbelie
             for f, flight in enumerate(result.estimates.flights)
         },
         "seconds": seconds,
-        "disbelieved_attitudes": disbelieved.attitudes,
-        "disbelieved_headings": disbelieved.headings,
+        "disbelieved_attitudes": rejected.attitudes,
+        "rejected_headings": rejected.headings,
     }
 
 
@@ -515,7 +517,7 @@ def report_numbers(
     held: Held = MappingProxyType({}),
     sources: Sequence[str] = (),
     found: FoundBlunders = NO_BLUNDERS,
-    disbelieved: Disbelieved = BELIEVED,
+    rejected: RejectedAttitudes = NONE_REJECTED,
     measured: ControlPoints | None = None,
     mark_kinds: MarkKinds = MappingProxyType({}),
 ) -> AdjustedNumbers:
@@ -523,7 +525,7 @@ def report_numbers(
 
     ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
     calibration of each camera comes from, empty texts where that is not known, ``found`` the blunders found,
-    ``disbelieved`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given,
+    ``rejected`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given,
     ``mark_kinds`` how their marks were measured.
     """
     frame = result.block.frame
@@ -536,7 +538,7 @@ def report_numbers(
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
         "cameras": camera_numbers(result, held, sources, found.focal_lengths),
-        "adjustment": adjustment_numbers(result, seconds["adjustment"], disbelieved),
+        "adjustment": adjustment_numbers(result, seconds["adjustment"], rejected),
         "control_points": points,
         "check_points": check_numbers(points),
         "blunders": list(found.blunders),

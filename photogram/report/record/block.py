@@ -165,4 +165,4 @@ class AdjustmentRecord(TypedDict):
     gnss_offsets: dict[str, GnssOffsetRecord]
     seconds: Seconds
     disbelieved_attitudes: Count
-    disbelieved_headings: Count
+    rejected_headings: Count

@@ -22,7 +22,7 @@ from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete
-from photogram.report.numbers.numbers import Disbelieved
+from photogram.report.numbers.numbers import RejectedAttitudes
 from photogram.report.numbers.verdicts import FoundBlunders
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
@@ -88,10 +88,10 @@ def mask_numbers(run: Run) -> MasksRecord | None:
     }
 
 
-def disbelieved(run: Run) -> Disbelieved:
+def rejected_attitudes(run: Run) -> RejectedAttitudes:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
     summary = run.workspace.summary("adjustment", AdjustmentSummary)
-    return Disbelieved(summary.get("disbelieved_attitudes", 0), summary.get("disbelieved_headings", 0))
+    return RejectedAttitudes(summary.get("disbelieved_attitudes", 0), summary.get("rejected_headings", 0))
 
 
 def found_blunders(run: Run) -> FoundBlunders:

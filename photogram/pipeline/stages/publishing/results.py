@@ -46,10 +46,10 @@ from photogram.pipeline.stages.publishing.mark_pictures import mark_pictures
 from photogram.pipeline.stages.publishing.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.publishing.report_files import (
     deliverables,
-    disbelieved,
     discard_prints,
     found_blunders,
     mask_numbers,
+    rejected_attitudes,
     run_facts,
     today,
     write_report,
@@ -278,7 +278,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         seconds={name: run.workspace.summary(name, StageNote)["seconds"] for name in stages},
         held=run.held(),
         found=found_blunders(run),
-        disbelieved=disbelieved(run),
+        rejected=rejected_attitudes(run),
         measured=run.block().surveyed.control_points,
         mark_kinds=run.mark_kinds(),
         sources=run.project.camera_source,
