@@ -269,17 +269,17 @@ def reports_follow_their_schema() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def projects_follow_their_schema() -> Iterator[None]:
     """Hold every project.yaml that is accepted within a test's process against the JSON Schema, but for huge ones."""
-    validator, raise_faults = Draft202012Validator(project_schema()), Document.raise_faults
+    validator, raise_errors = Draft202012Validator(project_schema()), Document.raise_errors
 
     def checked(document: Document) -> None:
-        raise_faults(document)
+        raise_errors(document)
         value = document.value
         if isinstance(value, dict) and "photogram" in value and document.path.stat().st_size < 50_000:
             fault = best_match(validator.iter_errors(value))
             assert fault is None, f"{document.path}: {fault.json_path}: {fault.message}"
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Document, "raise_faults", checked)
+        patch.setattr(Document, "raise_errors", checked)
         yield
 
 

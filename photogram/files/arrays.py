@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from photogram.files.reading import ordinary_size
+from photogram.files.reading import regular_file_size
 
 DAMAGE = (
     OSError,
@@ -45,7 +45,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     example, which a decoder would find memory for first.
     """
     try:
-        size = ordinary_size(path)
+        size = regular_file_size(path)
         with zipfile.ZipFile(path) as archive:
             return {part.filename.removesuffix(".npy"): _array(archive, part, size) for part in archive.infolist()}
     except OSError:

@@ -1,4 +1,4 @@
-"""Files of others read whole: ordinary files only, and no more of them than they may sensibly hold."""
+"""Files of others read whole: regular files only, and no more of them than they may sensibly hold."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _KINDS = (
 )
 
 
-def ordinary_size(path: Path) -> int:
-    """Return the size of an ordinary file in bytes. Raises OSError, its ``strerror`` in words, where it is something
+def regular_file_size(path: Path) -> int:
+    """Return the size of a regular file in bytes. Raises OSError, its ``strerror`` in words, where it is something
     else or cannot be looked at.
 
     A pipe would be waited for, a device such as /dev/zero has no end.
@@ -36,9 +36,9 @@ def ordinary_size(path: Path) -> int:
 
 
 def check_size(path: Path, most_bytes: int) -> int:
-    """Return the size of an ordinary file of at most so many bytes. Raises OSError as ordinary_size does, and where it
-    is larger."""
-    size = ordinary_size(path)
+    """Return the size of a regular file of at most so many bytes. Raises OSError as regular_file_size does, and where
+    it is larger."""
+    size = regular_file_size(path)
     if size > most_bytes:
         raise OSError(
             errno.EFBIG, f"it has {size / MEGABYTE:.0f} MB, at most {most_bytes / MEGABYTE:.0f} MB are read here"
@@ -56,7 +56,7 @@ def read_rest(stream: BinaryIO, most_bytes: int) -> bytes:
 
 
 def read_whole(path: Path, most_bytes: int) -> bytes:
-    """Return the content of an ordinary file of at most so many bytes. Raises OSError as check_size does."""
+    """Return the content of a regular file of at most so many bytes. Raises OSError as check_size does."""
     check_size(path, most_bytes)
     with path.open("rb") as stream:
         data = read_rest(stream, most_bytes + 1)

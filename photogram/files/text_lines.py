@@ -11,7 +11,7 @@ from photogram.files.reading import read_whole
 from photogram.wording import printable, shortened
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-MOST_FAULTS = 20
+MOST_ERRORS = 20
 MOST_BYTES = 16_000_000
 """Of a table: some 200 000 rows."""
 
@@ -32,23 +32,23 @@ _QUOTED = frozenset(',;"\t#')
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
-class Faults:
+class Errors:
     """The faults of one file, raised together as an ``error`` with a line for each."""
 
     def __init__(self, path: Path, error: type[PhotogramError]) -> None:
         self._path, self._error = path, error
-        self._faults: list[tuple[int, str]] = []
+        self._errors: list[tuple[int, str]] = []
 
     def note(self, line: int, text: str) -> None:
         """Note what is wrong with a line."""
-        self._faults.append((line, text))
+        self._errors.append((line, text))
 
     def raise_all(self) -> None:
         """Raise every fault noted; return if there is none."""
-        found = sorted(self._faults)
-        shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_FAULTS]]
-        if len(found) > MOST_FAULTS:
-            line, more = found[MOST_FAULTS][0], len(found) - MOST_FAULTS
+        found = sorted(self._errors)
+        shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_ERRORS]]
+        if len(found) > MOST_ERRORS:
+            line, more = found[MOST_ERRORS][0], len(found) - MOST_ERRORS
             shown.append(f"{self._path}:{line}: from this line on {more} more errors: fix those above first")
         if shown:
             raise self._error("\n".join(shown))
@@ -102,13 +102,13 @@ def lines_of(
     ]
     if not kept:
         raise error(f"{path}:1: the file is empty: give the file with the {holding}")
-    faults = Faults(path, error)
+    errors = Errors(path, error)
     for number, content in kept:
         if len(content) > LONGEST_LINE:
-            faults.note(number, f"is {len(content)} characters long: this is no file with the {holding}")
+            errors.note(number, f"is {len(content)} characters long: this is no file with the {holding}")
         elif found := _UNPRINTABLE.search(content):
-            faults.note(number, f"holds the character {printable(found[0])}, which cannot be printed: remove it")
-    faults.raise_all()
+            errors.note(number, f"holds the character {printable(found[0])}, which cannot be printed: remove it")
+    errors.raise_all()
     return kept
 
 

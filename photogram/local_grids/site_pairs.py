@@ -13,7 +13,7 @@ from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.tables.control_files import Row, rows_of
-from photogram.files.text_lines import SIGMA_M, Faults, lines_of
+from photogram.files.text_lines import SIGMA_M, Errors, lines_of
 from photogram.wording import shortened
 
 Use = Literal["both", "plan", "height", "check"]
@@ -68,42 +68,42 @@ def read_pairs(path: Path) -> PairFile:
     fault.
     """
     lines = lines_of(path, ControlPointError, "pairs of geodetic and local coordinates", "#")
-    _, rows, faults = rows_of(path, lines, COLUMNS, ("name", "local_easting", "local_northing"))
+    _, rows, errors = rows_of(path, lines, COLUMNS, ("name", "local_easting", "local_northing"))
     head = lines[0][0]
     first = {name: name in (rows[0][1] if rows else {}) for name in COLUMNS}
     geographic = first["longitude"] and first["latitude"]
     if rows and geographic == (first["easting"] and first["northing"]):
         both = "both longitude, latitude and easting, northing" if geographic else "no longitude and latitude"
-        faults.note(head, f"{both}: name one pair of columns: longitude and latitude, or easting and northing of a map")
-        faults.raise_all()
+        errors.note(head, f"{both}: name one pair of columns: longitude and latitude, or easting and northing of a map")
+        errors.raise_all()
     if len(rows) > MOST_PAIRS:
-        faults.note(head, f"{len(rows)} pairs, up to {MOST_PAIRS} are calibrated: thin them out")
-        faults.raise_all()
+        errors.note(head, f"{len(rows)} pairs, up to {MOST_PAIRS} are calibrated: thin them out")
+        errors.raise_all()
     plan = ("longitude", "latitude") if geographic else ("easting", "northing")
-    position = _numbers(rows, (*plan, "height"), faults, needed=2)
-    local = _numbers(rows, ("local_easting", "local_northing", "local_height"), faults, needed=0)
+    position = _numbers(rows, (*plan, "height"), errors, needed=2)
+    local = _numbers(rows, ("local_easting", "local_northing", "local_height"), errors, needed=0)
     sigma = np.array(
-        [[_sigma(row, column, line, faults) for column in ("sigma_plan", "sigma_height")] for line, row in rows]
+        [[_sigma(row, column, line, errors) for column in ("sigma_plan", "sigma_height")] for line, row in rows]
     ).reshape(-1, 2)
-    _check_globe(rows, position, geographic, faults)
-    uses = [_use(row, line, faults) for line, row in rows]
-    names = _names(rows, faults)
-    faults.raise_all()
+    _check_globe(rows, position, geographic, errors)
+    uses = [_use(row, line, errors) for line, row in rows]
+    names = _names(rows, errors)
+    errors.raise_all()
     return PairFile(path, tuple(names), position, geographic, local, sigma, tuple(uses))
 
 
-def _names(rows: list[tuple[int, Row]], faults: Faults) -> list[str]:
+def _names(rows: list[tuple[int, Row]], errors: Errors) -> list[str]:
     first: dict[str, int] = {}
     for line, row in rows:
         if not row["name"]:
-            faults.note(line, "the pair has no name: give one")
+            errors.note(line, "the pair has no name: give one")
         elif first.setdefault(row["name"], line) != line:
-            faults.note(line, f"{row['name']!r} is there twice, first in line {first[row['name']]}: name it otherwise")
-        faults.name(row["name"], "name", line)
+            errors.note(line, f"{row['name']!r} is there twice, first in line {first[row['name']]}: name it otherwise")
+        errors.name(row["name"], "name", line)
     return [row["name"] for _, row in rows]
 
 
-def _numbers(rows: list[tuple[int, Row]], columns: tuple[str, ...], faults: Faults, needed: int) -> FloatArray:
+def _numbers(rows: list[tuple[int, Row]], columns: tuple[str, ...], errors: Errors, needed: int) -> FloatArray:
     """Return the numbers (N, C) of columns, NaN where a field is empty; the first ``needed`` may not be."""
     values = np.full((len(rows), len(columns)), np.nan)
     for i, (line, row) in enumerate(rows):
@@ -111,42 +111,42 @@ def _numbers(rows: list[tuple[int, Row]], columns: tuple[str, ...], faults: Faul
             text = row.get(column, "")
             if not text:
                 if k < needed:
-                    faults.note(line, f"{column} is empty: give the coordinate")
+                    errors.note(line, f"{column} is empty: give the coordinate")
                 continue
-            value = faults.number(text, column, line)
+            value = errors.number(text, column, line)
             if value is not None and abs(value) > LARGEST:
-                faults.note(line, f"{column} must be within ±{LARGEST:g}, found {shortened(text)}")
+                errors.note(line, f"{column} must be within ±{LARGEST:g}, found {shortened(text)}")
             values[i, k] = np.nan if value is None else value
     return values
 
 
-def _sigma(row: Row, column: str, line: int, faults: Faults) -> float:
+def _sigma(row: Row, column: str, line: int, errors: Errors) -> float:
     text = row.get(column, "")
     if not text:
         return float("nan")
-    value = faults.number(text, column, line)
+    value = errors.number(text, column, line)
     low, high = SIGMA_M
     if value is not None and not low <= value <= high:
-        faults.note(line, f"{column} must be from {low:g} to {high:g} m, found {shortened(text)}")
+        errors.note(line, f"{column} must be from {low:g} to {high:g} m, found {shortened(text)}")
     return float("nan") if value is None else value
 
 
-def _check_globe(rows: list[tuple[int, Row]], position: FloatArray, geographic: bool, faults: Faults) -> None:
+def _check_globe(rows: list[tuple[int, Row]], position: FloatArray, geographic: bool, errors: Errors) -> None:
     for (line, _), (longitude, latitude, _) in zip(rows, position.tolist(), strict=True):
         if geographic and not (abs(longitude) <= 180.0 and abs(latitude) < 90.0) and np.isfinite([longitude]).all():
-            faults.note(
+            errors.note(
                 line,
                 f"longitude {longitude:.10g}, latitude {latitude:.10g} is no place on the globe: give decimal degrees, "
                 "longitude and latitude in their columns",
             )
 
 
-def _use(row: Row, line: int, faults: Faults) -> Use:
+def _use(row: Row, line: int, errors: Errors) -> Use:
     text = row.get("use", "").lower() or "both"
     for use in USES:
         if text == use:
             return use
-    faults.note(line, f"use must be one of {', '.join(USES)}, found {shortened(text)!r}")
+    errors.note(line, f"use must be one of {', '.join(USES)}, found {shortened(text)!r}")
     return "check"
 
 

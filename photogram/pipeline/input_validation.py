@@ -16,7 +16,7 @@ from pathlib import Path
 from photogram.arrays import BoolArray
 from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import unwritable
-from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.headers import PhotographHeader, read_headers
 from photogram.files.photographs.masks import check_mask, read_masks
 from photogram.files.photographs.tags import PhotographTags
@@ -58,10 +58,10 @@ def folder_findings(project: Project) -> list[Finding]:
     return findings
 
 
-def _copies(
+def _duplicates(
     paths: Sequence[Path], headers: Sequence[PhotographHeader], cameras: Sequence[object], executor: Executor
 ) -> list[tuple[int, ...]]:
-    return find_copies(paths, [header.tags for header in headers], cameras, executor)
+    return find_duplicates(paths, [header.tags for header in headers], cameras, executor)
 
 
 def masks_as_found(project: Project) -> list[Finding]:
@@ -122,10 +122,10 @@ def checked_project(project: Project) -> CheckedProject:
     with ThreadPoolExecutor(cores()) as executor:
         paths = [p.path for p in project.photographs]
         headers = read_headers(paths, executor)
-        copies = _copies(paths, headers, [p.camera for p in project.photographs], executor)
+        duplicates = _duplicates(paths, headers, [p.camera for p in project.photographs], executor)
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     needs = machine_needs(STAGES, project, [header.tags for header in headers], cores())
-    survey = check_survey(project, headers, needs, copies, free_disk_bytes, free_memory_bytes())
+    survey = check_survey(project, headers, needs, duplicates, free_disk_bytes, free_memory_bytes())
     findings = Findings(by_severity([*folder_findings(project), *masks_as_found(project), *survey]))
     return CheckedProject(findings, tuple(header.tags for header in headers))
 
@@ -175,6 +175,6 @@ def check_project(project: Path | str, photographs: Path | str | None = None) ->
             # Photographs that are missing are among these faults already.
             there = [p for p in photograph_paths(path, folder) if isfile(p)]
             headers = read_headers(there, executor)
-            copies = _copies(there, headers, [None] * len(there), executor)
-        return Findings(by_severity([*project_faults(path, fault), *header_findings(headers, copies)]))
+            duplicates = _duplicates(there, headers, [None] * len(there), executor)
+        return Findings(by_severity([*project_faults(path, fault), *header_findings(headers, duplicates)]))
     return validate_project(survey)

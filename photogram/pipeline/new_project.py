@@ -14,7 +14,7 @@ import numpy as np
 from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.marks.formats import read_points
-from photogram.files.photographs.copies import find_copies
+from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks, is_called_mask
 from photogram.files.photographs.names import PNG, SUFFIXES, deep_twins, without_raw_twins
@@ -163,11 +163,13 @@ def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[li
     )
 
 
-def _without_copies(folder: Path, photographs: list[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+def _without_duplicates(
+    folder: Path, photographs: list[TaggedPhotograph]
+) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
     """Return the photographs once each, and those that are copies of another."""
     paths, tags = [folder / p.name for p in photographs], [p.tags for p in photographs]
     with ThreadPoolExecutor(cores()) as executor:
-        groups = find_copies(paths, tags, [None] * len(paths), executor)
+        groups = find_duplicates(paths, tags, [None] * len(paths), executor)
     original = {i: group[0] for group in groups for i in group[1:]}
     return (
         [p for i, p in enumerate(photographs) if i not in original],
@@ -271,11 +273,11 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
     )
     tagged, unreadable = _inspect(photographs, names, progress)
     tagged, twins = _without_deep_twins(tagged)
-    tagged, copies = _without_copies(photographs, tagged)
+    tagged, duplicates = _without_duplicates(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
     masks = _masks(photographs, [p.name for p in tagged], project)
     wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions, masks)
-    draft = draft_project(tagged, [*unreadable, *twins, *copies], wishes)
+    draft = draft_project(tagged, [*unreadable, *twins, *duplicates], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     return draft

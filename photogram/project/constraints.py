@@ -79,10 +79,12 @@ def check_constraints(
                 "here, or the point role: control"
             )
         if text:
-            document.fault(place, text)
+            document.add_error(place, text)
         if entry.name is not None and named.setdefault((key, entry.name), i) != i:
             line = document.line((key, named[key, entry.name], "name"))
-            document.fault((key, i, "name"), f"{entry.name!r} is used twice, first in line {line}: give each its own")
+            document.add_error(
+                (key, i, "name"), f"{entry.name!r} is used twice, first in line {line}: give each its own"
+            )
     _check_free_network(document, file)
 
 
@@ -116,13 +118,13 @@ def _check_free_network(document: Document, file: ProjectFile) -> None:
     scaled = any(distance.role == "control" for distance in file.distances)
     for key in ("height_differences", "level_surfaces"):
         if getattr(file, key):
-            document.fault(
+            document.add_error(
                 (key,), "crs: none without surveyed points has no vertical that heights could be counted along: give "
                 "control points, or remove them",
             )  # fmt: skip
     for key, what in (("distances", "role: control to one of them"), ("planes", "a distance of role control")):
         if getattr(file, key) and not scaled:
-            document.fault(
+            document.add_error(
                 (key,), f"crs: none without surveyed points has no scale, so that metres say nothing: give {what}"
             )
 

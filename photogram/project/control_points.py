@@ -1,7 +1,7 @@
 """Ground points that a project file takes from other files: positions brought to the project's CRS, sigmas and roles
 filled in, marks brought to the photographs' own pixels.
 
-Faults are noted in the document under the entry that names the file, and carry that file's own line.
+Errors are noted in the document under the entry that names the file, and carry that file's own line.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def read_point_files(
 
 
 def _note(document: Document, key: Key, path: str, line: int, text: str) -> None:
-    document.fault(key, f"{path}:{line}: {text}")
+    document.add_error(key, f"{path}:{line}: {text}")
 
 
 def _read(document: Document, key: Key, written: str, base: Path, reader: Callable[[Path], ReadT]) -> ReadT | None:
@@ -161,7 +161,7 @@ def _read(document: Document, key: Key, written: str, base: Path, reader: Callab
         return reader(path)
     except ControlPointError as fault:
         for line in str(fault).splitlines():
-            document.fault(key, line.replace(f"{path}:", f"{written}:", 1))
+            document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
         return None
 
 
@@ -181,7 +181,7 @@ def _source(
     if entry.marks is not None:
         marks = _read(document, key, entry.marks, base, read_marks)
         if points.holds_marks:
-            document.fault((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
+            document.add_error((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
             marks = None
     if points.without_position:
         bare = f"{things(len(points.without_position), 'point')} ({some(points.without_position)})"
@@ -198,7 +198,7 @@ def _source(
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
     if points.crs is not None and entry.crs is not None and points.crs != entry.crs:
         where = "in its first line" if points.format == "gcp_list" else "itself"
-        document.fault((*key, "crs"), f"{entry.path} names {shortened(points.crs)} {where}: keep one of the two")
+        document.add_error((*key, "crs"), f"{entry.path} names {shortened(points.crs)} {where}: keep one of the two")
         return None
     if points.format == "gcp_list" and points.crs is None and entry.crs is None:
         text = "the first line must name the CRS, EPSG:32617 for example: add it, or give crs in the project file"
@@ -229,7 +229,7 @@ def _positions(
     swapped = given[:, [1, 0, 2]]
     if points.geographic and _is_grid(crs):
         text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or similar"
-        document.fault(key, text)
+        document.add_error(key, text)
         return None, None, None
     if target is None:
         return given, swapped, entry.heights or heights.control_points
@@ -237,7 +237,7 @@ def _positions(
         position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given, exact=True)
     except FrameError as fault:
         text = str(fault).removeprefix("crs: ")
-        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
+        document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
         return None, None, None
     try:
         own = product_crs(target, heights)
@@ -299,7 +299,7 @@ def _sigmas_m(document: Document, file: ProjectFile, source: _Source) -> FloatAr
         column = "" if source.points.holds_marks else ", or a column sigma in the file"
         points = f"{things(len(bare), 'point')} ({some([p.name for p in bare])})"
         text = f"{points} without a standard deviation: give sigma_m here or for all points"
-        document.fault(source.key, text + column)
+        document.add_error(source.key, text + column)
     return None
 
 
@@ -316,7 +316,7 @@ def _check_mark_sigmas(document: Document, file: ProjectFile, source: _Source) -
     if not any(document.at((*key, "mark_sigma_px")) is not None for key in (source.key, ("control_points",))):
         column = "" if source.points.holds_marks else ", or a column sigma_px in the file"
         text = f"marks without a standard deviation ({bare}): give mark_sigma_px here or for all points"
-        document.fault(source.key, text + column)
+        document.add_error(source.key, text + column)
     return False
 
 
@@ -351,7 +351,7 @@ def _pixels(
     photographs: Sequence[PhotographEntry],
 ) -> FloatArray | None:
     """Return the pixels (M, 2) of marks in photogram's frame and the photographs' own size, None where one is wrong."""
-    before = document.faults
+    before = document.errors
     by_name = {p.name: p for p in photographs if p.name is not None}
     pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
     of_photogram = np.array([mark.source.is_of_photogram for mark in marks], dtype=bool)
@@ -374,7 +374,7 @@ def _pixels(
     outside = np.any((pixel < -0.5) | (pixel > size_px - 0.5), axis=1)
     if outside.any():
         _refuse(document, source, marks, outside, pixel, size_px)
-    return pixel if document.faults == before else None
+    return pixel if document.errors == before else None
 
 
 def _marks_in_photographs(
@@ -406,7 +406,7 @@ def _marks_in_photographs(
         text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
         where = f"{source.marks_path}:{missing[0].source.line}: "
         if nothing_left:
-            document.fault(source.key, f"{where}{text}: {listed}{more}: {hint}")
+            document.add_error(source.key, f"{where}{text}: {listed}{more}: {hint}")
         else:
             document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
     return kept
@@ -440,7 +440,7 @@ def _scale(
     across, down = size_px[0] / picture_px[0], size_px[1] / picture_px[1]
     if abs(down / across - 1.0) <= SHAPE_TOLERANCE:
         return across
-    document.fault(
+    document.add_error(
         (*source.key, "picture_size_px"),
         f"a picture of {picture_px[0]} × {picture_px[1]} px has another aspect ratio than the photographs of "
         f"camera {camera}, "

@@ -1,4 +1,4 @@
-"""Faults of a project file that show only when its blocks are read together; photographs are looked for, not opened.
+"""Errors of a project file that show only when its blocks are read together; photographs are looked for, not opened.
 
 Every check notes its errors in the document and skips what an earlier error has made unknown.
 """
@@ -103,26 +103,26 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
     """Return the photographs listed, or all in ``folder`` where there is no list; None where neither can be known."""
     if file.photographs.list is not None:
         if not file.photographs.list:
-            document.fault(_LIST, "is empty: list the photographs, or remove the list to use all in the folder")
+            document.add_error(_LIST, "is empty: list the photographs, or remove the list to use all in the folder")
         return list(file.photographs.list)
     if document.at(_LIST) is not None or folder is None:
         return None
     key: Key = ("photographs", "folder")
     if not isdir(folder):
-        document.fault(key, f"folder {folder} not found: give it with --photographs DIR")
+        document.add_error(key, f"folder {folder} not found: give it with --photographs DIR")
         return None
     try:
         there = (p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
         names = sorted(without_raw_twins(list(there)))
     except OSError as fault:
-        document.fault(key, f"the folder {folder} cannot be read ({fault.strerror})")
+        document.add_error(key, f"the folder {folder} cannot be read ({fault.strerror})")
         return None
     odd = [name for name in names if not name.isprintable()]
     if odd:
         text = f"the name {printable(odd[0])} has unprintable characters: rename it"
-        document.fault(key, text + (f", and {len(odd) - 1} more" if len(odd) > 1 else ""))
+        document.add_error(key, text + (f", and {len(odd) - 1} more" if len(odd) > 1 else ""))
     if not names:
-        document.fault(key, f"no photographs in {folder}: give their folder with --photographs DIR")
+        document.add_error(key, f"no photographs in {folder}: give their folder with --photographs DIR")
     return [PhotographEntry(name=name) for name in names]
 
 
@@ -146,7 +146,7 @@ def check_entries(
     the points and ``positions`` the photographs' positions that come from other files, ``checks`` the names of those
     points that are check points."""
     if file.photogram not in (None, 1):
-        document.fault(("photogram",), f"format {file.photogram} is not supported: this version reads photogram: 1")
+        document.add_error(("photogram",), f"format {file.photogram} is not supported: this version reads photogram: 1")
     for name, camera in file.cameras.items():
         _check_camera(document, ("cameras", name), camera, base)
     _check_photographs(document, file, photographs or ())
@@ -154,7 +154,7 @@ def check_entries(
     for flight in file.gnss.lever_arm_per_flight_m:
         if photographs is not None and flight not in flights:
             text = f"unknown flight {flight!r}: {suggestion(flight, flights)}"
-            document.fault(("gnss", "lever_arm_per_flight_m", flight), text)
+            document.add_error(("gnss", "lever_arm_per_flight_m", flight), text)
     if file.photographs.list and folder is not None:
         _check_files(document, file.photographs.list, folder)
     _check_control_points(document, file, photographs)
@@ -162,7 +162,7 @@ def check_entries(
     _check_positions(document, file, files, positions)
     reference = file.comparison.reference
     if reference is not None and not isfile(base / reference):
-        document.fault(("comparison", "reference"), f"file {base / reference} not found")
+        document.add_error(("comparison", "reference"), f"file {base / reference} not found")
     for name, place in (("results", base / file.results), ("work", base / file.work)):
         _check_path(document, (name,), place)
 
@@ -173,11 +173,11 @@ def _check_path(document: Document, key: Key, path: Path) -> None:
         parts = [len(part.encode("utf-8")) for part in path.parts]
     except UnicodeEncodeError:
         text = f"the path {printable(str(path))} is not UTF-8: rename its folders, or choose another"
-        document.fault(key, text)
+        document.add_error(key, text)
         return
     if max(parts) > LONGEST_NAME or sum(parts) + len(parts) > LONGEST_PATH:
         text = f"has a name of {max(parts)} bytes in a path of {sum(parts) + len(parts)}"
-        document.fault(key, f"{text}, at most {LONGEST_NAME} and {LONGEST_PATH} can be used: choose shorter names")
+        document.add_error(key, f"{text}, at most {LONGEST_NAME} and {LONGEST_PATH} can be used: choose shorter names")
 
 
 def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None:
@@ -194,7 +194,7 @@ def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None
     for name, term, value, lever in terms:
         most = LARGEST_DISTORTION / lever
         if abs(value) > most:
-            document.fault(
+            document.add_error(
                 (*key, name),
                 f"{term} must be from {-most:.3g} to {most:.3g} for a picture of {camera.width_px} × "
                 f"{camera.height_px} px and a focal length of {camera.focal_px:.10g} px, found {value:.10g}: "
@@ -208,23 +208,23 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
     if camera.matlab is None:
         for name in figures[:2]:
             if getattr(camera, name) is None and document.at((*key, name)) is None and document.at(key) is not None:
-                document.fault((*key, name), f"is missing: give {name}, or matlab: FILE.mat with the calibration")
+                document.add_error((*key, name), f"is missing: give {name}, or matlab: FILE.mat with the calibration")
         return
     for name in figures:
         if document.at((*key, name)) is not None:
-            document.fault((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
+            document.add_error((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
     if document.at((*key, "model")) is not None:
-        document.fault((*key, "model"), f"{camera.matlab} contains a Brown camera: remove model")
+        document.add_error((*key, "model"), f"{camera.matlab} contains a Brown camera: remove model")
     if not isfile(base / camera.matlab):
-        document.fault((*key, "matlab"), f"file {base / camera.matlab} not found")
+        document.add_error((*key, "matlab"), f"file {base / camera.matlab} not found")
     origin: Key = (*key, "pixel_origin")
     if document.at(origin) is None:
-        document.fault(
+        document.add_error(
             (*key, "matlab"),
             "pixel_origin is missing: matlab if the calibration counts pixels from (1, 1), photogram if from (0, 0)",
         )
     elif camera.pixel_origin == "colmap":
-        document.fault(origin, "must be matlab or photogram for a .mat file, found 'colmap'")
+        document.add_error(origin, "must be matlab or photogram for a .mat file, found 'colmap'")
 
 
 def _check_twice(document: Document, key: Key, names: Sequence[str | None]) -> None:
@@ -232,12 +232,14 @@ def _check_twice(document: Document, key: Key, names: Sequence[str | None]) -> N
     for i, name in enumerate(names):
         if name is not None and first.setdefault(name, i) != i:
             line = document.line((*key, first[name], "name"))
-            document.fault((*key, i, "name"), f"{name!r} is used twice, first in line {line}: give each its own name")
+            document.add_error(
+                (*key, i, "name"), f"{name!r} is used twice, first in line {line}: give each its own name"
+            )
 
 
 def _check_camera_name(document: Document, key: Key, name: str | None, cameras: Mapping[str, CameraEntry]) -> None:
     if name is not None and name not in cameras and document.at(("cameras",)) is not None:
-        document.fault(key, f"camera {name!r} is not under cameras: {suggestion(name, cameras.keys())}")
+        document.add_error(key, f"camera {name!r} is not under cameras: {suggestion(name, cameras.keys())}")
 
 
 def _check_photographs(document: Document, file: ProjectFile, photographs: Sequence[PhotographEntry]) -> None:
@@ -249,10 +251,10 @@ def _check_photographs(document: Document, file: ProjectFile, photographs: Seque
         key: Key = (*_LIST, i) if listed else ("photographs",)
         _check_camera_name(document, (*key, "camera"), photograph.camera, file.cameras)
         if len(file.cameras) > 1 and photograph.camera is None and default is None:
-            document.fault(key, f"which camera? give camera: one of {', '.join(file.cameras)}")
+            document.add_error(key, f"which camera? give camera: one of {', '.join(file.cameras)}")
         sigma_given = any(document.at(k) is not None for k in ((*key, "gnss_sigma_m"), ("photographs", "gnss_sigma_m")))
         if photograph.gnss_m is not None and not sigma_given:
-            document.fault(
+            document.add_error(
                 (*key, "gnss_m"), "has no standard deviation: give gnss_sigma_m, here or for all photographs"
             )
 
@@ -262,7 +264,7 @@ def _check_files(document: Document, photographs: Sequence[PhotographEntry], fol
     missing = [name for name in names if not isfile(folder / name)]
     if missing:
         place = f"in {folder}" if isdir(folder) else f"there: folder {folder} not found"
-        document.fault(
+        document.add_error(
             ("photographs", "folder"),
             f"{len(missing)} of {len(names)} photographs are not {place}: {', '.join(missing)}: "
             "put them there, or give their folder with --photographs DIR",
@@ -279,11 +281,11 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
             given = any(document.at(k) is not None for k in ((*key, i, name), ("control_points", name)))
             given |= name == "sigma_m" and point.position_m is None
             if not given and (name == "sigma_m" or point.marks) and document.at((*key, i)) is not None:
-                document.fault((*key, i), f"the point has no {what}: give {name}, here or for all points")
+                document.add_error((*key, i), f"the point has no {what}: give {name}, here or for all points")
         written = any(document.at((*key, i, name)) is not None for name in ("position_m", "position"))
         if point.position_m is None and point.name not in ends and not written:
             text = "position_m is missing: [easting, northing, height] in the map grid, in metres"
-            document.fault((*key, i), f"{text}; without it a point only serves a distance or another constraint")
+            document.add_error((*key, i), f"{text}; without it a point only serves a distance or another constraint")
         if photographs is not None:
             _check_marks(document, file, (*key, i, "marks"), point, photographs)
 
@@ -313,14 +315,16 @@ def _check_marks(
     origin = PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
     for name, (u, v) in point.marks.items():
         if name not in by_name:
-            document.fault((*key, name), f"photograph {name!r} is not in the list: {suggestion(name, by_name.keys())}")
+            document.add_error(
+                (*key, name), f"photograph {name!r} is not in the list: {suggestion(name, by_name.keys())}"
+            )
             continue
         camera = file.cameras.get(camera_of(file, by_name[name]) or "")
         if camera is None or camera.width_px is None or camera.height_px is None:
             continue
         width, height = camera.width_px, camera.height_px
         if not (-0.5 <= u - origin <= width - 0.5 and -0.5 <= v - origin <= height - 0.5):
-            document.fault(
+            document.add_error(
                 (*key, name),
                 f"the mark of {point.name} at pixel ({u:.10g}, {v:.10g}) is outside the photograph, which is "
                 f"{width} × {height} px: check the order (u right, v down), the digits and the photograph",
@@ -336,7 +340,7 @@ def _check_positions(
             area = AreaOfUse.of(file.crs)
             crs = file.crs
         except FrameError as fault:
-            document.fault(("crs",), str(fault).removeprefix("crs: "))
+            document.add_error(("crs",), str(fault).removeprefix("crs: "))
     control = _listed(
         [(("control_points", "list", i, "position_m"), p.position_m) for i, p in enumerate(file.control_points.list)]
     )
@@ -394,7 +398,7 @@ def _check_plan(
                     if reading is not None:
                         figures += f"; {reading[0]} they would lie among the others"
                         order = reading[1]
-                document.fault(
+                document.add_error(
                     place.key if place.label or not whole else place.key[:2],
                     f"{place.label}{text.format(*place.columns)}{where}: found {figures}: {order}",
                 )
@@ -415,4 +419,4 @@ def _check_heights(document: Document, places: Sequence[Located]) -> None:
         elif away > FARTHEST_HEIGHT_M:
             text = f"is {away:.0f} m from the others, about {middle:.10g} m: check its digits"
         if text is not None:
-            document.fault(place.key, f"{place.label}height {height:.10g} m {text}")
+            document.add_error(place.key, f"{place.label}height {height:.10g} m {text}")

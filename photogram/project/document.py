@@ -39,7 +39,7 @@ MOST_BYTES = 1_000_000
 DEEPEST = 20
 """Of blocks within blocks; project.yaml has seven."""
 
-MOST_FAULTS = 200
+MOST_ERRORS = 200
 """Named of one file; more of them have one cause."""
 
 LONGEST_NAME = 255
@@ -99,7 +99,7 @@ class Document:
         """Read the file. Raises ProjectError where it cannot be read or is not YAML; other faults are noted."""
         self.path = path
         self._lines: dict[Key, int] = {(): 1}
-        self._faults: dict[tuple[int, Key, str], None] = {}
+        self._errors: dict[tuple[int, Key, str], None] = {}
         self._warnings: dict[tuple[int, Key, str, str], None] = {}
         self._seen: set[int] = set()
         self._unread: set[Key] = set()
@@ -134,7 +134,7 @@ class Document:
             return None
 
     def _unreadable(self, key: Key, text: str) -> None:
-        self.fault(key, text)
+        self.add_error(key, text)
         self._unread.add(key)
 
     def _block(self, node: yaml.MappingNode, key: Key) -> dict[str, object]:
@@ -142,10 +142,10 @@ class Document:
         for name, value in node.value:
             line = name.start_mark.line + 1
             if not isinstance(name, yaml.ScalarNode) or not name.value.isprintable():
-                self.fault(key, "a key must be plain text on one line", line)
+                self.add_error(key, "a key must be plain text on one line", line)
             elif name.value in block:
                 first = self._lines[(*key, name.value)]
-                self.fault((*key, name.value), f"is given twice, first in line {first}: keep one of the two", line)
+                self.add_error((*key, name.value), f"is given twice, first in line {first}: keep one of the two", line)
             else:
                 self._lines[(*key, name.value)] = line
                 block[name.value] = self._plain(value, (*key, name.value))
@@ -187,9 +187,9 @@ class Document:
             value = _inside(value, part)
         return value
 
-    def fault(self, key: Key, text: str, line: int | None = None) -> None:
+    def add_error(self, key: Key, text: str, line: int | None = None) -> None:
         """Note what is wrong with the value at a key."""
-        self._faults[(self.line(key) if line is None else line, key, text)] = None
+        self._errors[(self.line(key) if line is None else line, key, text)] = None
 
     def warn(self, key: Key, text: str, remedy: str) -> None:
         """Note what is doubtful about the value at a key, and what to do; the file can be used in spite of it."""
@@ -205,23 +205,23 @@ class Document:
         )
 
     @property
-    def faults(self) -> int:
+    def errors(self) -> int:
         """The number of faults noted so far."""
-        return len(self._faults)
+        return len(self._errors)
 
-    def raise_faults(self) -> None:
+    def raise_errors(self) -> None:
         """Raise a ProjectError with every fault noted, in the order of the lines; return if there is none."""
-        if not self._faults:
+        if not self._errors:
             return
         lines = []
-        faults = sorted(self._faults, key=lambda fault: fault[0])
-        for line, key, text in faults[:MOST_FAULTS]:
+        errors = sorted(self._errors, key=lambda fault: fault[0])
+        for line, key, text in errors[:MOST_ERRORS]:
             where = self.where(key)
             lines.append(f"{self.path}:{line}: {where}: {text}" if where else f"{self.path}:{line}: {text}")
-        if len(faults) > MOST_FAULTS:
-            line, more = faults[MOST_FAULTS][0], len(faults) - MOST_FAULTS
+        if len(errors) > MOST_ERRORS:
+            line, more = errors[MOST_ERRORS][0], len(errors) - MOST_ERRORS
             lines.append(f"{self.path}:{line}: from this line on {more} more errors: fix those above first")
-        heading = [f"{self.path} has {len(faults)} errors:"] if len(faults) > 1 else []
+        heading = [f"{self.path} has {len(errors)} errors:"] if len(errors) > 1 else []
         raise ProjectError("\n".join(heading + lines))
 
 
@@ -288,13 +288,13 @@ def suggestion(word: str, known: Collection[str]) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Needed:
+class Required:
     """Marks a field that the file must give; ``what`` says what to write."""
 
     what: str
 
 
-def found(value: object) -> str:
+def described(value: object) -> str:
     """Return a value as a message names it."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -306,14 +306,14 @@ def found(value: object) -> str:
             f" (write {value.replace(',', '.')}, with a decimal point)" if comma else ""
         )
     if isinstance(value, list | tuple):
-        items = ", ".join(found(v).removeprefix("the text ") for v in value)
+        items = ", ".join(described(v).removeprefix("the text ") for v in value)
         return f"[{items}]" if len(value) <= 6 else f"a list of {len(value)}"
     return "nothing" if value is None else "a mapping of keys"
 
 
 def _needs(field: FieldInfo) -> str:
     """Return what to write where the file must give a key, else nothing."""
-    return next((mark.what for mark in field.metadata if isinstance(mark, Needed)), "")
+    return next((mark.what for mark in field.metadata if isinstance(mark, Required)), "")
 
 
 def _block_of(field: FieldInfo) -> type[Entry] | None:
@@ -404,7 +404,7 @@ def _wording(fault: ErrorDetails) -> str:
     if kind in _WORDS:
         words = _WORDS[kind].format(**context | {"expected": expected.replace("'", "")})
     near = difflib.get_close_matches(str(value), re.findall(r"'([^']*)'", expected), n=1)
-    return f"{words}, found {found(value)}" + (f": did you mean {near[0]!r}?" if near else "")
+    return f"{words}, found {described(value)}" + (f": did you mean {near[0]!r}?" if near else "")
 
 
 def _prune(raw: dict[str, object], key: Key, kind: str) -> None:
@@ -454,21 +454,21 @@ def read_entry(document: Document, model: type[EntryT], key: Key = ()) -> EntryT
     value = document.at(key)
     if not isinstance(value, dict):
         if value is not None:
-            document.fault(key, f"needs a mapping of keys, found {found(value)}")
+            document.add_error(key, f"needs a mapping of keys, found {described(value)}")
         value = {}
     # JSON because pydantic's strict mode reads JSON's lists as tuples, and Python's not
     text = json.dumps(value)
     try:
         entry = model.model_validate_json(text)
-        faults = []
+        errors = []
     except ValidationError as invalid:
-        faults = invalid.errors()
+        errors = invalid.errors()
         raw = json.loads(text)
-        for fault in faults:
+        for fault in errors:
             _prune(raw, document.known((*key, *fault["loc"]))[len(key) :], fault["type"])
         entry = model.model_validate_json(json.dumps(raw))
     wording: dict[Key, list[str]] = {}
-    for fault in faults:
+    for fault in errors:
         place = document.known((*key, *fault["loc"]))
         if fault["type"] in _BLOCKS and fault["input"] is None:
             continue  # an empty block: its keys are absent
@@ -476,10 +476,10 @@ def read_entry(document: Document, model: type[EntryT], key: Key = ()) -> EntryT
         wording.setdefault(place, []).append(text)
     for place, texts in wording.items():
         if not document.unread(place):
-            document.fault(place, ", or ".join(dict.fromkeys(texts)))
+            document.add_error(place, ", or ".join(dict.fromkeys(texts)))
     for place, what in _missing(entry, key):
         if not document.unread(place) and not any(place[:n] in wording for n in range(len(place) + 1)):
-            document.fault(place, f"is missing: give {what}")
+            document.add_error(place, f"is missing: give {what}")
     return entry
 
 
@@ -507,7 +507,7 @@ def _settings_model(settings: type[Any]) -> type[Entry]:
         elif field.default is not dataclasses.MISSING:
             keys[field.name] = (hints[field.name], field.default)
         else:
-            keys[field.name] = (Annotated[hints[field.name] | None, Needed("this setting, it has no default")], None)
+            keys[field.name] = (Annotated[hints[field.name] | None, Required("this setting, it has no default")], None)
     return create_model(settings.__name__, __base__=Entry, __doc__=settings.__doc__, **keys)
 
 
@@ -516,12 +516,12 @@ def read_settings(document: Document, name: str, settings: type[SettingsT]) -> S
 
     None where the section cannot be; its faults, those that the dataclass raises included, are noted in the document.
     """
-    before = document.faults
+    before = document.errors
     entry = read_entry(document, settings_model(settings), (name,))
-    if document.faults > before:
+    if document.errors > before:
         return None
     try:
         return settings(**{key: getattr(entry, key) for key in entry.model_fields_set})
     except SettingError as fault:
-        document.fault((name, fault.key), fault.text)
+        document.add_error((name, fault.key), fault.text)
         return None

@@ -73,7 +73,7 @@ def check_folders(
         places += [(key, "the photograph", place) for key, place in _photographs(photographs, folder)]
         _check_stages(document, work, places)
     except (OSError, RuntimeError) as fault:  # a loop of links; which of the two depends on the version of Python
-        document.fault(("work",), f"the folders of the project cannot be distinguished ({fault}): name others")
+        document.add_error(("work",), f"the folders of the project cannot be distinguished ({fault}): name others")
 
 
 def _photographs(photographs: Sequence[PhotographEntry] | None, folder: Path | None) -> Iterator[tuple[Key, Path]]:
@@ -90,11 +90,11 @@ def _photographs(photographs: Sequence[PhotographEntry] | None, folder: Path | N
 def _check_same(document: Document, work: Path, results: Path, folder: Path | None) -> None:
     remedy = "give the {} their own"
     if folder is not None and folder.resolve() == work.resolve():
-        document.fault(("work",), f"is the folder of the photographs too: {remedy.format('intermediate results')}")
+        document.add_error(("work",), f"is the folder of the photographs too: {remedy.format('intermediate results')}")
     if results.resolve() == work.resolve():
-        document.fault(("work",), f"is the folder of the results too: {remedy.format('intermediate results')}")
+        document.add_error(("work",), f"is the folder of the results too: {remedy.format('intermediate results')}")
     if folder is not None and folder.resolve() == results.resolve():
-        document.fault(("results",), f"is the folder of the photographs too: {remedy.format('results')}")
+        document.add_error(("results",), f"is the folder of the photographs too: {remedy.format('results')}")
 
 
 def _check_results(document: Document, results: Path, places: Sequence[tuple[Key, Path]]) -> None:
@@ -105,7 +105,7 @@ def _check_results(document: Document, results: Path, places: Sequence[tuple[Key
             continue  # no result is called so
         for own in dict.fromkeys((place.parent.resolve(), place.resolve().parent)):
             if own in written:
-                document.fault(
+                document.add_error(
                     ("results",),
                     f"photogram writes its results to {own}, where {place.name} lies, which it reads: "
                     "give the results a folder of their own",
@@ -120,7 +120,7 @@ def _check_stages(document: Document, work: Path, places: Sequence[tuple[Key, st
         # a link counts for where it is as well as for what it leads to
         around = stage_folder_around(work, place) or stage_folder_around(work, place.parent)
         if around is not None:
-            document.fault(
+            document.add_error(
                 key,
                 f"{what} {place} lies in {around}, a folder that photogram makes and removes as it works: "
                 "move it, or give another folder under work",

@@ -1,6 +1,6 @@
 """The height systems and the datum that a project file declares, and the positions in it brought to those of the map.
 
-Faults are noted in the document where the file declares the systems.
+Errors are noted in the document where the file declares the systems.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     A ``crs`` with a vertical part declares the system of results, of the positions in the file and of ground points
     that say nothing else. The path of a grid is taken from ``base``.
     """
-    entry, before = file.heights or HeightsEntry(), document.faults
+    entry, before = file.heights or HeightsEntry(), document.errors
     try:
         vertical = None if file.crs is None else vertical_of(file.crs)
         plan = None if file.crs is None or file.crs == NO_CRS else projected_crs(file.crs)
     except FrameError as fault:
         if file.crs is not None and _has_plan(file.crs):
-            document.fault(("crs",), f"its vertical part {fault}")
+            document.add_error(("crs",), f"its vertical part {fault}")
         return None  # a plan that cannot be is noted with the positions
     if vertical is not None and entry.output == "ellipsoidal":
         says = f"must be orthometric, as the crs {shortened(str(file.crs))} says"
         text = f"{says}: remove the key, or the vertical part of the crs"
-        document.fault((*_KEY, "output"), text)
+        document.add_error((*_KEY, "output"), text)
     output: HeightSystem | None = "orthometric" if vertical is not None else entry.output
     if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
         text = "is missing: write output: ellipsoidal or orthometric, the system of all results"
-        document.fault((*_KEY, "output"), text)
+        document.add_error((*_KEY, "output"), text)
     geoid = _geoid(document, entry, vertical, base)
     needing = [name for name in ("output", "gnss", "control_points") if getattr(entry, name) == "orthometric"]
     of_files = [i for i, f in enumerate(file.control_points.files) if f.heights == "orthometric"]
@@ -67,16 +67,16 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
         *(("control_points", "files", i, "heights") for i in of_files),
         *([("comparison", "heights")] if file.comparison.heights == "orthometric" else []),
     ]
-    if geoid is None and document.faults == before and places:
+    if geoid is None and document.errors == before and places:
         text = f"orthometric needs a geoid: give heights.geoid: {', '.join(GEOID_MODELS)}, EPSG:… or the path of a grid"
-        document.fault(places[0], text)
+        document.add_error(places[0], text)
     if output == "ellipsoidal" and plan is not None and not is_gnss_ellipsoid(plan):
         text = (
             f"{crs_label(str(file.crs))} ({plan.name}) has an ellipsoid other than that of GNSS, so its ellipsoidal "
             "heights are not those of GNSS: write orthometric with a geoid, or a crs on WGS 84 or ETRS89"
         )
-        document.fault((*_KEY, "output"), text)
-    if document.faults > before:
+        document.add_error((*_KEY, "output"), text)
+    if document.errors > before:
         return None
     given: HeightSystem | None = "orthometric" if vertical is not None else None
     control_points = entry.control_points or given
@@ -89,7 +89,7 @@ def read_datum(document: Document, file: ProjectFile, base: Path) -> DeclaredDat
     path = None if file.datum_grid is None else str((base / file.datum_grid).absolute())
     if path is not None and not isfile(path):
         text = f"file {path} not found: give the path of a grid of datum shifts, relative to this file"
-        document.fault(("datum_grid",), text)
+        document.add_error(("datum_grid",), text)
         path = None
     return DeclaredDatum(file.datum_accuracy_m, path)
 
@@ -107,18 +107,18 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
     name, grid = entry.geoid, entry.grid
     if name is not None and Path(name).suffix.lower() in _GRIDS:
         if grid is not None:
-            document.fault((*_KEY, "grid"), "is given here and as geoid: keep one of the two")
+            document.add_error((*_KEY, "grid"), "is given here and as geoid: keep one of the two")
         name, grid = None, name
     key: Key = (*_KEY, "grid" if entry.grid is not None else "geoid")
     path = None if grid is None else str((base / grid).absolute())
     if path is not None and not isfile(path):
-        document.fault(key, f"file {path} not found: give the path of the geoid's grid, relative to this file")
+        document.add_error(key, f"file {path} not found: give the path of the geoid's grid, relative to this file")
         return None
     if name is not None:
         name = GEOID_MODELS.get(name.upper().replace(" ", "").replace("-", ""), name)
         name = name.upper() if name.upper().startswith("EPSG:") else name
     if name is not None and vertical is not None and name != vertical:
-        document.fault(
+        document.add_error(
             (*_KEY, "geoid"), f"is {entry.geoid}, but the crs says {shortened(vertical)}: keep one of the two"
         )
         return None
@@ -128,7 +128,7 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
     try:
         _ = geoid.crs
     except FrameError as fault:
-        document.fault((*_KEY, "geoid"), str(fault))
+        document.add_error((*_KEY, "geoid"), str(fault))
         return None
     return geoid
 
@@ -189,7 +189,7 @@ def listed_in_map(
     """
     control = _rows([p.position_m for p in file.control_points.list])
     gnss = _rows([p.gnss_m for p in file.photographs.list or ()])
-    if document.faults or file.crs is None:
+    if document.errors or file.crs is None:
         return control, gnss
     known = [rows[np.isfinite(rows).all(axis=1)] for rows in (control, gnss)]
     others = _rows([(p.map_m[0], p.map_m[1], p.map_m[2]) for group in places for p in group])
@@ -199,7 +199,7 @@ def listed_in_map(
         for rows, own, given in zip((control, gnss), known, (heights.control_points, heights.gnss_given), strict=True):
             rows[np.isfinite(rows).all(axis=1)] = map_heights(file.crs, heights, given, own)
     except FrameError as fault:
-        document.fault(_KEY if document.at(_KEY) is not None else ("crs",), str(fault).removeprefix("crs: "))
+        document.add_error(_KEY if document.at(_KEY) is not None else ("crs",), str(fault).removeprefix("crs: "))
     return control, gnss
 
 

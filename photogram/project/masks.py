@@ -50,10 +50,10 @@ def masks_of_photographs(
         return none
     masks = base / file.photographs.masks.folder
     if not isdir(masks):
-        document.fault(MASKS_KEY, f"folder {masks} not found")
+        document.add_error(MASKS_KEY, f"folder {masks} not found")
         return none
     if folder is not None and masks.resolve() == folder.resolve():
-        document.fault(MASKS_KEY, "is the folder of the photographs too: move the masks to a folder of their own")
+        document.add_error(MASKS_KEY, "is the folder of the photographs too: move the masks to a folder of their own")
         return none
     written = (base / file.results).resolve()
     if masks.resolve().is_relative_to(written) or stage_folder_around(base / file.work, masks / "mask.png"):
@@ -62,13 +62,13 @@ def masks_of_photographs(
             if masks.resolve().is_relative_to(written)
             else ("lies in a folder that photogram makes and removes as it works")
         )
-        document.fault(MASKS_KEY, f"{text}: copy the masks to a folder of their own")
+        document.add_error(MASKS_KEY, f"{text}: copy the masks to a folder of their own")
         return none
     try:
         found = find_masks(masks, photographs)
     except ImageError as fault:
         for line in str(fault).splitlines():
-            document.fault(MASKS_KEY, line)
+            document.add_error(MASKS_KEY, line)
         return none
     if found.others:
         text = f"{things(len(found.others), 'picture')} in {masks} fit no photograph: {some(found.others)}"
@@ -80,7 +80,7 @@ def check_camera_masks(document: Document, file: ProjectFile, base: Path) -> Non
     """Note the masks of cameras that are not there."""
     for name, camera in file.cameras.items():
         if camera.mask is not None and not isfile(base / camera.mask):
-            document.fault(("cameras", name, "mask"), f"file {base / camera.mask} not found")
+            document.add_error(("cameras", name, "mask"), f"file {base / camera.mask} not found")
 
 
 def check_automatic_masks(document: Document, file: ProjectFile, dense: DenseSettings | None) -> None:

@@ -53,7 +53,7 @@ from photogram.project.schema import (
     ProjectFile,
     Quality,
 )
-from photogram.project.start import ProjectStart, check_start, project_start, read_start
+from photogram.project.start import InitialSolutionFile, check_start, project_start, read_start
 from photogram.projection import RADIAL_TERMS
 from photogram.quality.asprs import ReportSettings
 from photogram.sfm.orientation import OrientationSettings
@@ -180,7 +180,7 @@ class Project:
     """Cameras on one body."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
-    start: ProjectStart | None = None
+    start: InitialSolutionFile | None = None
     """What another program has found that the project starts from, None without."""
     masks: ProjectMasks = field(default_factory=ProjectMasks)
     """Masks of the photographs."""
@@ -307,7 +307,7 @@ def read_project(
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     solution = read_start(document, file, base)
     cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
-    document.raise_faults()
+    document.raise_errors()
     entries = _given(photographs)
     copies = _copies(file, entries)
     named = dict(zip(file.cameras, cameras, strict=True))
@@ -355,12 +355,12 @@ def _with_seams(
         return settings
     path = base / settings.seams
     if not isfile(path):
-        document.fault(("orthophoto", "seams"), f"file {path} not found")
+        document.add_error(("orthophoto", "seams"), f"file {path} not found")
     elif photographs is not None and file.crs is not None:
         try:
             read_seams(path, [p.name for p in photographs if p.name is not None], file.crs)
         except PhotogramError as fault:
-            document.fault(("orthophoto", "seams"), str(fault))
+            document.add_error(("orthophoto", "seams"), str(fault))
     return replace(settings, seams=str(path))
 
 
@@ -423,7 +423,7 @@ def _camera(
         try:
             camera = read_matlab(path, name, entry.width_px, entry.height_px, entry.pixel_origin)
         except PhotogramError as fault:
-            document.fault((*key, "matlab"), str(fault))
+            document.add_error((*key, "matlab"), str(fault))
             return None
     elif entry.focal_px is None or entry.principal_point_px is None:
         return None
@@ -443,10 +443,10 @@ def _camera(
     if entry.matlab is not None:
         camera = replace(camera, readout_s=entry.readout_s or 0.0)
     if not camera.focal_px + camera.affinity[0] > 0:
-        document.fault((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
+        document.add_error((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
     if not camera.contains(camera.principal_point_px):
         cx, cy = camera.principal_point_px
-        document.fault(
+        document.add_error(
             (*key, "principal_point_px" if entry.matlab is None else "matlab"),
             f"the principal point ({cx:.10g}, {cy:.10g}) lies outside the photograph of {camera.width_px} × "
             f"{camera.height_px} px: give it in pixels, u right and v down, from the top-left pixel",

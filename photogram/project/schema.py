@@ -1,7 +1,7 @@
 """The keys of project.yaml and what may stand there: one class for each block of the file.
 
-A field that the file must give is None until it is given and carries `Needed`, so that one reading finds every fault of
-a file; after Document.raise_faults none of them is None.
+A field that the file must give is None until it is given and carries `Required`, so that one reading finds every error
+of a file; after Document.raise_errors none of them is None.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, PlainValidator, WithJsonSchema, cre
 
 from photogram.files.tables.position_files import Format
 from photogram.geodesy.height_systems import HeightSystem
-from photogram.project.document import Entry, Needed, found, suggestion
+from photogram.project.document import Entry, Required, described, suggestion
 from photogram.project.ranges import (
     ANGLE_DEG,
     ANGLE_SIGMA_DEG,
@@ -80,14 +80,14 @@ def _vector(*names: str, within: Within, fewest: int | None = None) -> PlainVali
 
     def read(value: object) -> tuple[float, ...]:
         if not isinstance(value, list) or not least <= len(value) <= len(names):
-            raise ValueError(f"needs {count} numbers [{', '.join(names)}], found {found(value)}")
+            raise ValueError(f"needs {count} numbers [{', '.join(names)}], found {described(value)}")
         numbers = [_number(v) for v in value]
         wrong = []
         for name, raw, number in zip(names, value, numbers, strict=False):
             if number is None:
-                wrong.append(f"{name} must be a finite number, found {found(raw)}")
+                wrong.append(f"{name} must be a finite number, found {described(raw)}")
             elif not within.holds(number):
-                wrong.append(f"{name} must be {within}, found {found(raw)}")
+                wrong.append(f"{name} must be {within}, found {described(raw)}")
         if wrong:
             raise ValueError("; ".join(wrong))
         return tuple(n for n in numbers if n is not None)
@@ -101,7 +101,7 @@ def _text(value: object) -> str:
         return str(value)
     if not isinstance(value, str):
         quotes = ': write it in quotes, "1.10" for example' if isinstance(value, float | bool) else ""
-        raise ValueError(f"must be text, found {found(value)}{quotes}")
+        raise ValueError(f"must be text, found {described(value)}{quotes}")
     if not value.strip():
         raise ValueError("must not be empty")
     return value
@@ -109,14 +109,14 @@ def _text(value: object) -> str:
 
 def _ends(value: object) -> tuple[str, str]:
     if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"needs the names of two ground points or two photographs, found {found(value)}")
+        raise ValueError(f"needs the names of two ground points or two photographs, found {described(value)}")
     first, second = (_text(name) for name in value)
     return first, second
 
 
 def _two_points(value: object) -> tuple[str, str]:
     if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"needs the names of two ground points, found {found(value)}")
+        raise ValueError(f"needs the names of two ground points, found {described(value)}")
     first, second = (_text(name) for name in value)
     return first, second
 
@@ -126,7 +126,7 @@ def _freedom(value: object) -> float:
         return math.inf
     number = _number(value)
     if number is None or not (number == 0 or FREEDOM.holds(number)):
-        raise ValueError(f"must be 0 (held fixed), a prior sigma {FREEDOM}, or free, found {found(value)}")
+        raise ValueError(f"must be 0 (held fixed), a prior sigma {FREEDOM}, or free, found {described(value)}")
     return number
 
 
@@ -135,7 +135,7 @@ def _role(value: object) -> Role:
         if value == role:
             return role
     near = f": {suggestion(value, _ROLES)}" if isinstance(value, str) else ""
-    raise ValueError(f"must be control or check, found {found(value)}{near}")
+    raise ValueError(f"must be control or check, found {described(value)}{near}")
 
 
 def _roles(value: object) -> Roles:
@@ -151,7 +151,7 @@ def _picture_size(value: object) -> tuple[int, int]:
     items = value if isinstance(value, list) else []
     whole = [v for v in items if isinstance(v, int) and not isinstance(v, bool) and PIXELS.holds(v)]
     if len(items) != 2 or len(whole) != 2:
-        raise ValueError(f"needs 2 whole numbers [width, height] {PIXELS}, found {found(value)}")
+        raise ValueError(f"needs 2 whole numbers [width, height] {PIXELS}, found {described(value)}")
     return whole[0], whole[1]
 
 
@@ -224,8 +224,8 @@ Affinity = Annotated[tuple[float, float], _values_of("affinity", PLACE_PX)]
 class CameraEntry(Entry):
     """One camera."""
 
-    width_px: Annotated[Size | None, Needed("the width of its photographs in pixels")] = None
-    height_px: Annotated[Size | None, Needed("the height of its photographs in pixels")] = None
+    width_px: Annotated[Size | None, Required("the width of its photographs in pixels")] = None
+    height_px: Annotated[Size | None, Required("the height of its photographs in pixels")] = None
     matlab: Annotated[Text | None, "A .mat with its calibration, instead of the figures."] = None
     model: Annotated[Model | None, "`brown` for frame cameras (default), `fisheye` equidistant."] = None
     focal_px: Annotated[FocalLength | None, "Focal length in pixels."] = None
@@ -248,15 +248,15 @@ class CameraEntry(Entry):
 class Attitude(Entry):
     """A gimbal's angles, DJI's convention."""
 
-    yaw: Annotated[Angle | None, Needed("the heading in degrees, clockwise from north")] = None
-    pitch: Annotated[Angle | None, Needed("the pitch in degrees, -90 straight down")] = None
-    roll: Annotated[Angle | None, Needed("the roll in degrees, 0 for a level gimbal")] = None
+    yaw: Annotated[Angle | None, Required("the heading in degrees, clockwise from north")] = None
+    pitch: Annotated[Angle | None, Required("the pitch in degrees, -90 straight down")] = None
+    roll: Annotated[Angle | None, Required("the roll in degrees, 0 for a level gimbal")] = None
 
 
 class PhotographEntry(Entry):
     """One photograph."""
 
-    name: Annotated[Text | None, Needed("the photograph's file name")] = None
+    name: Annotated[Text | None, Required("the photograph's file name")] = None
     camera: Annotated[Text | None, "Its name under cameras."] = None
     gnss_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
     gnss: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
@@ -270,7 +270,7 @@ class PhotographEntry(Entry):
 class PositionFileEntry(Entry):
     """A file of positions of photographs, and what it does not say itself."""
 
-    path: Annotated[Text | None, Needed("the file with the positions, relative to this file")] = None
+    path: Annotated[Text | None, Required("the file with the positions, relative to this file")] = None
     format: Annotated[Format | None, "Its format, where its name does not tell."] = None
     position_of: Annotated[PositionOf | None, "Whose positions they are; needed for a table."] = None
     crs: Annotated[Text | None, "CRS of a table, where that is not the project's."] = None
@@ -296,7 +296,7 @@ def _masks(value: object) -> object:
 class PhotographsEntry(Entry):
     """The photographs and what holds for all of them."""
 
-    folder: Annotated[Text | None, Needed("the folder of the photographs, relative to this file")] = None
+    folder: Annotated[Text | None, Required("the folder of the photographs, relative to this file")] = None
     masks: Annotated[
         MasksEntry | None,
         BeforeValidator(_masks, json_schema_input_type=MasksEntry | Text | None),
@@ -342,14 +342,14 @@ def _heights(value: object) -> object:
             if value == "orthometric"
             else ("ellipsoidal, or a mapping of keys: output, gnss, control_points, geoid, grid")
         )
-        raise ValueError(f"needs {text}, found {found(value)}")
+        raise ValueError(f"needs {text}, found {described(value)}")
     return value
 
 
 class ControlPointEntry(Entry):
     """One ground point."""
 
-    name: Annotated[Text | None, Needed("the point's name")] = None
+    name: Annotated[Text | None, Required("the point's name")] = None
     role: Annotated[RolesOf, "A check point is never used in the adjustment; default control."] = ("control", "control")
     position_m: Annotated[Position | None, "Easting, northing and height in the crs, m."] = None
     position: Annotated[MapPosition | None, "The same in the units of the crs, instead."] = None
@@ -361,7 +361,7 @@ class ControlPointEntry(Entry):
 class ControlFileEntry(Entry):
     """A file of ground points, and what it does not say itself."""
 
-    path: Annotated[Text | None, Needed("the file with the points, relative to this file")] = None
+    path: Annotated[Text | None, Required("the file with the points, relative to this file")] = None
     role: Annotated[RolesOf, "Of points whose file says nothing; default control."] = ("control", "control")
     marks: Annotated[Text | None, "The file with their marks."] = None
     crs: Annotated[Text | None, "CRS of the points.", Default("what the file says, else the project's")] = None
@@ -393,30 +393,30 @@ class _ConstraintEntry(Entry):
 class DistanceEntry(_ConstraintEntry):
     """A measured distance between two ground points or two photographs."""
 
-    between: Annotated[tuple[str, str] | None, _ENDS, Needed("the names of its two ends")] = None
-    length_m: Annotated[float | None, LENGTH_M, Needed("the measured length in metres")] = None
-    sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
+    between: Annotated[tuple[str, str] | None, _ENDS, Required("the names of its two ends")] = None
+    length_m: Annotated[float | None, LENGTH_M, Required("the measured length in metres")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Required("its standard deviation in metres")] = None
 
 
 class HeightDifferenceEntry(_ConstraintEntry):
     """A levelled height difference between two ground points."""
 
-    between: Annotated[tuple[str, str] | None, _POINTS, Needed("the names of its two points, from and to")] = None
-    difference_m: Annotated[float | None, RISE_M, Needed("height of the second minus height of the first, m")] = None
-    sigma_m: Annotated[float | None, SIGMA_M, Needed("its standard deviation in metres")] = None
+    between: Annotated[tuple[str, str] | None, _POINTS, Required("the names of its two points, from and to")] = None
+    difference_m: Annotated[float | None, RISE_M, Required("height of the second minus height of the first, m")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Required("its standard deviation in metres")] = None
 
 
 class SurfaceEntry(_ConstraintEntry):
     """Ground points of one level surface, or of one plane."""
 
-    points: Annotated[tuple[Text, ...] | None, Needed("the names of its points")] = None
-    sigma_m: Annotated[float | None, SIGMA_M, Needed("the standard deviation of a point from it in metres")] = None
+    points: Annotated[tuple[Text, ...] | None, Required("the names of its points")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Required("the standard deviation of a point from it in metres")] = None
 
 
 class CompanionEntry(Entry):
     """A camera on the body of a rig's master, and what is given of where it sits; without, that is free."""
 
-    camera: Annotated[Text | None, Needed("the companion's name under cameras")] = None
+    camera: Annotated[Text | None, Required("the companion's name under cameras")] = None
     offset_m: Annotated[Offset | None, "Right, down, forward of the master's projection centre."] = None
     offset_sigma_m: Annotated[float | None, SIGMA_M, "Standard deviation of the offset."] = None
     rotation_deg: Annotated[Rotation3 | None, "About x, y, z, from its axes to the master's."] = None
@@ -427,19 +427,19 @@ class CompanionEntry(Entry):
 class RigEntry(Entry):
     """Cameras on one body: a master, its companions, and how photographs are grouped to exposures."""
 
-    master: Annotated[Text | None, Needed("the master's name under cameras")] = None
-    companions: Annotated[Sequence[CompanionEntry] | None, Needed("the other cameras of the body")] = None
-    exposures: Annotated[ExposureGrouping | None, Needed("how photographs are grouped: capture, name or time")] = None
+    master: Annotated[Text | None, Required("the master's name under cameras")] = None
+    companions: Annotated[Sequence[CompanionEntry] | None, Required("the other cameras of the body")] = None
+    exposures: Annotated[ExposureGrouping | None, Required("how photographs are grouped: capture, name or time")] = None
     name_pattern: Annotated[Text | None, "Regular expression; its groups are the same for one exposure."] = None
     tolerance_s: Annotated[float | None, TOLERANCE_S, "Longest time between photographs of one exposure."] = None
-    sigma_m: Annotated[float | None, SIGMA_M, Needed("by how much the offset of an exposure scatters, m")] = None
-    sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Needed("by how much its rotation scatters, degrees")] = None
+    sigma_m: Annotated[float | None, SIGMA_M, Required("by how much the offset of an exposure scatters, m")] = None
+    sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Required("by how much its rotation scatters, degrees")] = None
 
 
 class StartEntry(Entry):
     """What another program has determined, and what of it the project starts from."""
 
-    solution: Annotated[Text | None, Needed("the file that photogram import has written")] = None
+    solution: Annotated[Text | None, Required("the file that photogram import has written")] = None
     tie_points: Annotated[Whose, "Its tie points, or own key points and matches."] = "theirs"
     poses: Annotated[Whose, "Its poses, or an own orientation."] = "theirs"
 
@@ -455,9 +455,9 @@ class ProjectFile(Entry):
     """A survey of photogram; the settings are read by read_settings."""
 
     photogram: Annotated[
-        int | None, WithJsonSchema({"const": 1}), Needed("write photogram: 1, the format of this file")
+        int | None, WithJsonSchema({"const": 1}), Required("write photogram: 1, the format of this file")
     ] = None
-    crs: Annotated[Text | None, Needed("the map grid, crs: EPSG:25832 for example, or none")] = None
+    crs: Annotated[Text | None, Required("the map grid, crs: EPSG:25832 for example, or none")] = None
     heights: Annotated[
         HeightsEntry | None,
         BeforeValidator(_heights, json_schema_input_type=HeightsEntry | Literal["ellipsoidal"] | None),
@@ -467,7 +467,7 @@ class ProjectFile(Entry):
     datum_grid: Annotated[Text | None, "The file of the grid between the datums."] = None
     world: Annotated[Literal["tangent", "grid"], "`grid` takes the map as Cartesian: exercises only."] = "tangent"
     quality: Annotated[Quality, "Size of the pictures in which key points are found: full, half, quarter."] = "high"
-    cameras: Annotated[dict[str, CameraEntry], Needed("a block for each camera, under its name")] = Field(
+    cameras: Annotated[dict[str, CameraEntry], Required("a block for each camera, under its name")] = Field(
         default_factory=dict
     )
     photographs: Annotated[PhotographsEntry, "The photographs."] = PhotographsEntry()

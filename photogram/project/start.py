@@ -22,7 +22,7 @@ from photogram.wording import some
 
 
 @dataclass(frozen=True)
-class ProjectStart:
+class InitialSolutionFile:
     """Where a project starts: a stored solution, and whose tie points and poses are used."""
 
     solution: Path
@@ -34,7 +34,7 @@ class ProjectStart:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class InitialSolution:
     """What a solution says of a project's photographs (F) and cameras (C)."""
 
     tie_points: TiePoints
@@ -55,13 +55,13 @@ class Start:
         )
 
 
-def project_start(file: ProjectFile, base: Path) -> ProjectStart | None:
+def project_start(file: ProjectFile, base: Path) -> InitialSolutionFile | None:
     """Return where a project starts, its solution from the folder ``base``; None where it starts from photographs
     alone."""
     entry = file.start
     if entry is None or entry.solution is None:
         return None
-    return ProjectStart(base / entry.solution, entry.tie_points, entry.poses)
+    return InitialSolutionFile(base / entry.solution, entry.tie_points, entry.poses)
 
 
 def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolution | None:
@@ -71,21 +71,21 @@ def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolu
         return None
     key = ("start", "solution")
     if not isfile(start.solution):
-        document.fault(key, f"file {start.solution} not found: make it with photogram import")
+        document.add_error(key, f"file {start.solution} not found: make it with photogram import")
         return None
     try:
         solution = read_stored(start.solution)
     except ExchangeError as fault:
-        document.fault(key, str(fault))
+        document.add_error(key, str(fault))
         return None
     if start.tie_points == "theirs" and not len(solution.tie_points):
-        document.fault(("start", "tie_points"), f"{start.solution.name} has no tie points: write tie_points: own")
+        document.add_error(("start", "tie_points"), f"{start.solution.name} has no tie points: write tie_points: own")
     if start.poses == "theirs" and all(p.pose is None for p in solution.photographs):
-        document.fault(("start", "poses"), f"{start.solution.name} has no poses: write poses: own")
+        document.add_error(("start", "poses"), f"{start.solution.name} has no poses: write poses: own")
     return solution
 
 
-def known_observations(start: ProjectStart | None) -> int | None:
+def known_observations(start: InitialSolutionFile | None) -> int | None:
     """Return the number of observations of the tie points that a project starts from, None where it measures its own.
     Raises ExchangeError where the solution cannot be read."""
     return None if start is None or start.tie_points == "own" else len(read_stored(start.solution).tie_points.point)
@@ -104,13 +104,13 @@ def check_start(
         start_of(names, camera_of, cameras, solution)
     except ProjectError as fault:
         written = "" if file.start is None else file.start.solution
-        document.fault(("start", "solution"), f"{written} {fault}")
-        document.raise_faults()
+        document.add_error(("start", "solution"), f"{written} {fault}")
+        document.raise_errors()
 
 
 def start_of(
     names: Sequence[str], camera_of: Sequence[int], cameras: Sequence[Camera], solution: ForeignSolution
-) -> Start:
+) -> InitialSolution:
     """Return what a solution says of photographs (F) of these names, whose cameras are of these numbers.
 
     Photographs are found by their file names without folders. Raises ProjectError where two have the same, where none
@@ -127,7 +127,7 @@ def start_of(
     number = np.full(len(solution.photographs), -1, dtype=np.int64)
     number[list(theirs.values())] = list(theirs)
     poses = tuple(solution.photographs[theirs[i]].pose if i in theirs else None for i in range(len(names)))
-    return Start(
+    return InitialSolution(
         _renumbered(solution.tie_points, number), poses, _parameters(camera_of, len(cameras), solution, theirs)
     )
 

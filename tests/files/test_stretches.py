@@ -16,8 +16,8 @@ from PIL import Image
 
 from photogram.errors import ImageError
 from photogram.files.photographs import stretches
-from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.depth import Stretch
+from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.stretches import MIXED_REMEDY, SAMPLED, camera_stretches, find_stretch, mixed_depths
 from photogram.files.photographs.tags import PhotographTags
 
@@ -129,5 +129,5 @@ def test_copies_are_found_among_deep_photographs(tmp_path: Path) -> None:
     Image.fromarray((smooth // 256).astype(np.uint8)).save(tmp_path / "d.tif")
     paths = [tmp_path / f"{name}.tif" for name in "abcd"]
     with ThreadPoolExecutor(2) as executor:
-        found = find_copies(paths, [tags, tags, tags, replace(tags, bits=8)], [0] * 4, executor)
+        found = find_duplicates(paths, [tags, tags, tags, replace(tags, bits=8)], [0] * 4, executor)
     assert found == [(0, 1)]

@@ -25,7 +25,7 @@ def read(folder: Path, crs: str, lines: str, heights: DeclaredHeights) -> Projec
     document = Document(path)
     file = with_read_crs(document, read_entry(document, ProjectFile), folder)
     file = with_listed_in_metres(document, file, heights)
-    document.raise_faults()
+    document.raise_errors()
     return file
 
 

@@ -108,7 +108,7 @@ def test_settings_faults(document: Callable[[str], Document], text: str, expecte
     opened = document(text)
     assert read_settings(opened, "s", Settings) is None
     with pytest.raises(ProjectError) as raised:
-        opened.raise_faults()
+        opened.raise_errors()
     lines = [line for line in str(raised.value).splitlines() if "errors:" not in line]
     assert len(lines) == len(expected)
     for start in expected:

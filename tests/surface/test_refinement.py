@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
+from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.window_sums import Window
 
 GSD_M = 0.1
@@ -25,7 +25,7 @@ def refined(plane: Any, pictures: Any, start: Any, views: Any = None) -> tuple[A
     smooth = np.empty_like(surface)
     own_side_mean(surface, plane.tilt, 0.3, 2, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, plane.height_m).astype(np.float32)
-    from_here = Start(surface, smooth, plane.tilt, 0.08, 0.3, 1.0, 0.15)
+    from_here = InitialHeights(surface, smooth, plane.tilt, 0.08, 0.3, 1.0, 0.15)
     refine_heights(plane.crops(pictures), ground, WINDOW, from_here, Refined(height, sigma, correlation, rays))
     return height, sigma, correlation, rays
 

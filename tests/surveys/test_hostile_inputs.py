@@ -239,7 +239,7 @@ def test_whole_numbers_of_hundreds_of_digits(tmp_path: Path, digits: int) -> Non
     document = Document(path)
     read_entry(document, ProjectFile)
     with pytest.raises(ProjectError, match=f"a number of {digits} characters is not a number photogram reads"):
-        document.raise_faults()
+        document.raise_errors()
 
 
 # ---- clouds, rasters, arrays ---------------------------------------------------------------------------------------
@@ -482,7 +482,7 @@ def test_nonsense_is_named_with_its_key_and_range(tmp_path: Path, photogram: Run
     for name, kind in SECTIONS.items():
         read_settings(document, name, kind)
     with pytest.raises(ProjectError, match=SLIPS[text]):
-        document.raise_faults()
+        document.raise_errors()
 
 
 def test_distortion_that_no_lens_has(survey: Path, photogram: Run, edit: Callable[..., None]) -> None:

@@ -21,7 +21,7 @@ from photogram.camera import Camera, oriented_cameras
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import Crops, Ground
 from photogram.surface.dense.pyramid import median_of_known
-from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
+from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
 from photogram.surface.dense.window_sums import Window
@@ -92,7 +92,7 @@ def disparity(read: Read) -> Float32Array:
     rays = np.empty(z.shape, np.uint8)
     smooth = np.empty_like(z)
     own_side_mean(z, level, STEP_PX, 2, smooth)
-    from_here = Start(z, smooth, level, 0.3 * STEP_PX, STEP_PX, 1.0, 0.58 * STEP_PX)
+    from_here = InitialHeights(z, smooth, level, 0.3 * STEP_PX, STEP_PX, 1.0, 0.58 * STEP_PX)
     window = Window(3, settings.noise_dn, 0.5)
     refine_heights(crops, ground, window, from_here, Refined(found, sigma, correlation, rays))
     return found

@@ -53,7 +53,7 @@ def recognised(path: Path) -> list[tuple[Format, Path]]:
 
 def _of_file(path: Path) -> list[tuple[Format, Path]]:
     if not path.is_file():
-        raise ExchangeError(f"{path}: file not found, or no ordinary file: check the name")
+        raise ExchangeError(f"{path}: file not found, or not a regular file: check the name")
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     return [(each, path) for each in FORMATS if each.is_file(path, head)][:1]

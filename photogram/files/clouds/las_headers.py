@@ -12,7 +12,7 @@ from math import isfinite
 from pathlib import Path
 
 from photogram.errors import ProjectError
-from photogram.files.reading import ordinary_size
+from photogram.files.reading import regular_file_size
 
 _POINT_BYTES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 """Of each point format, 0 to 10, without extra bytes."""
@@ -99,7 +99,7 @@ def _chunks(path: Path, header: _Header) -> str:
             return "compressed points without the LASzip record"
         stream.seek(header.data_offset)
         (table,) = struct.unpack("<q", stream.read(8))
-        size = ordinary_size(path)
+        size = regular_file_size(path)
         if table == -1:  # a writer that could not go back to fill it in put it into the last 8 bytes
             stream.seek(size - 8)
             (table,) = struct.unpack("<q", stream.read(8))
@@ -131,7 +131,7 @@ def _chunk_points(records: bytes, count: int) -> int | None:
 def check_las(path: Path) -> None:
     """Check that a LAS or LAZ file can be what its header says. Raises ProjectError where it cannot, OSError where it
     cannot be read."""
-    size = ordinary_size(path)
+    size = regular_file_size(path)
     with path.open("rb") as stream:
         data = stream.read(375)
     try:

@@ -22,7 +22,7 @@ from rasterio.vrt import WarpedVRT
 from photogram.arrays import ByteArray, Float32Array
 from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import NODATA, write_cog
-from photogram.files.reading import ordinary_size
+from photogram.files.reading import regular_file_size
 from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
@@ -126,7 +126,7 @@ def _opened(path: Path) -> Iterator[rasterio.DatasetReader]:
     if not isfile(path):
         raise ProjectError(f"raster {path}: file not found: check its path")
     try:
-        size = ordinary_size(path)
+        size = regular_file_size(path)
         with rasterio.open(path, driver="GTiff") as dataset:
             _check_size(path, dataset, size)
             if dataset.count != 1:

@@ -16,7 +16,7 @@ from photogram.files.atomic import replacing
 from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
 from photogram.files.tables.control_files import Row as _Row
 from photogram.files.tables.surveyed_points import Mark, MarkSource, Proposal
-from photogram.files.text_lines import Faults, lines_of, quoted
+from photogram.files.text_lines import Errors, lines_of, quoted
 
 MARKS, PROPOSALS = "marks.csv", "proposals.csv"
 """What the tables are called."""
@@ -79,25 +79,25 @@ def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _two(row: _Row, columns: tuple[str, str], line: int, faults: Faults) -> tuple[float, float] | None:
+def _two(row: _Row, columns: tuple[str, str], line: int, errors: Errors) -> tuple[float, float] | None:
     texts = [row.get(column, "") for column in columns]
     if not any(texts):
         return None
-    first, second = (faults.number(text, column, line) for text, column in zip(texts, columns, strict=True))
+    first, second = (errors.number(text, column, line) for text, column in zip(texts, columns, strict=True))
     return None if first is None or second is None else (first, second)
 
 
-def _mark(row: _Row, line: int, faults: Faults) -> Mark | None:
-    pixel = _two(row, ("u", "v"), line, faults)
-    sigma_px = _two(row, ("sigma_u", "sigma_v"), line, faults)
-    raw_pixel = _two(row, ("raw_u", "raw_v"), line, faults)
-    rho = faults.number(row.get("rho") or "0", "rho", line)
+def _mark(row: _Row, line: int, errors: Errors) -> Mark | None:
+    pixel = _two(row, ("u", "v"), line, errors)
+    sigma_px = _two(row, ("sigma_u", "sigma_v"), line, errors)
+    raw_pixel = _two(row, ("raw_u", "raw_v"), line, errors)
+    rho = errors.number(row.get("rho") or "0", "rho", line)
     doubtful = _DOUBTFUL.get(row.get("doubtful", "").lower())
     if doubtful is None:
-        faults.note(line, f"doubtful must be yes, no or empty, found {row['doubtful']!r}: correct it")
+        errors.note(line, f"doubtful must be yes, no or empty, found {row['doubtful']!r}: correct it")
     if pixel is None:
         if not row["u"] and not row["v"]:
-            faults.note(line, "u and v are empty: remove the line, or give the mark")
+            errors.note(line, "u and v are empty: remove the line, or give the mark")
         return None
     if rho is None or doubtful is None:
         return None
@@ -106,7 +106,7 @@ def _mark(row: _Row, line: int, faults: Faults) -> Mark | None:
         place, source = (row["name"], row["photograph"]), MarkSource(line, is_of_photogram=True)
         return Mark(*place, pixel, sigma_px, rho, kind, time, raw_pixel, doubtful, source)
     except ControlPointError as fault:
-        faults.note(line, str(fault))
+        errors.note(line, str(fault))
         return None
 
 
@@ -114,14 +114,14 @@ def _read(path: Path, proposed: bool) -> list[tuple[Mark, _Row]]:
     lines = lines_of(path, ControlPointError, "marks", "#")
     known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[7:], "score")}}
     needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))
-    _, rows, faults = rows_of(path, lines, known, needed, proposed=proposed, may_be_empty=True)
+    _, rows, errors = rows_of(path, lines, known, needed, proposed=proposed, may_be_empty=True)
     marks = []
     for line, row in rows:
-        mark = _mark(row, line, faults)
+        mark = _mark(row, line, errors)
         if mark is not None:
             marks.append((mark, row))
-    check_marks([mark for mark, _ in marks], faults)
-    faults.raise_all()
+    check_marks([mark for mark, _ in marks], errors)
+    errors.raise_all()
     return marks
 
 
@@ -136,14 +136,14 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
 
 def read_proposals(path: Path) -> tuple[Proposal, ...]:
     """Return the proposals of a table in its order. Raises ControlPointError with a line for each fault."""
-    faults = Faults(path, ControlPointError)
+    errors = Errors(path, ControlPointError)
     proposals: list[Proposal] = []
     for mark, row in _read(path, proposed=True):
         line = mark.source.line
-        score = faults.number(row["score"], "score", line)
+        score = errors.number(row["score"], "score", line)
         try:
             proposals += [] if score is None else [Proposal(replace(mark, source=MarkSource(0)), score)]
         except ControlPointError as fault:
-            faults.note(line, str(fault))
-    faults.raise_all()
+            errors.note(line, str(fault))
+    errors.raise_all()
     return tuple(proposals)

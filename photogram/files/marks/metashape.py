@@ -17,7 +17,7 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
 from photogram.files.tables.control_files import PointFile, check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource, PartialSigma3, SurveyedPoint
-from photogram.files.text_lines import SIGMA_M, Faults, text_of
+from photogram.files.text_lines import SIGMA_M, Errors, text_of
 from photogram.files.xml_elements import Element, elements_of
 from photogram.geodesy.crs import crs_of_wkt
 from photogram.survey import Roles
@@ -52,38 +52,38 @@ def _one_chunk(path: Path, root: Element) -> Element:
     return held[0]
 
 
-def _sigma_m(reference: Element, name: str, faults: Faults) -> PartialSigma3:
+def _sigma_m(reference: Element, name: str, errors: Errors) -> PartialSigma3:
     """Return the accuracies: sx, sy and sz, or sxy and sz as before version 1.3."""
     found = []
     for column in ("sx", "sy", "sz"):
         text = reference.attributes.get(column) or (reference.attributes.get("sxy") if column != "sz" else None)
-        value = None if not text else faults.number(text, f"{column} of {name}", reference.line)
+        value = None if not text else errors.number(text, f"{column} of {name}", reference.line)
         if value is not None and not SIGMA_M[0] <= value <= SIGMA_M[1]:
             allowed = f"from {SIGMA_M[0]:g} to {SIGMA_M[1]:g}"
-            faults.note(reference.line, f"{column} of {name} must be {allowed}, found {text}: correct it in Metashape")
+            errors.note(reference.line, f"{column} of {name} must be {allowed}, found {text}: correct it in Metashape")
         found.append(value)
     return found[0], found[1], found[2]
 
 
-def _named(elements: Iterable[Element], what: str, faults: Faults) -> dict[str, tuple[str, Element]]:
+def _named(elements: Iterable[Element], what: str, errors: Errors) -> dict[str, tuple[str, Element]]:
     """Return the labels of elements by their numbers, which Metashape calls id."""
     named: dict[str, tuple[str, Element]] = {}
     lines: dict[str, int] = {}
     for element in elements:
         label, number = element.attributes.get("label", "").strip(), element.attributes.get("id", "")
         if not label or not number or not label.isprintable():
-            faults.note(element.line, f"a {what} without a printable label: give it one in Metashape")
-        elif faults.name(label, f"the label of a {what}", element.line) is not None:
+            errors.note(element.line, f"a {what} without a printable label: give it one in Metashape")
+        elif errors.name(label, f"the label of a {what}", element.line) is not None:
             first = lines.setdefault(label, element.line)
             if what == "marker" and first != element.line:
-                faults.note(
+                errors.note(
                     element.line, f"marker {label} is there twice, first in line {first}: rename one of the two"
                 )
             named[number] = (label, element)
     return named
 
 
-def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[SurveyedPoint]:
+def _points(markers: Mapping[str, tuple[str, Element]], errors: Errors) -> list[SurveyedPoint]:
     points = []
     for label, element in markers.values():
         for reference in element.all("reference"):
@@ -91,8 +91,8 @@ def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[
             if not any(texts):
                 continue
             whats = [f"{axis} of {label}" for axis in "xyz"]
-            position = [faults.number(t, what, reference.line) for t, what in zip(texts, whats, strict=True)]
-            sigma_m = _sigma_m(reference, label, faults)
+            position = [errors.number(t, what, reference.line) for t, what in zip(texts, whats, strict=True)]
+            sigma_m = _sigma_m(reference, label, errors)
             x, y, z = position
             if x is not None and y is not None and z is not None:
                 is_check = reference.attributes.get("enabled", "true").lower() in ("false", "0")
@@ -101,10 +101,10 @@ def _points(markers: Mapping[str, tuple[str, Element]], faults: Faults) -> list[
     return points
 
 
-def _photographs(chunk: Element, frame: Element | None, faults: Faults) -> dict[str, str]:
+def _photographs(chunk: Element, frame: Element | None, errors: Errors) -> dict[str, str]:
     """Return the names of photographs by the numbers of their cameras: the file's where it is told, else the label."""
     cameras = (camera for held in chunk.all("cameras") for camera in held.below("camera"))
-    names = {number: label for number, (label, _) in _named(cameras, "camera", faults).items()}
+    names = {number: label for number, (label, _) in _named(cameras, "camera", errors).items()}
     for camera in frame.all("cameras", "camera") if frame else ():
         for photo in camera.all("photo"):
             name = PurePosixPath(photo.attributes.get("path", "").replace("\\", "/")).name
@@ -141,27 +141,27 @@ def read_markers(path: Path) -> MarkerFile:
     """
     chunk = _one_chunk(path, _root(path))
     frame = _one_frame(path, chunk)
-    faults = Faults(path, ControlPointError)
-    markers = _named(chunk.all("markers", "marker"), "marker", faults)
-    points, photographs = _points(markers, faults), _photographs(chunk, frame, faults)
+    errors = Errors(path, ControlPointError)
+    markers = _named(chunk.all("markers", "marker"), "marker", errors)
+    points, photographs = _points(markers, errors), _photographs(chunk, frame, errors)
     pinned: list[Mark] = []
     others: list[Mark] = []
     for held in frame.all("markers", "marker") if frame else ():
         number = held.attributes.get("marker_id", "")
         if number not in markers:
-            faults.note(
+            errors.note(
                 held.line, f"marker_id {shortened(number)!r} is no marker of the chunk: export the markers again"
             )
             continue
         for location in held.all("location"):
-            mark = _mark(location, markers[number][0], photographs, faults)
+            mark = _mark(location, markers[number][0], photographs, errors)
             if mark is not None:
                 (pinned if location.attributes.get("pinned", "").lower() in ("true", "1") else others).append(mark)
-    check_marks((*pinned, *others), faults)
+    check_marks((*pinned, *others), errors)
     if others and not pinned:
         text = f"none of the {len(others)} projections is pinned, so none is a mark: place the markers in Metashape"
-        faults.note(others[0].source.line, f"{text}, which turns their flags green")
-    faults.raise_all()
+        errors.note(others[0].source.line, f"{text}, which turns their flags green")
+    errors.raise_all()
     placed = {point.name for point in points}
     bare = dict.fromkeys(mark.point for mark in pinned if mark.point not in placed)
     reference = chunk.first("reference")
@@ -177,18 +177,18 @@ def read_markers(path: Path) -> MarkerFile:
     return MarkerFile(file, tuple(bare), tuple(others))
 
 
-def _mark(location: Element, point: str, photographs: Mapping[str, str], faults: Faults) -> Mark | None:
+def _mark(location: Element, point: str, photographs: Mapping[str, str], errors: Errors) -> Mark | None:
     camera = location.attributes.get("camera_id", "")
     if camera not in photographs:
         text = f"camera_id {shortened(camera)!r} of marker {point} is no camera of the chunk"
-        faults.note(location.line, f"{text}: export the markers again")
+        errors.note(location.line, f"{text}: export the markers again")
         return None
     texts = [location.attributes.get(axis, "") for axis in "xy"]
-    if None in [faults.number(t, f"{axis} of {point}", location.line) for t, axis in zip(texts, "xy", strict=True)]:
+    if None in [errors.number(t, f"{axis} of {point}", location.line) for t, axis in zip(texts, "xy", strict=True)]:
         return None
     pixel = (from_corner(texts[0]), from_corner(texts[1]))
     source = MarkSource(location.line, is_of_photogram=True, may_lack_suffix=True)
-    return mark_of((point, photographs[camera]), pixel, source, faults)
+    return mark_of((point, photographs[camera]), pixel, source, errors)
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------

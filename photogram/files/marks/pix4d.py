@@ -20,7 +20,7 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
 from photogram.files.tables.control_files import check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource
-from photogram.files.text_lines import NUMBER, Faults, lines_of
+from photogram.files.text_lines import NUMBER, Errors, lines_of
 from photogram.wording import shortened, some
 
 _PICTURE = re.compile(r".+\.(?:jpe?g|tiff?|png|dng|webp|heic)", re.IGNORECASE)
@@ -56,29 +56,29 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
     Which of the two names is the photograph's is told by the suffix of a picture, for all lines alike. Raises
     ControlPointError with a line for each fault.
     """
-    faults = Faults(path, ControlPointError)
+    errors = Errors(path, ControlPointError)
     rows = [(line, _fields(text)) for line, text in lines_of(path, ControlPointError, "marks", "#")]
     picture = _column(rows)
     read = []
     for line, fields in rows:
         if len(fields) not in (4, 5):
-            faults.note(line, f"{len(fields)} fields, expected photograph, point, x, y and perhaps one more")
+            errors.note(line, f"{len(fields)} fields, expected photograph, point, x, y and perhaps one more")
             continue
         photograph, point = fields[picture].replace("\\", "/"), fields[1 - picture]
         if not _is_picture(photograph) or not point:
             found = shortened(fields[picture])
-            faults.note(line, f"no photograph and point in the first two fields, found {found!r}: give both names")
+            errors.note(line, f"no photograph and point in the first two fields, found {found!r}: give both names")
             continue
-        if faults.name(photograph, "the photograph", line) is None or faults.name(point, "the point", line) is None:
+        if errors.name(photograph, "the photograph", line) is None or errors.name(point, "the point", line) is None:
             continue
-        numbers = [faults.number(text, what, line) for text, what in zip(fields[2:4], "xy", strict=True)]
+        numbers = [errors.number(text, what, line) for text, what in zip(fields[2:4], "xy", strict=True)]
         if None not in numbers:
             pixel = (from_corner(fields[2]), from_corner(fields[3]))
             source = MarkSource(line, is_of_photogram=True, may_lack_suffix=True)
-            read.append(mark_of((point, photograph), pixel, source, faults))
+            read.append(mark_of((point, photograph), pixel, source, errors))
     marks = tuple(mark for mark in read if mark is not None)
-    check_marks(marks, faults)
-    faults.raise_all()
+    check_marks(marks, errors)
+    errors.raise_all()
     return marks
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from photogram.errors import ImageError
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.tags import PhotographTags
-from photogram.files.reading import ordinary_size
+from photogram.files.reading import regular_file_size
 
 _HEAD_BYTES = 65536
 
@@ -39,7 +39,7 @@ def read_headers(paths: Sequence[Path], executor: Executor) -> list[PhotographHe
 
 def _head(path: Path) -> tuple[int, bytes] | None:
     try:
-        size = ordinary_size(path)
+        size = regular_file_size(path)
         with path.open("rb") as stream:
             return size, hashlib.sha256(stream.read(_HEAD_BYTES)).digest()
     except OSError:

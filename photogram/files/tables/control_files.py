@@ -23,7 +23,7 @@ from photogram.files.tables.surveyed_points import (
     PartialSigma3,
     SurveyedPoint,
 )
-from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Faults, lines_of
+from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Errors, lines_of
 from photogram.survey import Role, Roles
 from photogram.wording import shortened
 
@@ -86,8 +86,8 @@ class PointFile:
     without_position: tuple[str, ...] = ()
 
 
-def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, faults: Faults) -> tuple[float, ...] | None:
-    values = [faults.number(text, what, line) for text, what in zip(texts, whats, strict=True)]
+def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, errors: Errors) -> tuple[float, ...] | None:
+    values = [errors.number(text, what, line) for text, what in zip(texts, whats, strict=True)]
     known = tuple(v for v in values if v is not None)
     return known if len(known) == len(values) else None
 
@@ -96,7 +96,7 @@ def mark_of(
     place: tuple[str, str],
     pixel: tuple[float, float],
     source: MarkSource,
-    faults: Faults,
+    errors: Errors,
     sigma_px: tuple[float, float] | None = None,
     rho: float = 0.0,
     kind: str = IMPORTED,
@@ -105,18 +105,18 @@ def mark_of(
     try:
         return Mark(*place, pixel, sigma_px, rho, kind, source=source)
     except ControlPointError as error:
-        faults.note(source.line, str(error))
+        errors.note(source.line, str(error))
         return None
 
 
-def check_marks(marks: Iterable[Mark], faults: Faults) -> None:
+def check_marks(marks: Iterable[Mark], errors: Errors) -> None:
     """Note every second mark of a point in a photograph."""
     first: dict[tuple[str, str], int] = {}
     for mark in marks:
         line = mark.source.line
         if (before := first.setdefault(mark.key, line)) != line:
             text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
-            faults.note(line, f"{text}: keep one of the two")
+            errors.note(line, f"{text}: keep one of the two")
 
 
 # ---- gcp_list.txt --------------------------------------------------------------------------------------------------
@@ -139,27 +139,27 @@ def _header_crs(header: str) -> str:
     return text.upper() if text.lower().startswith("epsg:") else text
 
 
-def _observation(line: int, text: str, faults: Faults) -> _Observation | None:
+def _observation(line: int, text: str, errors: Errors) -> _Observation | None:
     text = _COMMENT.sub("", text).strip()
     fields = [field.strip() for field in text.split("\t")]
     if len(fields) < 6:
         fields = text.split()
     if len(fields) < 6:
-        faults.note(line, f"{len(fields)} fields, expected {_GCP_LIST}, separated by spaces or tabs")
+        errors.note(line, f"{len(fields)} fields, expected {_GCP_LIST}, separated by spaces or tabs")
         return None
-    numbers = _numbers(fields[:5], ("x", "y", "z", "u", "v"), line, faults)
+    numbers = _numbers(fields[:5], ("x", "y", "z", "u", "v"), line, errors)
     if numbers is None:
         return None
     x, y, z, u, v = numbers
     if (
-        faults.name(fields[5], "the photograph", line) is None
-        or faults.name(" ".join(fields[6:]), "name", line) is None
+        errors.name(fields[5], "the photograph", line) is None
+        or errors.name(" ".join(fields[6:]), "name", line) is None
     ):
         return None
     return _Observation(line, (x, y, z), (u, v), fields[5], " ".join(fields[6:]).strip() or None)
 
 
-def _named(rows: Sequence[_Observation], faults: Faults) -> list[tuple[str, _Observation]]:
+def _named(rows: Sequence[_Observation], errors: Errors) -> list[tuple[str, _Observation]]:
     """Return the rows with the name of their point; those without one are joined by their position."""
     place: dict[str, _Observation] = {}
     names: dict[tuple[float, float, float], list[str]] = {}
@@ -168,7 +168,7 @@ def _named(rows: Sequence[_Observation], faults: Faults) -> list[tuple[str, _Obs
             continue
         first = place.setdefault(row.name, row)
         if first.position != row.position:
-            faults.note(
+            errors.note(
                 row.line,
                 f"point {row.name} has another position than in line {first.line}: correct it, or give another name",
             )
@@ -185,28 +185,28 @@ def _named(rows: Sequence[_Observation], faults: Faults) -> list[tuple[str, _Obs
     for row in rows:
         known = names.get(row.position, [])
         if row.name is None and len(known) > 1:
-            faults.note(row.line, f"has no name, and its position is that of {' and '.join(known)}: name the point")
+            errors.note(row.line, f"has no name, and its position is that of {' and '.join(known)}: name the point")
         else:
             named.append((row.name or known[0], row))
     return named
 
 
-def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], faults: Faults) -> PointFile:
+def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], errors: Errors) -> PointFile:
     first, header = lines[0]
     text = _COMMENT.sub("", header).strip()
     headed = not NUMBER.fullmatch(text.split()[0])
     crs = _header_crs(text) if headed else None
-    found = [_observation(n, line, faults) for n, line in lines[1 if headed else 0 :]]
+    found = [_observation(n, line, errors) for n, line in lines[1 if headed else 0 :]]
     rows = [row for row in found if row is not None]
     if not found:
-        faults.note(first, f"no points after the first line: each line after it is {_GCP_LIST}")
+        errors.note(first, f"no points after the first line: each line after it is {_GCP_LIST}")
     points: dict[str, SurveyedPoint] = {}
     read = []
-    for name, row in _named(rows, faults):
+    for name, row in _named(rows, errors):
         points.setdefault(name, SurveyedPoint(name, row.position, line=row.line))
-        read.append(mark_of((name, row.photograph), row.pixel, MarkSource(row.line), faults))
+        read.append(mark_of((name, row.photograph), row.pixel, MarkSource(row.line), errors))
     marks = [mark for mark in read if mark is not None]
-    check_marks(marks, faults)
+    check_marks(marks, errors)
     return PointFile(path, crs, None, True, tuple(points.values()), tuple(marks), format="gcp_list")
 
 
@@ -228,7 +228,7 @@ def _meaning(column: str, known: Mapping[str, tuple[str, ...]]) -> str | None:
 
 
 def _columns(
-    header: Sequence[str], line: int, known: Mapping[str, tuple[str, ...]], needed: Sequence[str], faults: Faults
+    header: Sequence[str], line: int, known: Mapping[str, tuple[str, ...]], needed: Sequence[str], errors: Errors
 ) -> dict[str, int]:
     places: dict[str, int] = {}
     for i, column in enumerate(header):
@@ -238,15 +238,15 @@ def _columns(
             if column and not column.startswith("#") and _plain(column) not in passed_over:
                 near = difflib.get_close_matches(_plain(column), [w for words in known.values() for w in words], n=1)
                 hint = f"did you mean {near[0]!r}?" if near else "remove it, or begin its name with # to skip it"
-                faults.note(line, f"unknown column {shortened(column)!r}: {hint}")
+                errors.note(line, f"unknown column {shortened(column)!r}: {hint}")
         elif meaning in places:
-            faults.note(line, f"columns {header[places[meaning]]!r} and {column!r} are the same: keep one of the two")
+            errors.note(line, f"columns {header[places[meaning]]!r} and {column!r} are the same: keep one of the two")
         else:
             places[meaning] = i
     for meaning in needed:
         if meaning not in places:
             words = ", ".join(known[meaning])
-            faults.note(line, f"no column for {meaning}: the first line must name the columns, this one as {words}")
+            errors.note(line, f"no column for {meaning}: the first line must name the columns, this one as {words}")
     return places
 
 
@@ -258,77 +258,77 @@ def rows_of(
     *,
     proposed: bool = False,
     may_be_empty: bool = False,
-) -> tuple[list[str], list[tuple[int, Row]], Faults]:
+) -> tuple[list[str], list[tuple[int, Row]], Errors]:
     """Return the header of a table, its rows with their line numbers by the meaning of their columns, and the faults of
     the rows so far, for the caller to raise.
 
     Raises ControlPointError where the first line does not name the columns that are ``needed``, and where the table
     holds proposals, or none, other than ``proposed`` says.
     """
-    faults = Faults(path, ControlPointError)
+    errors = Errors(path, ControlPointError)
     number, text = lines[0]
     separator = _separator(text)
-    header = _fields(text, separator, number, faults)
+    header = _fields(text, separator, number, errors)
     if (bool(header) and _plain(header[0]) == PROPOSED) != proposed:
         found = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
         remedy = "give a table of proposals" if proposed else "confirm them, and give the table of marks"
         raise ControlPointError(f"{path}:{number}: {found}: {remedy}")
     if proposed:
         header = ["point", *header[1:]]
-    places = _columns(header, number, known, needed, faults)
+    places = _columns(header, number, known, needed, errors)
     # Without its columns no row means anything.
-    faults.raise_all()
+    errors.raise_all()
     rows = []
     faulty = False
     for line, content in lines[1:]:
-        fields = _fields(content, separator, line, faults)
+        fields = _fields(content, separator, line, errors)
         if any(fields[len(header) :]):
             faulty = True
-            faults.note(line, f"{len(fields)} fields, but the first line names {len(header)}: check separators, quotes")
+            errors.note(line, f"{len(fields)} fields, but the first line names {len(header)}: check separators, quotes")
         elif any(fields):
             rows.append((line, {m: fields[i] if i < len(fields) else "" for m, i in places.items()}))
     if not rows and not faulty and not may_be_empty:
-        faults.note(number, "no rows after the first line")
-    return header, rows, faults
+        errors.note(number, "no rows after the first line")
+    return header, rows, errors
 
 
-def _fields(text: str, separator: str, line: int, faults: Faults) -> list[str]:
+def _fields(text: str, separator: str, line: int, errors: Errors) -> list[str]:
     try:
         return [field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
     except csv.Error as fault:
-        faults.note(line, f"is not a table row ({fault}): check separators and quotes")
+        errors.note(line, f"is not a table row ({fault}): check separators and quotes")
         return []
 
 
-def _sigma(row: Row, column: str, line: int, faults: Faults, within: tuple[float, float] = SIGMA_M) -> float | None:
+def _sigma(row: Row, column: str, line: int, errors: Errors, within: tuple[float, float] = SIGMA_M) -> float | None:
     text = row.get(column, "")
     if not text:
         return None
-    value = faults.number(text, column, line)
+    value = errors.number(text, column, line)
     low, high = within
     if value is not None and not low <= value <= high:
         allowed = f"from {low:g} to {high:g}"
-        faults.note(line, f"{column} must be {allowed}, found {shortened(text)}: give the standard deviation")
+        errors.note(line, f"{column} must be {allowed}, found {shortened(text)}: give the standard deviation")
         return None
     return value
 
 
-def _sigmas(row: Row, line: int, faults: Faults) -> PartialSigma3:
+def _sigmas(row: Row, line: int, errors: Errors) -> PartialSigma3:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
-    whole, plan = (_sigma(row, column, line, faults) for column in ("sigma", "sigma_plan"))
-    x, y, z = (_sigma(row, column, line, faults) for column in ("sigma_x", "sigma_y", "sigma_z"))
+    whole, plan = (_sigma(row, column, line, errors) for column in ("sigma", "sigma_plan"))
+    x, y, z = (_sigma(row, column, line, errors) for column in ("sigma_x", "sigma_y", "sigma_z"))
     plan = whole if plan is None else plan
     return plan if x is None else x, plan if y is None else y, whole if z is None else z
 
 
-def _role(row: Row, line: int, faults: Faults) -> Roles | None:
+def _role(row: Row, line: int, errors: Errors) -> Roles | None:
     given: dict[str, Role] = {}
     for column in ("role", "role_plan", "role_height"):
         if not row.get(column):
             continue
         role = next((r for r in _ROLES if r == row[column].lower()), None)
         if role is None:
-            faults.note(line, f"{column} must be control or check, found {shortened(row[column])!r}")
+            errors.note(line, f"{column} must be control or check, found {shortened(row[column])!r}")
             return None
         given[column] = role
     if not given:
@@ -336,33 +336,33 @@ def _role(row: Row, line: int, faults: Faults) -> Roles | None:
     plan, height = (given.get(column, given.get("role")) for column in ("role_plan", "role_height"))
     if plan is None or height is None:
         missing = "role_plan" if plan is None else "role_height"
-        faults.note(line, f"{missing} is empty: give both, or one column role")
+        errors.note(line, f"{missing} is empty: give both, or one column role")
         return None
     return plan, height
 
 
 def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile:
-    header, rows, faults = rows_of(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
+    header, rows, errors = rows_of(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
     called = {_meaning(column, _POINT_COLUMNS): _plain(column)[:3] for column in header}
     geographic = {("lon", "lat"): True, ("eas", "nor"): False}.get((called["x"], called["y"]))
     points: dict[str, SurveyedPoint] = {}
     for line, row in rows:
         name = row["name"]
         if not name:
-            faults.note(line, "the point has no name: give it one")
+            errors.note(line, "the point has no name: give it one")
             continue
-        if faults.name(name, "the name", line) is None:
+        if errors.name(name, "the name", line) is None:
             continue
-        position = _numbers([row[axis] for axis in "xyz"], [f"{axis} of {name}" for axis in "xyz"], line, faults)
-        sigma_m, role = _sigmas(row, line, faults), _role(row, line, faults)
+        position = _numbers([row[axis] for axis in "xyz"], [f"{axis} of {name}" for axis in "xyz"], line, errors)
+        sigma_m, role = _sigmas(row, line, errors), _role(row, line, errors)
         if name in points:
-            faults.note(
+            errors.note(
                 line, f"{name!r} is used twice, first in line {points[name].line}: give each point its own name"
             )
         elif position is not None:
             x, y, z = position
             points[name] = SurveyedPoint(name, (x, y, z), sigma_m, role, line=line)
-    faults.raise_all()
+    errors.raise_all()
     return PointFile(path, None, geographic, False, tuple(points.values()), ())
 
 
@@ -377,30 +377,30 @@ def read_points(path: Path) -> PointFile:
     meanings = {_meaning(column, _POINT_COLUMNS) for column in header.split(_separator(header))}
     if path.suffix.lower() == ".csv" or {"x", "y"} <= meanings:
         return _read_point_table(path, lines)
-    faults = Faults(path, ControlPointError)
-    points = _read_gcp_list(path, lines, faults)
-    faults.raise_all()
+    errors = Errors(path, ControlPointError)
+    points = _read_gcp_list(path, lines, errors)
+    errors.raise_all()
     return points
 
 
-def _mark_sigmas_px(row: Row, line: int, faults: Faults) -> tuple[float, float] | None:
+def _mark_sigmas_px(row: Row, line: int, errors: Errors) -> tuple[float, float] | None:
     """Return sigma_u and sigma_v, else sigma for both."""
-    whole, u, v = (_sigma(row, column, line, faults, SIGMA_PX) for column in ("sigma", "sigma_u", "sigma_v"))
+    whole, u, v = (_sigma(row, column, line, errors, SIGMA_PX) for column in ("sigma", "sigma_u", "sigma_v"))
     if bool(row.get("sigma_u")) != bool(row.get("sigma_v")):
         missing = "sigma_v" if row.get("sigma_u") else "sigma_u"
-        faults.note(line, f"{missing} is empty: give both, or one column sigma_px")
+        errors.note(line, f"{missing} is empty: give both, or one column sigma_px")
     if u is not None and v is not None:
         return u, v
     return None if whole is None else (whole, whole)
 
 
-def _kind(row: Row, unstated: str, line: int, faults: Faults) -> str | None:
+def _kind(row: Row, unstated: str, line: int, errors: Errors) -> str | None:
     """Return how a mark was measured, ``unstated`` where its row does not say, None with a fault noted where it is no
     word."""
     kind = row.get("kind", "")
     if kind and not MARK_KIND.fullmatch(kind):
         text = f"kind must be a word in lower case, found {shortened(kind)!r}: correct it"
-        faults.note(line, f"{text}, or begin the name of the column with # to skip it")
+        errors.note(line, f"{text}, or begin the name of the column with # to skip it")
         return None
     return kind or unstated
 
@@ -412,7 +412,7 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
     The columns raw_u and raw_v tell a table in which each mark is kept beside its click; its pixels are photogram's.
     Raises ControlPointError with one line for each fault, as read_points does.
     """
-    header, rows, faults = rows_of(
+    header, rows, errors = rows_of(
         path, lines_of(path, ControlPointError, "points", "#"), MARK_COLUMNS, ("name", "photograph", "u", "v")
     )
     of_photogram = {"raw_u", "raw_v"} <= {_plain(column) for column in header}
@@ -420,18 +420,18 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
     for line, row in rows:
         empty = [what for what in ("name", "photograph") if not row[what]]
         if empty:
-            faults.note(line, f"{' and '.join(empty)} is empty: say which point is marked, and in which photograph")
+            errors.note(line, f"{' and '.join(empty)} is empty: say which point is marked, and in which photograph")
             continue
-        if any(faults.name(row[what], f"the {what}", line) is None for what in ("name", "photograph")):
+        if any(errors.name(row[what], f"the {what}", line) is None for what in ("name", "photograph")):
             continue
-        pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, faults)
-        sigma_px = _mark_sigmas_px(row, line, faults)
-        rho = faults.number(row.get("rho") or "0", "rho", line)
-        kind = _kind(row, RAW if of_photogram else IMPORTED, line, faults)
+        pixel = _numbers([row["u"], row["v"]], ("u", "v"), line, errors)
+        sigma_px = _mark_sigmas_px(row, line, errors)
+        rho = errors.number(row.get("rho") or "0", "rho", line)
+        kind = _kind(row, RAW if of_photogram else IMPORTED, line, errors)
         if pixel is not None and rho is not None and kind is not None:
             place, source = (row["name"], row["photograph"]), MarkSource(line, of_photogram)
-            read.append(mark_of(place, (pixel[0], pixel[1]), source, faults, sigma_px, rho, kind))
+            read.append(mark_of(place, (pixel[0], pixel[1]), source, errors, sigma_px, rho, kind))
     marks = tuple(mark for mark in read if mark is not None)
-    check_marks(marks, faults)
-    faults.raise_all()
+    check_marks(marks, errors)
+    errors.raise_all()
     return marks

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from photogram.errors import ProjectError
-from photogram.files.text_lines import SIGMA_M, Faults, lines_of
+from photogram.files.text_lines import SIGMA_M, Errors, lines_of
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 
 Format = Literal["mrk", "pos", "csv"]
@@ -70,22 +70,22 @@ class PositionFile:
     rows: tuple[PositionRow, ...]
 
 
-def check_on_globe(row: PositionRow, faults: Faults) -> None:
+def check_on_globe(row: PositionRow, errors: Errors) -> None:
     """Note a fault where longitude and latitude lie on no globe."""
     longitude, latitude, _ = row.position
     if abs(longitude) > 180.0 or abs(latitude) > 90.0:
-        faults.note(
+        errors.note(
             row.line,
             f"longitude {longitude:.10g}, latitude {latitude:.10g} are impossible: check the order of the columns",
         )
 
 
-def check_sigmas(line: int, sigmas_m: Iterable[float], faults: Faults) -> None:
+def check_sigmas(line: int, sigmas_m: Iterable[float], errors: Errors) -> None:
     """Note a fault where a standard deviation, m, cannot be one; zero stands for not known."""
     low, high = SIGMA_M
     for sigma in sigmas_m:
         if sigma != 0 and not low <= sigma <= high:
-            faults.note(
+            errors.note(
                 line, f"a standard deviation of {sigma:.10g} m must be 0 (not known), or from {low:g} to {high:g}"
             )
 
@@ -98,11 +98,11 @@ def gps_time(week: int, seconds: float) -> datetime | None:
     return GPS_EPOCH + timedelta(weeks=week, seconds=seconds)
 
 
-def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
+def _mrk_row(line: int, text: str, errors: Errors) -> PositionRow | None:
     found = _MRK_LINE.fullmatch(" ".join(text.split()))
-    numbers = [] if found is None else [faults.number(found[k], "each value", line) for k in (2, *range(4, 13))]
+    numbers = [] if found is None else [errors.number(found[k], "each value", line) for k in (2, *range(4, 13))]
     if found is None:
-        faults.note(line, f"is not a line of a DJI MRK file: expected {_MRK_FORM}")
+        errors.note(line, f"is not a line of a DJI MRK file: expected {_MRK_FORM}")
         return None
     known = [n for n in numbers if n is not None]
     if len(known) < len(numbers):
@@ -110,9 +110,9 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
     seconds, north_mm, east_mm, down_mm, latitude, longitude, height, *sigma = known
     time = gps_time(int(found[3]), seconds)
     if time is None:
-        faults.note(line, f"week {found[3]} and {seconds:.10g} s is not a GPS time: correct the line")
+        errors.note(line, f"week {found[3]} and {seconds:.10g} s is not a GPS time: correct the line")
         return None
-    check_sigmas(line, sigma, faults)
+    check_sigmas(line, sigma, errors)
     row = PositionRow(
         line,
         (longitude, latitude, height),
@@ -123,7 +123,7 @@ def _mrk_row(line: int, text: str, faults: Faults) -> PositionRow | None:
         solution=solution_of_rtk_flag(int(found[13])),
         lever_arm_m=(east_mm / 1000.0, north_mm / 1000.0, -down_mm / 1000.0),
     )
-    check_on_globe(row, faults)
+    check_on_globe(row, errors)
     return row
 
 
@@ -134,17 +134,17 @@ def read_mrk(path: Path) -> PositionFile:
     is north and east in mm, and down (DJI, Zenmuse P1 User Manual v1.4, "Image Log File"; Matrice 4 Series User Manual,
     the same). Standard deviations are along north, east and up. Raises ProjectError with every fault.
     """
-    faults = Faults(path, ProjectError)
+    errors = Errors(path, ProjectError)
     rows = [
-        row for line, text in lines_of(path, ProjectError, HOLDING) if (row := _mrk_row(line, text, faults)) is not None
+        row for line, text in lines_of(path, ProjectError, HOLDING) if (row := _mrk_row(line, text, errors)) is not None
     ]
     first: dict[int | None, int] = {}
     for row in rows:
         if first.setdefault(row.number, row.line) != row.line:
-            faults.note(
+            errors.note(
                 row.line, f"number {row.number} is given twice, first in line {first[row.number]}: keep one of the two"
             )
-    faults.raise_all()
+    errors.raise_all()
     return PositionFile(path, "mrk", True, tuple(rows))
 
 

@@ -27,7 +27,7 @@ from photogram.files.tables.position_files import (
     gps_time,
     read_mrk,
 )
-from photogram.files.text_lines import Faults, lines_of, quoted
+from photogram.files.text_lines import Errors, lines_of, quoted
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 from photogram.wording import shortened
 
@@ -100,7 +100,7 @@ def _plain(column: str) -> str:
     return re.sub(r"_(?:m|deg)$", "", re.sub(r"[\s./-]+", "_", words).strip("_"))
 
 
-def _columns(header: Sequence[str], line: int, faults: Faults) -> dict[str, int]:
+def _columns(header: Sequence[str], line: int, errors: Errors) -> dict[str, int]:
     """Return where each meaning stands; of several columns the one whose name comes first in COLUMNS counts."""
     names = [_plain(column) for column in header]
     places: dict[str, int] = {}
@@ -109,25 +109,25 @@ def _columns(header: Sequence[str], line: int, faults: Faults) -> dict[str, int]
         if there:
             places[meaning] = names.index(there[0])
             if names.count(there[0]) > 1:
-                faults.note(line, f"the column {there[0]!r} is there twice: keep one of the two")
+                errors.note(line, f"the column {there[0]!r} is there twice: keep one of the two")
     return places
 
 
-def _plan(places: Mapping[str, int], line: int, faults: Faults) -> tuple[str, str, bool | None]:
+def _plan(places: Mapping[str, int], line: int, errors: Errors) -> tuple[str, str, bool | None]:
     """Return the two columns of the plan position, and whether they are degrees, None where only the figures tell."""
     for first, second, geographic in (
         ("longitude", "latitude", True), ("easting", "northing", False), ("x", "y", None),
     ):  # fmt: skip
         if first in places and second in places:
             return first, second, geographic
-    faults.note(
+    errors.note(
         line,
         "no columns for the position: the first line must name them, longitude and latitude, or easting and northing",
     )
     return "", "", None
 
 
-def _solution(text: str, line: int, faults: Faults) -> Solution:
+def _solution(text: str, line: int, errors: Errors) -> Solution:
     """Return the solution of RTKLIB's Q, of DJI's RtkFlag, or of words such as FIX and "float"."""
     word = text.strip().lower()
     if not word:
@@ -140,7 +140,7 @@ def _solution(text: str, line: int, faults: Faults) -> Solution:
     for part, solution in _WORDS:
         if part in word:
             return solution
-    faults.note(
+    errors.note(
         line,
         f"the solution {shortened(text)!r} is not known: write fix, float or single, RTKLIB's Q (1 fix, 2 float, 5 "
         "single) or DJI's RtkFlag (50, 34, 16)",
@@ -148,16 +148,16 @@ def _solution(text: str, line: int, faults: Faults) -> Solution:
     return "unknown"
 
 
-def _sigma(row: Row, line: int, faults: Faults) -> Sigma3 | None:
+def _sigma(row: Row, line: int, errors: Errors) -> Sigma3 | None:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
     found: dict[str, float] = {}
     for column in ("sigma", "sigma_plan", "sigma_east", "sigma_north", "sigma_height"):
         text = row.get(column, "")
-        value = faults.number(text, column, line) if text else None
+        value = errors.number(text, column, line) if text else None
         if value is not None and value < 0.0:
-            faults.note(line, f"{column} must not be below 0, found {text}: give the standard deviation in metres")
+            errors.note(line, f"{column} must not be below 0, found {text}: give the standard deviation in metres")
         elif value is not None:
-            check_sigmas(line, [value], faults)
+            check_sigmas(line, [value], errors)
         if value:  # zero stands for not known
             found[column] = value
     plan = found.get("sigma_plan", found.get("sigma"))
@@ -168,15 +168,15 @@ def _sigma(row: Row, line: int, faults: Faults) -> Sigma3 | None:
     return None if east is None or north is None or up is None else (east, north, up)
 
 
-def _triple(row: Row, columns: Sequence[str], line: int, faults: Faults) -> Triple | None:
-    values = [faults.number(row.get(column, ""), column, line) for column in columns]
+def _triple(row: Row, columns: Sequence[str], line: int, errors: Errors) -> Triple | None:
+    values = [errors.number(row.get(column, ""), column, line) for column in columns]
     first, second, third = values
     return None if first is None or second is None or third is None else (first, second, third)
 
 
-def _attitude(row: Row, line: int, faults: Faults) -> Triple | None:
+def _attitude(row: Row, line: int, errors: Errors) -> Triple | None:
     given = [column for column in ("yaw", "pitch", "roll") if row.get(column)]
-    return _triple(row, given, line, faults) if len(given) == 3 else None
+    return _triple(row, given, line, errors) if len(given) == 3 else None
 
 
 def _time(text: str) -> datetime | None:
@@ -192,13 +192,13 @@ def _time(text: str) -> datetime | None:
 
 
 def _rows(
-    table: Sequence[tuple[int, Row]], plan: tuple[str, str], faults: Faults, gps_times: Mapping[int, datetime]
+    table: Sequence[tuple[int, Row]], plan: tuple[str, str], errors: Errors, gps_times: Mapping[int, datetime]
 ) -> list[PositionRow]:
     rows = []
     for line, row in table:
-        position = _triple(row, (*plan, "height"), line, faults)
-        sigma, solution = _sigma(row, line, faults), _solution(row.get("solution", ""), line, faults)
-        attitude = _attitude(row, line, faults)
+        position = _triple(row, (*plan, "height"), line, errors)
+        sigma, solution = _sigma(row, line, errors), _solution(row.get("solution", ""), line, errors)
+        attitude = _attitude(row, line, errors)
         if position is not None:
             time = gps_times.get(line) or _time(row.get("time", ""))
             rows.append(
@@ -215,35 +215,35 @@ def _file(
     gps_times: Mapping[int, datetime],
 ) -> PositionFile:
     """Return the positions of a table that has been taken to pieces. Raises ProjectError with every fault."""
-    faults = Faults(path, ProjectError)
+    errors = Errors(path, ProjectError)
     number, names = header
-    places = _columns(names, number, faults)
-    first, second, geographic = _plan(places, number, faults)
+    places = _columns(names, number, errors)
+    first, second, geographic = _plan(places, number, errors)
     for meaning in ("height", *(() if kind == "pos" else ("photograph",))):
         if meaning not in places:
             words = ", ".join(COLUMNS[meaning][:8])
-            faults.note(number, f"no column for {meaning}: the first line must name the columns, this one as {words}")
+            errors.note(number, f"no column for {meaning}: the first line must name the columns, this one as {words}")
     # Without its columns no row means anything.
-    faults.raise_all()
+    errors.raise_all()
     table = []
     for line, fields in lines:
         if any(fields[len(names) :]):
-            faults.note(line, f"{len(fields)} fields, but the first line names {len(names)}: check separators, quotes")
+            errors.note(line, f"{len(fields)} fields, but the first line names {len(names)}: check separators, quotes")
         elif any(fields):
             row = {meaning: fields[i] if i < len(fields) else "" for meaning, i in places.items()}
             table.append((line, row))
             if "photograph" in places and not row["photograph"]:
-                faults.note(line, "has no photograph: give its file name")
-            faults.name(row.get("photograph", ""), "the photograph", line)
+                errors.note(line, "has no photograph: give its file name")
+            errors.name(row.get("photograph", ""), "the photograph", line)
     if not lines:
-        faults.note(number, "no rows after the first line")
-    rows = _rows(table, (first, second), faults, gps_times)
+        errors.note(number, "no rows after the first line")
+    rows = _rows(table, (first, second), errors, gps_times)
     if geographic is None:
         geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 90.0 for r in rows)
     if geographic:
         for row_ in rows:
-            check_on_globe(row_, faults)
-    faults.raise_all()
+            check_on_globe(row_, errors)
+    errors.raise_all()
     return PositionFile(path, kind, geographic, tuple(rows))
 
 
@@ -280,21 +280,21 @@ def read_pos(path: Path) -> PositionFile:
     names = re.split(r"[\s,;]+", header.lstrip("% \t").strip())
     names[:1] = ["date", "clock"]
     split = [(n, [f for f in re.split(r"[\s,;]+", text.strip()) if f]) for n, text in body]
-    faults = Faults(path, ProjectError)
+    errors = Errors(path, ProjectError)
     times = {}
     for n, fields in split:
         time = _pos_time(fields)
         if time is not None:
             times[n] = time
         elif fields:
-            faults.note(
+            errors.note(
                 n,
                 (
                     f"{shortened(' '.join(fields[:2]))!r} is not a time: expected date and clock, or GPS week "
                     "and seconds"
                 ),
             )
-    faults.raise_all()
+    errors.raise_all()
     return _file(path, "pos", (number, names), split, times)
 
 

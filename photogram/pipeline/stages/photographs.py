@@ -12,8 +12,8 @@ from typing_extensions import TypedDict
 
 from photogram.errors import ImageError, PhotogramError, ProjectError
 from photogram.files.npz_json import write_json
-from photogram.files.photographs.copies import find_copies
 from photogram.files.photographs.depth import Stretch
+from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import check_photograph, read_tags
 from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
@@ -80,9 +80,9 @@ def _leave_out_copies(
     """Note of each photograph that is another one saved again which that is; it then measures nothing. Returns how many
     there are."""
     photographs = project.photographs
-    groups = find_copies([p.path for p in photographs], tags, [p.camera for p in photographs], executor)
-    for original, *copies in groups:
-        for i in copies:
+    groups = find_duplicates([p.path for p in photographs], tags, [p.camera for p in photographs], executor)
+    for original, *duplicates in groups:
+        for i in duplicates:
             _withdraw_position(notes[i])
             notes[i]["attitude_deg"] = None
             notes[i]["copy_of"] = photographs[original].name
@@ -148,7 +148,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
     if faults:
         raise ImageError("\n".join(faults))
     stretches = found_stretches(run.project, tags, run.executor)
-    copies, frozen = leave_out(run.project, notes, tags, run.executor)
+    duplicates, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
     companions_of(run.project, measured)  # for its errors: hours before the exposures are needed
     write_json(folder / "tags.json", notes)
@@ -158,8 +158,8 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
     placing = placing_fingerprint(run.project)
     write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
     summary: PhotographsSummary = {"photographs": len(notes)}
-    if copies:
-        summary["copies"] = copies
+    if duplicates:
+        summary["copies"] = duplicates
     if frozen:
         summary["frozen_positions"] = frozen
     return summary

@@ -38,7 +38,7 @@ from photogram.pipeline.store.stored_results import (
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
-from photogram.project.start import Start, start_of
+from photogram.project.start import InitialSolution, start_of
 from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
@@ -204,7 +204,7 @@ class Run:
         return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
 
     @cached_property
-    def start(self) -> Start | None:
+    def start(self) -> InitialSolution | None:
         """Return what the project starts from, None where it starts from photographs alone. Raises ProjectError,
         ExchangeError where the solution is not what it was when the project was read."""
         start, photographs = self.project.start, self.project.photographs

@@ -208,8 +208,8 @@ def _on_originals(points: ControlPoints, original: IntArray) -> ControlPoints:
 
 
 def _grouped(project: Project, measured: MeasuredPhotographs) -> Grouped:
-    copies = np.flatnonzero(measured.original != np.arange(len(measured.original))).tolist()
-    return grouped(project.rigs, measured.photographs, copies)
+    duplicates = np.flatnonzero(measured.original != np.arange(len(measured.original))).tolist()
+    return grouped(project.rigs, measured.photographs, duplicates)
 
 
 def companions_of(project: Project, measured: MeasuredPhotographs) -> tuple[Companion, ...]:

@@ -43,7 +43,7 @@ def _read(document: Document, key: Key, written: str | None, base: Path) -> str 
     try:
         return crs_of_file(base / written)
     except FrameError as fault:
-        document.fault(key, str(fault))
+        document.add_error(key, str(fault))
         return None
 
 
@@ -77,7 +77,7 @@ def with_listed_in_metres(document: Document, file: ProjectFile, heights: Declar
     try:
         units = None if file.crs is None else _units(file.crs, heights)
         if units is not None and not units.is_metric and heights.output is None:
-            document.fault(("crs",), _without_heights(str(file.crs), units))
+            document.add_error(("crs",), _without_heights(str(file.crs), units))
     except FrameError:
         units = None  # noted where the project names its CRS
     listed = file.photographs.list
@@ -119,14 +119,14 @@ def _all_in_metres(
     is noted once for a whole list, and left out."""
     twice = [i for i, (given, metric) in enumerate(places) if given is not None and metric is not None]
     for i in twice:
-        document.fault((*key, i, name), f"is given here and as {name}_m: keep one of the two")
+        document.add_error((*key, i, name), f"is given here and as {name}_m: keep one of the two")
     if units is None:
         return [metric or given for given, metric in places]
     metres = [i for i, (_, metric) in enumerate(places) if metric is not None and not units.is_metric]
     if metres:
         more = f", and the {len(metres) - 1} others in metres too" if len(metres) > 1 else ""
         text = f"the crs is in {units.words}: write {name}, in the units of the crs{more}"
-        document.fault((*key, metres[0], f"{name}_m"), text)
+        document.add_error((*key, metres[0], f"{name}_m"), text)
     return [_in_metres(given, units) or (metric if units.is_metric else None) for given, metric in places]
 
 

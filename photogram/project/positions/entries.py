@@ -1,7 +1,7 @@
 """Positions of photographs that a project file takes from other files: matched to their photographs, brought to the
 project's CRS.
 
-Faults are noted in the document under the entry that names the file, and carry that file's own line.
+Errors are noted in the document under the entry that names the file, and carry that file's own line.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def read_position_files(
                 text = (
                     f"{entry.path}:{row.line}: {name} has a position in {found[name].source} too: keep one of the two"
                 )
-                document.fault(key, text)
+                document.add_error(key, text)
             else:
                 arm = arms.get(name, row.lever_arm_m)
                 found[name] = replace(_position(entry, read, row, place, system, arm), of_other_datum=changed)
@@ -124,7 +124,7 @@ def _read(
         return read_positions(path, None if entry is None else entry.format)
     except ProjectError as fault:
         for line in str(fault).splitlines():
-            document.fault(key, line.replace(f"{path}:", f"{written}:", 1))
+            document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
         return None
 
 
@@ -133,14 +133,14 @@ def _check_entry(document: Document, key: Key, entry: PositionFileEntry) -> None
         return
     kind = entry.format or format_of(Path(entry.path))
     if kind == "csv" and entry.position_of is None:
-        document.fault(
+        document.add_error(
             key,
             "positions of camera or antenna? give position_of: camera, or position_of: antenna where the "
             "program that wrote "
             f"{entry.path} did not apply the lever arm",
         )
     if entry.lever_arms is not None and (kind == "mrk" or entry.position_of == "camera"):
-        document.fault(
+        document.add_error(
             (*key, "lever_arms"), "lever arms from another file are for positions of the antenna: remove this key"
         )
 
@@ -164,7 +164,7 @@ def _matched(
 ) -> Matching:
     matching = match_rows(read, names)
     if matching.fault:
-        document.fault(key, f"{entry.path}: {matching.fault}")
+        document.add_error(key, f"{entry.path}: {matching.fault}")
     return matching
 
 
@@ -181,7 +181,7 @@ def _lever_arms(
         return {}
     place: Key = (*key, "lever_arms")
     if format_of(Path(entry.lever_arms)) != "mrk":
-        document.fault(
+        document.add_error(
             place, (f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph")
         )
         return {}
@@ -190,7 +190,7 @@ def _lever_arms(
         return {}
     matching = match_rows(read, _scope(entry, read.path, photographs, folder))
     if matching.fault:
-        document.fault(place, f"{entry.lever_arms}: {matching.fault}")
+        document.add_error(place, f"{entry.lever_arms}: {matching.fault}")
     return {name: row.lever_arm_m for name, row in matching.rows.items() if row.lever_arm_m is not None}
 
 
@@ -219,10 +219,12 @@ def _placed(
     if target is None:
         return None
     if read.format != "csv" and entry.crs is not None:
-        document.fault((*key, "crs"), f"a {read.format.upper()} file is in WGS 84 longitude and latitude: remove this")
+        document.add_error(
+            (*key, "crs"), f"a {read.format.upper()} file is in WGS 84 longitude and latitude: remove this"
+        )
         return None
     if read.format != "csv" and entry.heights == "orthometric":
-        document.fault((*key, "heights"), f"a {read.format.upper()} file is above the ellipsoid: remove this")
+        document.add_error((*key, "heights"), f"a {read.format.upper()} file is above the ellipsoid: remove this")
         return None
     given = np.array([row.position for row in read.rows]).reshape(-1, 3)
     crs = _crs_of(file, entry, read)
@@ -230,7 +232,7 @@ def _placed(
     try:
         place, system = in_map(crs, target, declared, heights.gnss_given, heights, datum, given)
     except FrameError as fault:
-        document.fault((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
+        document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
         return None
     try:
         swapped = given[:, [1, 0, 2]]

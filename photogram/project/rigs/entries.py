@@ -63,7 +63,7 @@ def check_rigs(document: Document, file: ProjectFile) -> None:
     for i, rig in enumerate(file.rigs):
         _check_camera(document, ("rigs", i, "master"), file, rig.master, taken)
         if rig.companions is not None and not rig.companions:
-            document.fault(("rigs", i, "companions"), "is empty: a rig needs a companion beside its master")
+            document.add_error(("rigs", i, "companions"), "is empty: a rig needs a companion beside its master")
         _check_grouping(document, ("rigs", i), rig)
     for key, _, companion in _companions(file):
         _check_camera(document, (*key, "camera"), file, companion.camera, taken)
@@ -74,36 +74,38 @@ def check_rigs(document: Document, file: ProjectFile) -> None:
             if (getattr(companion, value) is None) != (getattr(companion, sigma) is None):
                 given, lacking = (sigma, value) if getattr(companion, value) is None else (value, sigma)
                 remedy = f"give both, the standard deviation in {words}, or neither where it is free"
-                document.fault((*key, given), f"stands without {lacking}: {remedy}")
+                document.add_error((*key, given), f"stands without {lacking}: {remedy}")
 
 
 def _check_camera(document: Document, key: Key, file: ProjectFile, name: str | None, taken: dict[str, Key]) -> None:
     if name is None:
         return
     if name not in file.cameras:
-        document.fault(key, f"there is no camera {name!r}: {suggestion(name, file.cameras)}")
+        document.add_error(key, f"there is no camera {name!r}: {suggestion(name, file.cameras)}")
         return
     if taken.setdefault(name, key) != key:
         line = document.line(taken[name])
-        document.fault(key, f"camera {name!r} is in a rig already, in line {line}: name each camera once")
+        document.add_error(key, f"camera {name!r} is in a rig already, in line {line}: name each camera once")
 
 
 def _check_grouping(document: Document, key: Key, rig: RigEntry) -> None:
     if rig.exposures == "name" and rig.name_pattern is None:
         text = r"name needs name_pattern, whose groups are what the names of one exposure have in common: 'IMG_(\d+)_'"
-        document.fault((*key, "exposures"), text)
+        document.add_error((*key, "exposures"), text)
     if rig.exposures == "time" and rig.tolerance_s is None:
-        document.fault((*key, "exposures"), "time needs tolerance_s, the longest time between photographs of one")
+        document.add_error((*key, "exposures"), "time needs tolerance_s, the longest time between photographs of one")
     for name, kind in (("name_pattern", "name"), ("tolerance_s", "time")):
         if getattr(rig, name) is not None and rig.exposures not in (None, kind):
-            document.fault((*key, name), f"says nothing beside exposures: {rig.exposures}: remove it, or write {kind}")
+            document.add_error(
+                (*key, name), f"says nothing beside exposures: {rig.exposures}: remove it, or write {kind}"
+            )
     if rig.name_pattern is not None:
         try:
             if not re.compile(rig.name_pattern).groups:
                 text = "has no group in parentheses: put what the names of one exposure have in common in parentheses"
-                document.fault((*key, "name_pattern"), text)
+                document.add_error((*key, "name_pattern"), text)
         except re.error as fault:
-            document.fault((*key, "name_pattern"), f"is no regular expression ({fault}): correct it")
+            document.add_error((*key, "name_pattern"), f"is no regular expression ({fault}): correct it")
 
 
 def rigs_of(file: ProjectFile, cameras: Sequence[str]) -> tuple[ProjectRig, ...]:

@@ -122,10 +122,10 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
 
 
 def _same_moment(
-    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]]
+    project: Project, tags: Sequence[PhotographTags | None], duplicates: Sequence[Sequence[int]]
 ) -> list[Finding]:
     """Return the photographs of one camera, time and position that are not the same picture."""
-    known = {i for group in copies for i in group[1:]}
+    known = {i for group in duplicates for i in group[1:]}
     moments: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
     for i, (photograph, tag) in enumerate(zip(project.photographs, tags, strict=True)):
         if i not in known and tag is not None and tag.time is not None and tag.longitude_deg is not None:
@@ -166,19 +166,19 @@ def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: Ma
 
 
 def survey_findings(
-    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]] = ()
+    project: Project, tags: Sequence[PhotographTags | None], duplicates: Sequence[Sequence[int]] = ()
 ) -> list[Finding]:
     """Return everything that project and tags show together; ``tags`` are those of ``project.photographs``, None where
-    a photograph cannot be read, ``copies`` groups of photographs that are the same."""
+    a photograph cannot be read, ``duplicates`` groups of photographs that are the same."""
     findings = []
-    if len(project.photographs) - sum(len(group) - 1 for group in copies) < 2:
+    if len(project.photographs) - sum(len(group) - 1 for group in duplicates) < 2:
         text = "a survey needs at least two photographs"
         findings.append(Finding("error", "photographs", text, "give all photographs of the flight"))
     return [
         *findings,
         *camera_findings(project, tags),
-        *_same_moment(project, tags, copies),
-        *rig_findings(project, tags, copies),
+        *_same_moment(project, tags, duplicates),
+        *rig_findings(project, tags, duplicates),
         *gnss_findings(project, tags),
         *datum_findings(project, tags),
         *geometry_findings(project, tags),

@@ -22,9 +22,9 @@ class _Tagged:
 
 
 def rig_findings(
-    project: Project, tags: Sequence[PhotographTags | None], copies: Sequence[Sequence[int]] = ()
+    project: Project, tags: Sequence[PhotographTags | None], duplicates: Sequence[Sequence[int]] = ()
 ) -> list[Finding]:
-    """Return what is wrong with the exposures of rigs, and how many there are; ``copies`` are groups of photographs
+    """Return what is wrong with the exposures of rigs, and how many there are; ``duplicates`` are groups of photographs
     that are the same, of which the first counts."""
     if not project.rigs:
         return []
@@ -36,7 +36,7 @@ def rig_findings(
         )
         for p, t in zip(project.photographs, tags, strict=True)
     ]
-    found = grouped(project.rigs, tagged, {i for group in copies for i in group[1:]})
+    found = grouped(project.rigs, tagged, {i for group in duplicates for i in group[1:]})
     findings = []
     for fault in found.faults:
         where, _, text = fault.partition(": ")

@@ -158,7 +158,7 @@ def plan_settings(path: Path) -> PlanSettings:
     """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every fault of it."""
     document = Document(path)
     file = read_entry(document, FlightFile)
-    document.raise_faults()
+    document.raise_errors()
     settings: dict[str, Any] = {}
     for section in FlightFile.model_fields:
         settings |= _given(getattr(file, section), _NAMES.get(section, {}))

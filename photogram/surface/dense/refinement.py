@@ -71,7 +71,7 @@ class Refined(NamedTuple):
     rays: ByteArray
 
 
-class Start(NamedTuple):
+class InitialHeights(NamedTuple):
     """What is refined: heights ``z``, a smooth version of them, ``surface`` (rows, columns each), along which windows
     lie, and its ``slope`` (rows, columns, 2) in m per cell.
 
@@ -151,7 +151,7 @@ def _count_support(
 
 
 @njit(inline="always")
-def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms: _Rooms) -> None:
+def _fill_supported(patch: _Patch, start: InitialHeights, per_cell: int, half: int, rooms: _Rooms) -> None:
     """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
     Where they are fewer than a third, the surface says nothing, and all are taken.
@@ -176,7 +176,7 @@ def _fill_supported(patch: _Patch, start: Start, per_cell: int, half: int, rooms
 
 
 @njit(cache=True, nogil=True)
-def _find_support(patch: _Patch, k: int, start: Start, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
+def _find_support(patch: _Patch, k: int, start: InitialHeights, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
     """Return which samples of the lattice lie in the window of cell ``k`` and on its surface."""
     side, m, size, many, lattice = 2 * half + 1, per_cell, patch.surface.shape[1], 0, patch.surface.ravel()
     middle, east, south = rooms.middle[k], rooms.east[k], rooms.south[k]
@@ -243,7 +243,7 @@ def _fill_partly(
 
 @njit(inline="always")
 def _fill_pairs(
-    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, widely: bool, rooms: _Rooms
+    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, widely: bool, rooms: _Rooms
 ) -> Float32Array:
     """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
     ``widely`` at the others; returns all of these (5, K, K, n)."""
@@ -314,7 +314,7 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
 
 @njit(inline="always")
 def _refine_patch(
-    crops: Crops, patch: _Patch, window: Window, start: Start, per_cell: int, rooms: _Rooms, using: IntArray,
+    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, rooms: _Rooms, using: IntArray,
     found: Refined,
 ) -> None:  # fmt: skip
     """Fill the heights of a patch."""
@@ -361,7 +361,7 @@ def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
 
 
 @njit(cache=True, nogil=True)
-def refine_heights(crops: Crops, ground: Ground, window: Window, start: Start, found: Refined) -> None:
+def refine_heights(crops: Crops, ground: Ground, window: Window, start: InitialHeights, found: Refined) -> None:
     """Fill heights to a fraction of a hypothesis.
 
     Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near

@@ -27,7 +27,7 @@ from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import Crops, Ground, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
-from photogram.surface.dense.refinement import Refined, Start, own_side_mean, refine_heights
+from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.slopes import gentle_surface, slopes_without_walls
 from photogram.surface.dense.window_sums import Window as Samples
@@ -312,7 +312,7 @@ def _refined(
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
     found = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
-    start = Start(
+    start = InitialHeights(
         z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, 1.0 / (ground.per_cell * level.spacing),
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip

@@ -24,7 +24,7 @@ from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, index_in, no_tie_points, tie_points_of
 from photogram.exchange.formats.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
 from photogram.files.clouds.binary_ply import vertices_of
-from photogram.files.reading import ordinary_size
+from photogram.files.reading import regular_file_size
 from photogram.files.solutions.parsing import bytes_of, check_distinct, check_finite, part_of
 from photogram.files.solutions.solution import ForeignSolution, StatedAdjustment
 from photogram.files.xml_elements import Element, elements_of
@@ -49,7 +49,7 @@ class _Archive:
         self.path = path
         self._left = MOST_UNPACKED_BYTES
         try:
-            ordinary_size(path)
+            regular_file_size(path)
             self._zip = zipfile.ZipFile(path)
         except OSError as fault:
             raise ExchangeError(f"{path}: cannot be read ({fault.strerror}): check its name and folder") from fault

@@ -52,7 +52,7 @@ def _names_within(number: int, group: Sequence[int], paths: Sequence[Path]) -> i
     return sum(paths[number].stem in paths[other].stem for other in group)
 
 
-def find_copies(
+def find_duplicates(
     paths: Sequence[Path], tags: Sequence[PhotographTags | None], cameras: Sequence[object], executor: Executor
 ) -> list[tuple[int, ...]]:
     """Return groups of indices of photographs that are the same, the one to be used first.
