@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.projection import Model
-from photogram.report.record.units import (
+from photogram.report.units import (
     Count,
     Metres,
     ParameterFigures,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.record.units import (
+from photogram.report.units import (
     AxisFigures,
     AxisMetres,
     Count,

@@ -37,7 +37,6 @@ from photogram.report.record.surfaces import (
     OrthophotoRecord,
     PlaneRecord,
 )
-from photogram.report.record.units import Count, Seconds
 from photogram.report.record.verdict import (
     AsprsRecord,
     DeliverableRecord,
@@ -47,6 +46,7 @@ from photogram.report.record.verdict import (
     VerdictRecord,
     WarningRecord,
 )
+from photogram.report.units import Count, Seconds
 
 
 class AdjustedNumbers(TypedDict):
