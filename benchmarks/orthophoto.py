@@ -45,8 +45,8 @@ from photogram.surface.dsm import filled_heights
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside, rim_of, sides_of
-from photogram.surface.ortho.seamlines import look, rate_blocks
-from photogram.surface.ortho.visibility import SeenCells, Surface
+from photogram.surface.ortho.seamlines import rate_blocks, sample_blocks
+from photogram.surface.ortho.visibility import SeenCells, WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -129,7 +129,7 @@ def made(views: Views, survey: SimulatedSurvey, pictures: Pictures, threads: int
 
         close_surface(grid, part, pool, write)
         marks.append(processor_s())
-        surface = Surface.of(grid.raster(height), spread)
+        surface = WindowedSurface.of(grid.raster(height), spread)
         plan = plan_orthophoto(
             views, survey.frame, surface, pictures.__getitem__, pool, OrthophotoSettings(cell_m=survey.plan.gsd_m)
         )
@@ -197,7 +197,7 @@ def seam_differences(
     with ThreadPoolExecutor(1) as pool:
         lattice = rate_blocks(views, survey.frame, plan.terrain, plan.grid, pool)
         for view in range(len(views)):
-            look(views, survey.frame, plan.terrain, plan.grid, lattice, seen, view, pictures[view])
+            sample_blocks(views, survey.frame, plan.terrain, plan.grid, lattice, seen, view, pictures[view])
     gain = np.exp(-plan.balance.log_gain.mean(axis=1))
     grey = np.where(lattice.grey > 0, lattice.grey * gain[lattice.candidate][..., None], np.nan)
     blocks = plan.blocks

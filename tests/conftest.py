@@ -41,7 +41,7 @@ from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
 from photogram.simulation.simulated_survey import SurveyPlan
-from photogram.surface.dense.lattice import Crops, Ground
+from photogram.surface.dense.lattice import Crops, GroundCells
 from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import Views
 
@@ -184,7 +184,7 @@ class PhotographedPlane:
             np.concatenate([p.ravel() for p in shown]).astype(np.float32), 1.0,
         )  # fmt: skip
 
-    def ground(self) -> Ground:
+    def ground(self) -> GroundCells:
         """Return the cells of the grid as the kernels take them, each looked up in all photographs that show it."""
         lines = verticals(self.frame, self.grid, self.grid.whole)
         middle = np.ix_(*(np.minimum(np.arange(0, n, self.patch) + self.patch // 2, n - 1) for n in lines.up.shape[:2]))
@@ -192,7 +192,7 @@ class PhotographedPlane:
         chosen, _ = choose_views(self.views, place.reshape(-1, 3), len(self.views))
         east, south = cell_steps(self.frame, self.grid)
         of_patches = chosen.reshape(*place.shape[:2], len(self.views))
-        return Ground(lines.foot_world_m, lines.up, east, south, self.per_cell, of_patches, self.patch)
+        return GroundCells(lines.foot_world_m, lines.up, east, south, self.per_cell, of_patches, self.patch)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from photogram.pipeline.store.pieces import Kind, StageWork, stage_work
+from photogram.pipeline.store.pieces import PieceType, StageWork, stage_work
 from photogram.pipeline.store.pools import WorkOrder
 from photogram.pipeline.store.run import Run
 
@@ -78,5 +78,5 @@ def _square(prepared: list[int], item: int) -> int:
     return prepared[0] + item**2
 
 
-FAILING = Kind(stage_work, _fail)
-SQUARES = Kind(_count, _square)
+FAILING = PieceType(stage_work, _fail)
+SQUARES = PieceType(_count, _square)

@@ -42,7 +42,7 @@ from photogram.surface.dense.pyramid import (
     survey_grid,
 )  # fmt: skip
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, Heights, Scene, match_block
-from photogram.surface.dsm import filled_heights, kept_heights
+from photogram.surface.dsm import filled_heights, filtered_heights
 from photogram.surface.views import Views, places_in_view
 
 HALF, REACH_M = 3, 2.5
@@ -142,7 +142,7 @@ def main() -> None:
         levels, starts, last, base = matched_levels(run, scene, (west, south, east, north))
     cell_m = levels[-1].grid.cell_m
     least = least_correlation_of(correlation_histogram(last.correlation))
-    kept = kept_heights(last.height_m, last.sigma_m, last.correlation, last.rays, last.seen, cell_m, least)
+    kept = filtered_heights(last.height_m, last.sigma_m, last.correlation, last.rays, last.seen, cell_m, least)
     # the outermost cells have no neighbours here
     kept[[0, -1]], kept[:, [0, -1]] = last.height_m[[0, -1]], last.height_m[:, [0, -1]]
     filled = filled_heights(kept, cell_m, FILL_CELLS)

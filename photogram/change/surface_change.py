@@ -247,8 +247,8 @@ def _summary(
     d, sigma, common = (every_cell(layer, step) for layer in (layers.difference, layers.sigma, layers.common))
     told = np.isfinite(sigma)
     return SurfaceChange(
-        *names, later.told_by, "the ground around each polygon" if bases else earlier.told_by, later.correlation_m,
-        earlier.correlation_m, grid.cell_m, grid.rows, grid.columns, difference.resampled,
+        *names, later.sigma_source, "the ground around each polygon" if bases else earlier.sigma_source,
+        later.correlation_m, earlier.correlation_m, grid.cell_m, grid.rows, grid.columns, difference.resampled,
         () if bases else difference.undeclared_heights, registration, applied,
         int(counts.sum()), int(counts[3]), int(counts[0]), int(counts[1]), int(counts[2]), statistics(d.ravel()),
         float(np.median(sigma[told])) if told.any() else float("nan"),

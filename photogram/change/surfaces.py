@@ -80,7 +80,7 @@ class SurfaceFiles:
     """Width over which own errors correlate."""
 
     @property
-    def told_by(self) -> str:
+    def sigma_source(self) -> str:
         """Return in words where its standard deviations come from."""
         if self.stated is not None:
             return f"stated: {self.stated.own_m:g} m own, {self.stated.common_m:g} m common"

@@ -32,7 +32,7 @@ from photogram.quality.gross_errors.data_snooping import (
     whole_points,
     without,
 )
-from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.quality.gross_errors.robust_start import gross_suspects
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
 
@@ -181,7 +181,7 @@ def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) 
 
 
 def _cheapest(block: Block, settings: AdjustmentSettings, adjuster: Adjuster) -> Search:
-    gross = [a for a in grossly_off(block, settings) if a.kind in MARKED]
+    gross = [a for a in gross_suspects(block, settings) if a.kind in MARKED]
     ways = [way for way in (simplified(gross), whole_points(gross)) if way]
     searches, errors = [], []
     for suspects in [*ways, []]:

@@ -42,7 +42,7 @@ from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, for
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_files import journalled
 from photogram.pipeline.store.stage_summary import StageNote
-from photogram.pipeline.store.work_orders import check_pool, ordered
+from photogram.pipeline.store.work_orders import check_pool, open_order
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
 from photogram.project.validation.heights import stop_at_contradictions
@@ -295,7 +295,7 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
     give_back_free_memory()
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark, watcher.warn)
-    with journalled(folder), peak_memory() as peak, compile_time() as compiled, ordered(run, folder):
+    with journalled(folder), peak_memory() as peak, compile_time() as compiled, open_order(run, folder):
         summary = stage.work(run, folder, lambda done, total, text: watcher.advance(stage, done, total, text))
     seconds = time.monotonic() - began
     highest = None if peak.bytes is None else max(peak.bytes, run.taken_memory())

@@ -32,7 +32,7 @@ from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import OrthophotoSettings, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside, rim_of, sides_of
-from photogram.surface.ortho.visibility import Surface
+from photogram.surface.ortho.visibility import WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Block
 
@@ -103,7 +103,7 @@ def look_down(block: Block) -> None:
 
     with ThreadPoolExecutor(1) as executor:
         close_surface(grid, part, executor, write)
-        surface = Surface.of(grid.raster(closed), sigma)
+        surface = WindowedSurface.of(grid.raster(closed), sigma)
         orthophoto = plan_orthophoto(views, block.frame, surface, pixels, executor, OrthophotoSettings(cell_m=CELL_M))
         rim = rim_of(orthophoto.seams.looks, orthophoto.seams.label >= 0, orthophoto.blocks)
         for window, _ in orthophoto.tiles(pixels, executor):

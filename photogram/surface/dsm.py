@@ -158,14 +158,14 @@ def rough_heights(
     cell_m: float,
     least: float,
 ) -> Float32Array:
-    """Return the heights (rows, columns) of a coarser level on which photographs agree as ``kept_heights`` says, with
-    ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
+    """Return the heights (rows, columns) of a coarser level on which photographs agree as ``filtered_heights`` says,
+    with ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
     height = _agreed_heights(height_m, correlation, rays, seen, max(least, ROUGH_CORRELATION))
     supported = supported_cells(height, sigma_m, cell_m, ROUGH_SUPPORT)
     return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
 
 
-def kept_heights(
+def filtered_heights(
     height_m: Float32Array,
     sigma_m: Float32Array,
     correlation: Float32Array,

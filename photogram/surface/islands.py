@@ -15,7 +15,7 @@ import numpy as np
 from photogram.arrays import Float32Array, FloatArray
 from photogram.compilation import njit
 from photogram.surface.dsm import ROUGH_CORRELATION, STEEPEST, steps_to_height
-from photogram.surface.levels import SURE_RAYS, SURE_SHARE, Surface
+from photogram.surface.levels import SURE_RAYS, SURE_SHARE, LevelSurface
 
 REACH_CELLS = 100
 """Distance to which sure heights are looked for, in cells; windows must reach so much further."""
@@ -90,7 +90,7 @@ def _fill_above(
                     out[r, c] = -height
 
 
-def without_islands(surface: Surface, cell_m: float) -> Surface:
+def without_islands(surface: LevelSurface, cell_m: float) -> LevelSurface:
     """Return a surface without the heights that contradict a smooth surface around them, OFF_PLANE_CELLS and more off
     its plane. All is as with a larger window from REACH_CELLS inside this one on."""
     agree, look = surface.rays.astype(np.int32), surface.seen.astype(np.int32)
@@ -104,4 +104,4 @@ def without_islands(surface: Surface, cell_m: float) -> Surface:
     for name, layer in layers.items():
         hole = none if name in ("height_m", "sigma_m") else layer.dtype.type(0)
         layers[name] = np.where(island, hole, layer)
-    return Surface(**layers)
+    return LevelSurface(**layers)

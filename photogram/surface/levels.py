@@ -58,7 +58,7 @@ class LevelHeights:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LevelSurface:
     """Heights (rows, columns) of a window from whichever level, in m over the base, NaN in holes; their standard
     deviations, correlations, numbers of photographs that agree and of those that were looked at, and the side of the
     cells that they were matched in, in cells of the finest level, 0 in holes."""
@@ -180,7 +180,7 @@ def _keep_near(
                 out[r, c] = fine[r, c]
 
 
-def told_by(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
+def agreed_level(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
     """Return a level without the heights on which fewer than SURE_RAYS photographs agree, or a smaller ``share``, a
     fraction, of those that look there."""
     agree, look = level.rays.astype(np.int32), level.seen.astype(np.int32)
@@ -194,7 +194,7 @@ def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> Leve
     the grid goes. ``cell_m`` is the side of the finest cells."""
     n = coarser.cells // level.cells
     place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
-    sure = told_by(level, SURE_SHARE)
+    sure = agreed_level(level, SURE_SHARE)
     _keep_near(level.height_m, coarser.height_m, place, STEEPEST * cell_m * coarser.cells, sure.height_m)
     return sure
 
@@ -217,7 +217,7 @@ def around_cells(
     return spread, covered
 
 
-def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cell_m: float) -> Surface:
+def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cell_m: float) -> LevelSurface:
     """Return the surface of the window of the finest level, whose cells have a side of ``cell_m``.
 
     ``coarser`` levels, in the order in which they are asked, cover the window, and reach a cell of theirs beyond it as
@@ -227,7 +227,7 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
     cells = np.isfinite(height).astype(np.uint8)
     correlation = np.where(cells, finest.correlation, np.float32(0))
     rays, seen = (np.where(cells, counted, np.uint8(0)) for counted in (finest.rays, finest.seen))
-    made = Surface(height, sigma, correlation, rays, seen, cells)
+    made = LevelSurface(height, sigma, correlation, rays, seen, cells)
     for level in coarser:
         place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
         spread, covered = around_cells(level, height, finest.height_m, place)

@@ -119,7 +119,7 @@ class ShapePrecision:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TinSurface:
     """A DSM, the standard deviations of its heights as far as the measurement goes, and how far it is off between
     points: ``held_out_m`` (K,) are heights interpolated from nine tenths of the points minus those of the rest.
     ``own`` are the standard deviations by the rays alone, which neighbours do not share, ``relative`` those without the
@@ -169,7 +169,7 @@ def surface_with_sigma(
     precision: PointPrecision,
     settings: SurfaceSettings | None = None,
     shape: ShapePrecision | None = None,
-) -> Surface:
+) -> TinSurface:
     """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid;
     and of what they owe to the rays alone; with a ``shape`` those without the datum's part too.
 
@@ -188,7 +188,7 @@ def surface_with_sigma(
         rules.append(_sigma_rule(triangles, PointPrecision(own.rays_m2, shape.at(places))))
     heights, deviations, scatter, *relative = _rasters(triangles, rules)
     held_out = _held_out_m(triangles.points_m, settings.maximum_gap_m)
-    return Surface(heights, deviations, scatter, held_out, relative[0] if relative else None)
+    return TinSurface(heights, deviations, scatter, held_out, relative[0] if relative else None)
 
 
 def _sigma_rule(triangles: _Triangles, precision: PointPrecision) -> Rule:

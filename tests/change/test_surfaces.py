@@ -37,7 +37,7 @@ def test_what_lies_beside_a_surface_is_found(results: Path) -> None:
     surface = open_surface(results, None, None)
     assert surface.correlation_m == pytest.approx(1.0)
     assert surface.block is None
-    assert surface.told_by == "dsm_sigma.tif, dsm_sigma_own.tif"
+    assert surface.sigma_source == "dsm_sigma.tif, dsm_sigma_own.tif"
     cells = surface_cells(surface, surface.heights.grid, Window(-3, 5, 70, 60))
     assert np.isnan(cells.height_m[:3]).all()
     assert np.isnan(cells.height_m[65:69, 37:42]).all()
@@ -106,7 +106,7 @@ def test_what_a_report_says_of_the_block_is_read(adjusted_survey: Path) -> None:
     report = json.loads((results / "report.json").read_text())
     assert surface.block.shift_north_m == report["dsm"]["datum_sigma_m"]["northing"]
     assert 0.0 < surface.block.tilt < 0.01
-    assert surface.told_by == "dsm_sigma.tif, dsm_sigma_own.tif, report.json"
+    assert surface.sigma_source == "dsm_sigma.tif, dsm_sigma_own.tif, report.json"
 
 
 def test_surfaces_are_told_apart_by_their_folders() -> None:
@@ -126,7 +126,9 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:
     write_raster(tmp_path / "site_sigma.tif", raster, CRS)
     with pytest.raises(ProjectError, match=r"no site_source\.tif beside it.*--correlation"):
         open_surface(tmp_path / "site.tif", None, None)
-    assert open_surface(tmp_path / "site.tif", None, 3.0).told_by == "site_sigma.tif, the whole of it taken as common"
+    assert (
+        open_surface(tmp_path / "site.tif", None, 3.0).sigma_source == "site_sigma.tif, the whole of it taken as common"
+    )
     with pytest.raises(ProjectError, match="correlation -1 m"):
         open_surface(tmp_path / "site.tif", None, -1.0)
     write_raster(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)

@@ -15,10 +15,10 @@ from losing_workers import FAILING, SQUARES, UnpicklableError
 from photogram.errors import DamagedStageError, PhotogramError, SettingError, WorkspaceError
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.store import pieces
-from photogram.pipeline.store.pieces import Kind, StageWork, each, portable, stage_work
+from photogram.pipeline.store.pieces import PieceType, StageWork, portable, run_pieces, stage_work
 from photogram.pipeline.store.pools import ProcessPool
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.work_orders import ordered
+from photogram.pipeline.store.work_orders import open_order
 
 
 @contextmanager
@@ -26,7 +26,7 @@ def stage_of(survey: Path, pool: ProcessPool | None) -> Iterator[tuple[Run, Path
     """Give a run of a survey and the folder of a stage at work."""
     folder = survey / "work/some.stage.partial"
     folder.mkdir(parents=True)
-    with open_run(load_project(survey / "project.yaml"), pool=pool) as run, ordered(run, folder):
+    with open_run(load_project(survey / "project.yaml"), pool=pool) as run, open_order(run, folder):
         yield run, folder
 
 
@@ -44,9 +44,11 @@ def test_results_come_in_order_from_threads_and_never_more_at_once_than_asked_fo
         return -item
 
     with stage_of(survey, None) as (run, folder):
-        assert list(each(run, folder, Kind(stage_work, count), range(20), at_once=1)) == [-n for n in range(20)]
+        assert list(run_pieces(run, folder, PieceType(stage_work, count), range(20), at_once=1)) == [
+            -n for n in range(20)
+        ]
         assert most == 1
-        assert list(each(run, folder, Kind(stage_work, count), range(20))) == [-n for n in range(20)]
+        assert list(run_pieces(run, folder, PieceType(stage_work, count), range(20))) == [-n for n in range(20)]
 
 
 def test_processes_prepare_once_fail_clearly_and_are_given_up_when_lost_again_and_again(
@@ -54,14 +56,14 @@ def test_processes_prepare_once_fail_clearly_and_are_given_up_when_lost_again_an
 ) -> None:
     monkeypatch.setattr(pieces, "MOST_LOSSES", 0)
     with ProcessPool(2) as pool, stage_of(survey, pool) as (run, folder):
-        assert list(each(run, folder, SQUARES, range(9))) == [4000 + n**2 for n in range(9)]
+        assert list(run_pieces(run, folder, SQUARES, range(9))) == [4000 + n**2 for n in range(9)]
         assert 1 <= len(list(folder.glob("*.txt"))) <= 2
         assert run.taken_memory() > 10_000_000
         with pytest.raises(RuntimeError, match="UnpicklableError: 1 and 2"):
-            list(each(run, folder, FAILING, range(5)))
-        assert list(each(run, folder, FAILING, range(3))) == [0, 1, 4]
+            list(run_pieces(run, folder, FAILING, range(5)))
+        assert list(run_pieces(run, folder, FAILING, range(3))) == [0, 1, 4]
         with pytest.raises(WorkspaceError, match="use fewer workers; what is done is kept"):
-            list(each(run, folder, FAILING, [1, 5]))
+            list(run_pieces(run, folder, FAILING, [1, 5]))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.store import work_orders
 from photogram.pipeline.store.pools import ProcessPool, WorkOrder
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.work_orders import check_pool, commission, issued, missing_paths, ordered
+from photogram.pipeline.store.work_orders import check_pool, missing_paths, open_order, remote_run, written_order
 from photogram.pipeline.store.workspace import Workspace
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -29,38 +29,38 @@ def run(survey: Path) -> Run:
 
 def order_of(run: Run) -> tuple[Path, Any]:
     folder = run.workspace.folder / "some.stage.partial"
-    return folder, ordered(run, folder)
+    return folder, open_order(run, folder)
 
 
 def test_an_order_ends_with_its_stage(run: Run) -> None:
     folder, at_work = order_of(run)
     with at_work:
         assert not run.orders[folder].note.exists()
-        order = issued(run, folder)
+        order = written_order(run, folder)
         assert order.note.is_file()
         assert missing_paths(order, [str(folder), "/no/where"]) == ["/no/where"]
     assert not run.orders
     with pytest.raises(WorkspaceError, match="under the same path, on a shared file system"):
-        commission(order)
+        remote_run(order)
 
 
 def test_a_project_file_that_has_changed_is_not_worked_on(run: Run, edit: Edit) -> None:
     folder, at_work = order_of(run)
     with at_work:
-        order = issued(run, folder)
+        order = written_order(run, folder)
         edit(run.project.path, lambda v: v.update(matching={"ratio": 0.7}))
         with pytest.raises(WorkspaceError, match="has changed since the run began"):
-            commission(order)
+            remote_run(order)
 
 
 def test_other_programs_are_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, at_work = order_of(run)
     found = work_orders.programs()
     with at_work:
-        order = issued(run, folder)
+        order = written_order(run, folder)
         monkeypatch.setattr(work_orders, "programs", lambda: {**found, "photogram": "0.1", "opencv": "3.0"})
         with pytest.raises(WorkspaceError, match=r"photogram 0\.1 in place of .*, opencv 3\.0 in place of"):
-            commission(order)
+            remote_run(order)
 
 
 def test_what_a_killed_run_has_left_is_removed_and_nothing_else(run: Run) -> None:

@@ -18,7 +18,7 @@ from photogram.surface.dense.correlation import (
     Hypotheses,
     fill_agreement,
     fill_costs,
-    room_for_agreement,
+    scratch_for_agreement,
     share_of,
 )
 from photogram.surface.dense.window_sums import Window
@@ -30,7 +30,7 @@ REACH = 6
 def agreed(pairs: NDArray[Any], share: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the scores (n,) of the photographs that agree best, and which these are (K, n)."""
     count, _, n = pairs.shape
-    found = room_for_agreement(count, n + 5)
+    found = scratch_for_agreement(count, n + 5)
     fill_agreement(np.ascontiguousarray(pairs, np.float32), share, found)
     return found.score[:n].copy(), found.sums[:, :n] > LEFT_OUT
 

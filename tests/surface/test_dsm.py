@@ -14,7 +14,7 @@ from photogram.surface.dsm import (
     KEPT_MARGIN_CELLS,
     STEEPEST,
     filled_heights,
-    kept_heights,
+    filtered_heights,
     patch_cells,
     shared_error,
     surface_sigma_m,
@@ -26,7 +26,7 @@ CELL_M = 0.25
 def kept(height: FloatArray, correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
     sigma, agreed = (np.full(height.shape, value, np.float32) for value in (sigma_m, correlation))
     count = np.full(height.shape, rays, np.uint8)
-    return kept_heights(height.astype(np.float32), sigma, agreed, count, count, CELL_M, 0.6)
+    return filtered_heights(height.astype(np.float32), sigma, agreed, count, count, CELL_M, 0.6)
 
 
 def test_what_differs_by_its_noise_alone_stays() -> None:
@@ -41,7 +41,7 @@ def test_two_photographs_do_not_outvote_three_others() -> None:
     some = np.full(height.shape, 0.9, np.float32)
     for rays, seen, stays in ((2, 2, True), (2, 4, True), (2, 5, False), (2, 6, False), (3, 6, True), (1, 2, False)):
         agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
-        assert np.isfinite(kept_heights(height, 0 * some, some, agree, see, CELL_M, 0.6)[INSIDE]).all() == stays
+        assert np.isfinite(filtered_heights(height, 0 * some, some, agree, see, CELL_M, 0.6)[INSIDE]).all() == stays
 
 
 def pit(side: int) -> FloatArray:
@@ -56,7 +56,7 @@ def test_a_small_patch_that_stands_alone_needs_a_third_photograph(side: int, ray
     height = pit(side)
     count = np.full(height.shape, rays, np.uint8)
     sigma, some = np.zeros(height.shape, np.float32), np.full(height.shape, 0.9, np.float32)
-    found = kept_heights(height.astype(np.float32), sigma, some, count, count, CELL_M, 0.6)
+    found = filtered_heights(height.astype(np.float32), sigma, some, count, count, CELL_M, 0.6)
     assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays
     assert np.isfinite(found[1:19, 1:-1]).all()
     counted = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
@@ -68,7 +68,7 @@ def test_small_patches_need_nearly_all_photographs_and_single_cells_go() -> None
         height = pit(side).astype(np.float32)
         agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
         some = np.full(height.shape, 0.9, np.float32)
-        found = kept_heights(height, np.zeros_like(height), some, agree, see, CELL_M, 0.6)
+        found = filtered_heights(height, np.zeros_like(height), some, agree, see, CELL_M, 0.6)
         assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays, side
 
 
@@ -94,7 +94,7 @@ def test_what_is_kept_does_not_depend_on_the_window(seed: int, row: int, column:
     sigma, some = np.zeros(shape, np.float32), np.full(shape, 0.9, np.float32)
 
     def of(at: tuple[slice, slice]) -> Float32Array:
-        return kept_heights(height[at], sigma[at], some[at], rays[at], rays[at], CELL_M, 0.6)
+        return filtered_heights(height[at], sigma[at], some[at], rays[at], rays[at], CELL_M, 0.6)
 
     part = (slice(row, row + side + 2 * margin), slice(column, column + side + 2 * margin))
     inner = (slice(margin, margin + side),) * 2

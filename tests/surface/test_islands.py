@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from photogram.arrays import Float32Array
 from photogram.surface.islands import OFF_PLANE_CELLS, REACH_CELLS, without_islands
-from photogram.surface.levels import Surface
+from photogram.surface.levels import LevelSurface
 
 CELL_M = 0.1
 FAR_M = 2.0 * OFF_PLANE_CELLS * CELL_M
@@ -25,16 +25,16 @@ def plane(rows: int = SIDE, columns: int = SIDE, rise: float = 0.4) -> Float32Ar
     return np.asarray(100.0 + rise * row - 0.7 * rise * column, np.float32)
 
 
-def surface(height_m: Float32Array, **layers: Any) -> Surface:
+def surface(height_m: Float32Array, **layers: Any) -> LevelSurface:
     """A surface of the finest level on which all of five photographs agree, but for the layers that are given."""
     whole = np.ones(height_m.shape, np.uint8)
     given = {"rays": 5 * whole, "seen": 5 * whole, "cells": whole} | layers
-    return Surface(height_m, np.full_like(height_m, 0.02), np.full_like(height_m, 0.8), **given)
+    return LevelSurface(height_m, np.full_like(height_m, 0.02), np.full_like(height_m, 0.8), **given)
 
 
 def with_box(
     off_m: float, agree: int, look: int, cells: int, ground: Float32Array | None = None, alike: float = 0.8
-) -> Surface:
+) -> LevelSurface:
     """A plane with a box that is off it, in which so many photographs agree of those that look, with a correlation."""
     height = plane() if ground is None else ground.copy()
     rays, seen, side = (np.full(height.shape, n, np.uint8) for n in (5, 5, 1))
@@ -122,7 +122,7 @@ def test_a_window_with_the_reach_around_it_finds_the_same(row: int, column: int,
     whole = surface(height, rays=rays, seen=np.full_like(rays, 5), cells=cells)
     expected = without_islands(whole, CELL_M).height_m
     window = (slice(row, row + 2 * REACH_CELLS + 20), slice(column, column + 2 * REACH_CELLS + 20))
-    part = Surface(**{name: layer[window].copy() for name, layer in vars(whole).items()})
+    part = LevelSurface(**{name: layer[window].copy() for name, layer in vars(whole).items()})
     inside = slice(REACH_CELLS, REACH_CELLS + 20)
     found = without_islands(part, CELL_M).height_m[inside, inside]
     np.testing.assert_array_equal(found, expected[window][inside, inside])

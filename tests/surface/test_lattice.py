@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 
 from photogram.surface.dense.lattice import (
     TERMS,
-    Box,
+    CellWindow,
     fill_lattice,
     fill_part,
     fill_places,
@@ -22,8 +22,8 @@ from photogram.surface.dense.lattice import (
     grey_of_cells,
     nodes_of,
     places_per_cell,
-    room_for_samples,
     sample_lattice,
+    scratch_for_samples,
 )
 from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import places_in_view
@@ -49,7 +49,7 @@ def test_a_surface_is_bilinear_between_cells(seed: int, per_cell: int, half: int
     rng = np.random.default_rng(seed)
     surface = rng.normal(size=rng.integers(1, 9, 2)).astype(np.float32)
     rows, columns = surface.shape
-    box = Box(rows // 3, columns // 2, rows - rows // 3, columns - columns // 2)
+    box = CellWindow(rows // 3, columns // 2, rows - rows // 3, columns - columns // 2)
     more = 2 * half // per_cell
     width = box.columns + more
     out = np.full((per_cell**2, (box.rows + more) * width + more), np.nan, np.float32)
@@ -63,7 +63,7 @@ def test_a_surface_is_bilinear_between_cells(seed: int, per_cell: int, half: int
 def test_a_part_of_a_lattice_is_that_of_its_cells() -> None:
     rng = np.random.default_rng(1)
     surface = rng.normal(size=(40, 40)).astype(np.float32)
-    patch, box = Box(16, 16, 16, 14), Box(20, 17, 5, 9)
+    patch, box = CellWindow(16, 16, 16, 14), CellWindow(20, 17, 5, 9)
     whole, part, alone = (np.zeros((4, rows * columns), np.float32) for rows, columns in ((19, 17), (8, 12), (8, 12)))
     fill_lattice(surface, patch, 2, HALF, 17, whole)
     fill_part(whole, patch, 17, box, 12, part)
@@ -71,7 +71,7 @@ def test_a_part_of_a_lattice_is_that_of_its_cells() -> None:
     assert np.array_equal(part, alone)
 
 
-def sampled(plane: Any, view: int, box: Box, above_m: float) -> tuple[NDArray[Any], NDArray[Any]]:
+def sampled(plane: Any, view: int, box: CellWindow, above_m: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return what a view shows of the lattice of a box along the plane, and the places in the world."""
     ground, m = plane.ground(), plane.per_cell
     more = 2 * HALF // m
@@ -81,7 +81,7 @@ def sampled(plane: Any, view: int, box: Box, above_m: float) -> tuple[NDArray[An
     height = plane.height_m.astype(np.float32)
     fill_lattice(height, box, m, HALF, width, surface)
     nodes = nodes_of(box, HALF / m, float(height.min()), float(height.max()) + above_m)
-    room = room_for_samples(size)
+    room = scratch_for_samples(size)
     fill_plan(nodes, box, width, room, size)
     places, out = np.empty((2, TERMS), np.float32), np.empty((m * m, size), np.float32)
     fill_places(plane.crops(), ground, nodes, view, places)
@@ -95,9 +95,9 @@ def sampled(plane: Any, view: int, box: Box, above_m: float) -> tuple[NDArray[An
 
 
 @pytest.mark.parametrize("view", range(5))
-@pytest.mark.parametrize(("box", "above_m"), [(Box(16, 32, 16, 16), 0.0), (Box(48, 48, 3, 16), 2.4)])
+@pytest.mark.parametrize(("box", "above_m"), [(CellWindow(16, 32, 16, 16), 0.0), (CellWindow(48, 48, 3, 16), 2.4)])
 def test_samples_are_bilinear_where_the_projection_puts_them(
-    photographed_plane: Any, view: int, box: Box, above_m: float
+    photographed_plane: Any, view: int, box: CellWindow, above_m: float
 ) -> None:
     """Heights from 6 % of the flying height below to 6 % above; grey values are less one of them."""
     found, place = sampled(photographed_plane, view, box, above_m)
@@ -112,7 +112,7 @@ def test_what_a_photograph_does_not_show_is_not_a_number(photographed_plane: Any
     views = photographed_plane.views
     position = views.position_world_m + np.array([13.0, 0.0, 0.0])
     moved = replace(photographed_plane, views=replace(views, cameras=views.cameras._replace(position=position)))
-    found, place = sampled(moved, 2, Box(32, 0, 16, 16), 0.0)
+    found, place = sampled(moved, 2, CellWindow(32, 0, 16, 16), 0.0)
     pixel = places_in_view(moved.views, 2, place.reshape(-1, 3))
     inside = ((pixel >= 0.01) & (pixel < views.size_px[2] - 1.01)).all(axis=1)
     outside = ((pixel < -0.01) | (pixel > views.size_px[2] - 0.99)).any(axis=1)

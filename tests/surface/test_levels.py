@@ -11,7 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.surface.dsm import MEASURED_IN, measured_in
-from photogram.surface.levels import LevelHeights, around_cells, confirmed, margin_cells, surface_of_levels, told_by
+from photogram.surface.levels import (
+    LevelHeights,
+    agreed_level,
+    around_cells,
+    confirmed,
+    margin_cells,
+    surface_of_levels,
+)
 
 CELL_M = 0.1
 
@@ -150,6 +157,6 @@ def test_what_half_of_the_photographs_tell_the_coarser_level_must_confirm() -> N
         if asked:
             expected[4:8, 4:8] = expected[12:] = False
         np.testing.assert_array_equal(kept, expected, err_msg=f"{agree} of {look}")
-        alone = np.isfinite(told_by(told, (2, 3)).height_m)
+        alone = np.isfinite(agreed_level(told, (2, 3)).height_m)
         assert alone.all() if not asked else not alone.any()
-    assert np.isfinite(told_by(replace(told, rays=told.rays), (1, 2)).height_m).all()
+    assert np.isfinite(agreed_level(replace(told, rays=told.rays), (1, 2)).height_m).all()

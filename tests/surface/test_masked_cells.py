@@ -17,7 +17,7 @@ from photogram.surface.dense.pyramid import Level, Prior
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.orthophoto import ONLY_MASKED, OrthophotoSettings, plan_orthophoto
-from photogram.surface.ortho.visibility import MASKED, Surface, Terrain
+from photogram.surface.ortho.visibility import MASKED, SurfaceModel, WindowedSurface
 from photogram.surface.views import places_in_view
 from photogram.survey import Raster
 
@@ -187,7 +187,7 @@ def test_masks_that_leave_everything_change_no_cell(photographed_plane: Any) -> 
 def test_masked_cells_are_those_whose_colour_a_masked_pixel_has_a_part_in(photographed_plane: Any, view: int) -> None:
     plane, dsm = photographed_plane, MapGrid(599992.0, 5800008.0, 0.2, 80, 80)
     raster = Raster((truth_m(plane, dsm, dsm.whole) + 100.0).astype(np.float32), dsm.west_map_m, dsm.north_map_m, 0.2)
-    terrain = Terrain.under(plane.views, plane.frame, Surface.of(raster))
+    terrain = SurfaceModel.under(plane.views, plane.frame, WindowedSurface.of(raster))
     box = terrain.shown[view]
     assert box is not None
     cells = masks_of({view: OBJECT}).cells(plane.views, plane.frame, terrain, view)

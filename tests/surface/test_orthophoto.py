@@ -34,7 +34,7 @@ from photogram.surface.ortho.orthophoto import (
     plan_orthophoto,
 )
 from photogram.surface.ortho.seamlines import find_seams
-from photogram.surface.ortho.visibility import Surface, Terrain
+from photogram.surface.ortho.visibility import SurfaceModel, WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -143,7 +143,7 @@ def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled, 
     assert len(np.unique(plan.seams.label)) > 2
     for workers, side in ((3, 64), (2, 77)):
         assert np.array_equal(made(plan, pictures.__getitem__, workers, side), once)
-    terrain = Terrain.under(views, FRAME, Surface.of(surface))
+    terrain = SurfaceModel.under(views, FRAME, WindowedSurface.of(surface))
     with ThreadPoolExecutor(3) as pool:
         first, again = (find_seams(views, FRAME, terrain, grid, pool, side) for side in (512, 24))
     for name in ("label", "candidate", "clear", "inside", "looks", "height_map_m"):
@@ -259,7 +259,8 @@ def test_noise_of_the_surface_hides_nothing(flat: Flat) -> None:
     surfaces = (smooth, replace(smooth, values=smooth.values + noise))
     with ThreadPoolExecutor(2) as pool:
         found = [
-            find_seams(flat.views, FRAME, Terrain.under(flat.views, FRAME, Surface.of(s)), grid, pool) for s in surfaces
+            find_seams(flat.views, FRAME, SurfaceModel.under(flat.views, FRAME, WindowedSurface.of(s)), grid, pool)
+            for s in surfaces
         ]
     assert np.mean(found[0].clear == found[1].clear) > 0.998
     assert np.mean(found[0].label == found[1].label) > 0.95
@@ -335,7 +336,7 @@ def test_a_seam_goes_around_a_building(walled: Walled) -> None:
     found = []
     with ThreadPoolExecutor(2) as pool:
         for surface in (ground, with_house):
-            terrain = Terrain.under(walled.views, FRAME, Surface.of(surface))
+            terrain = SurfaceModel.under(walled.views, FRAME, WindowedSurface.of(surface))
             found += [find_seams(walled.views, FRAME, terrain, grid, pool).label[roof]]
     assert len(np.unique(found[0])) > 1
     assert len(np.unique(found[1])) == 1
@@ -366,7 +367,7 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
 
 
 def test_the_grid_has_the_photographs_ground_sampling_distance(flat: Flat) -> None:
-    grid = orthophoto_grid(flat.views, Terrain.under(flat.views, FRAME, Surface.of(level(22.0))))
+    grid = orthophoto_grid(flat.views, SurfaceModel.under(flat.views, FRAME, WindowedSurface.of(level(22.0))))
     assert grid.cell_m == pytest.approx(GSD, rel=0.02)
     assert (grid.rows * grid.cell_m, grid.columns * grid.cell_m) == pytest.approx((44.0, 44.0), abs=2 * grid.cell_m)
 
@@ -374,7 +375,8 @@ def test_the_grid_has_the_photographs_ground_sampling_distance(flat: Flat) -> No
 def test_a_surface_above_the_photographs_is_refused(flat: Flat) -> None:
     with pytest.raises(PhotogramError, match="not above the surface"):
         orthophoto_grid(
-            flat.views, Terrain.under(flat.views, FRAME, Surface.of(level(22.0, height_map_m=HEIGHT + 50.0)))
+            flat.views,
+            SurfaceModel.under(flat.views, FRAME, WindowedSurface.of(level(22.0, height_map_m=HEIGHT + 50.0))),
         )
 
 

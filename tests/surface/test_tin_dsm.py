@@ -19,8 +19,8 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.surface.tin_dsm import (
     PointPrecision,
     ShapePrecision,
-    Surface,
     SurfaceSettings,
+    TinSurface,
     spikes,
     surface_from_points,
     surface_with_sigma,
@@ -213,7 +213,7 @@ def sigma_at(raster: Raster, x: float, y: float) -> float:
     return float(raster.values[int((raster.north_map_m - NORTHING - y) / raster.cell_m), column])
 
 
-def both(surface: Surface) -> tuple[Raster, Raster]:
+def both(surface: TinSurface) -> tuple[Raster, Raster]:
     return surface.heights, surface.sigma
 
 

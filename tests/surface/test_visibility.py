@@ -13,7 +13,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene, make_scene, surface_raster
-from photogram.surface.ortho.visibility import BESIDE, HIDDEN, VISIBLE, SeenCells, Surface, Terrain
+from photogram.surface.ortho.visibility import BESIDE, HIDDEN, VISIBLE, SeenCells, SurfaceModel, WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -34,10 +34,10 @@ def scene() -> Scene:
     return replace(bare, height_m=height.astype(np.float32))
 
 
-def terrain_of(surface: Raster, poses: list[Pose], sigma_m: float | None = None) -> Terrain:
+def terrain_of(surface: Raster, poses: list[Pose], sigma_m: float | None = None) -> SurfaceModel:
     views = Views(np.arange(len(poses)), oriented_by([CAMERA], np.zeros(len(poses), int), poses))
     sigma = None if sigma_m is None else np.full(surface.values.shape, sigma_m, np.float32)
-    return Terrain.under(views, FRAME, Surface.of(surface, sigma))
+    return SurfaceModel.under(views, FRAME, WindowedSurface.of(surface, sigma))
 
 
 def looking(pitch_deg: float, yaw_deg: float, east: float, north: float, above: float = 32.0) -> Pose:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.surface.dense.window_sums import Window, fill_correlations, room_for_sums
+from photogram.surface.dense.window_sums import Window, fill_correlations, scratch_for_sums
 
 LARGEST = 8
 
@@ -25,7 +25,7 @@ def correlations(samples: NDArray[Any], window: Window, per_cell: int, rows: int
     phases = phases.reshape(count, rows + more, per_cell, width, per_cell).transpose(0, 2, 4, 1, 3)
     flat = np.zeros((count, per_cell**2, (rows + more) * width + more), np.float32)
     flat[..., : (rows + more) * width] = phases.reshape(count, per_cell**2, -1)
-    room = room_for_sums(count, per_cell, flat.shape[2])
+    room = scratch_for_sums(count, per_cell, flat.shape[2])
     pairs = np.zeros((count, count, rows * width), np.float32)
     fill_correlations(flat, window, per_cell, width, room, pairs)
     return pairs.reshape(count, count, rows, width)[..., :columns]

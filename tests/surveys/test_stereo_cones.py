@@ -19,7 +19,7 @@ from scipy.ndimage import distance_transform_edt
 from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, oriented_cameras
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
-from photogram.surface.dense.lattice import Crops, Ground
+from photogram.surface.dense.lattice import Crops, GroundCells
 from photogram.surface.dense.pyramid import median_of_known
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
@@ -50,7 +50,7 @@ def read(shared_data: SharedData) -> Read:
     return picture
 
 
-def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, Ground]:
+def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, GroundCells]:
     """Return a rectified pair as photographs of the ground."""
     rows, columns = left.shape
     pictures = [np.pad(picture, RIM_PX, mode="edge") for picture in (left, right)]
@@ -68,7 +68,7 @@ def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, Ground]:
     foot, up = np.stack([column, -row, np.zeros_like(row)], axis=-1), np.zeros((rows, columns, 3))
     up[..., 2] = 1.0
     views = np.broadcast_to(np.arange(2), (-(-rows // PATCH), -(-columns // PATCH), 2)).copy()
-    return crops, Ground(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1, views, PATCH)
+    return crops, GroundCells(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1, views, PATCH)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from photogram.camera import Camera
 from photogram.errors import AdjustmentError
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
-from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.quality.gross_errors.robust_start import gross_suspects
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.sfm.mark_scale import picture_factor
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -79,7 +79,7 @@ def assert_as_good_as_clean(verdict: Verdict, plan: SurveyPlan = RTK) -> None:
 def test_a_clean_survey_is_accused_of_nothing() -> None:
     for plan in (RTK, NO_GNSS):
         assert clean(plan).rejected == ()
-        assert grossly_off(survey(plan), SETTINGS) == []
+        assert gross_suspects(survey(plan), SETTINGS) == []
 
 
 @pytest.mark.parametrize(

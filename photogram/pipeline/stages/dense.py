@@ -26,7 +26,7 @@ from photogram.pipeline.stage_costs import (
 )
 from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame
 from photogram.pipeline.store.dependence import stretches
-from photogram.pipeline.store.pieces import Kind, each
+from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.sfm.tie_points.features import BYTES_PER_PX
@@ -120,12 +120,12 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> DenseSummary:
         return {}
     dense = _Matching.of(run, site, folder)
     levels, pictures, stores, views = dense.levels, dense.pictures, dense.stores, dense.scene.views
-    for done, _ in enumerate(each(run, folder, _PICTURES, range(len(views)), state=dense), 1):
+    for done, _ in enumerate(run_pieces(run, folder, _PICTURES, range(len(views)), state=dense), 1):
         progress(done, len(views), "reduced pictures")
     total, done = sum(len(store.windows) for store in stores), 0
     for number, level in enumerate(levels):
         blocks = [(number, block) for block in stores[number].windows]
-        for _ in each(run, folder, _BLOCKS, blocks, state=dense):
+        for _ in run_pieces(run, folder, _BLOCKS, blocks, state=dense):
             done += 1
             progress(done, total, f"cells of {level.grid.cell_m:g} m")
     shutil.rmtree(pictures.folder)
@@ -202,8 +202,8 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     store.write(block, around | ({} if found.heights is None else vars(found.heights)))
 
 
-_PICTURES = Kind(_Matching.read, _make_pictures)
-_BLOCKS = Kind(_Matching.read, _match)
+_PICTURES = PieceType(_Matching.read, _make_pictures)
+_BLOCKS = PieceType(_Matching.read, _match)
 
 
 def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, widely: bool) -> Prior:

@@ -15,7 +15,7 @@ from photogram.machine import within_half_of_memory
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
 from photogram.pipeline.store.dependence import given_masks, starts_from_tie_points, stretches
-from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
+from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
@@ -89,7 +89,7 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> FeaturesSumma
     at_once = within_half_of_memory(_bytes_of_one(run.project))
     counts = []
     photographs = range(0 if given else len(run.names))
-    for index, count in enumerate(each(run, folder, _DETECTED, photographs, at_once=at_once)):
+    for index, count in enumerate(run_pieces(run, folder, _DETECTED, photographs, at_once=at_once)):
         counts.append(count)
         progress(index + 1, len(photographs), run.names[index])
     summary: FeaturesSummary = {"not_needed": NOT_NEEDED} if given else {"key_points": counts}
@@ -108,7 +108,7 @@ def _masked_share(work: StageWork, index: int) -> float | str:
     return 0.0 if used is None else 1.0 - float(used.mean())
 
 
-_MASKED = Kind(stage_work, _masked_share)
+_MASKED = PieceType(stage_work, _masked_share)
 
 
 def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
@@ -117,7 +117,7 @@ def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
     masked = [i for i in range(len(run.names)) if run.project.masks.of(i)]
     if not masked:
         return None
-    found = list(each(run, folder, _MASKED, masked))
+    found = list(run_pieces(run, folder, _MASKED, masked))
     faults = [share for share in found if isinstance(share, str)]
     if faults:
         raise ImageError("\n".join(dict.fromkeys(faults)))
@@ -135,7 +135,7 @@ def _detect(work: StageWork, index: int) -> int:
     return len(read_record(path, Features))
 
 
-_DETECTED = Kind(stage_work, _detect)
+_DETECTED = PieceType(stage_work, _detect)
 
 
 def _words(summary: FeaturesSummary) -> str:

@@ -14,7 +14,7 @@ from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
 from photogram.pipeline.stages.features import NOT_NEEDED, coarseness_of
 from photogram.pipeline.store.dependence import starts_from_tie_points
-from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
+from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
 from photogram.sfm.tie_points.matching import MATCHERS, match_pair
@@ -59,7 +59,7 @@ def select_photograph_pairs(run: Run, folder: Path) -> SelectedPairs:
 
     def verified(pairs: Pairs) -> list[bool]:
         with threadpool_limits(1, "blas"):
-            return list(each(run, folder, _VERIFIED, [(used[i], used[j]) for i, j in pairs]))
+            return list(run_pieces(run, folder, _VERIFIED, [(used[i], used[j]) for i, j in pairs]))
 
     selected = with_ground_depth(photographs, block.cameras, settings, selected, verified)
     return replace(selected, pairs=tuple((used[i], used[j]) for i, j in selected.pairs))
@@ -108,7 +108,7 @@ def _verified(work: StageWork, pair: tuple[int, int]) -> bool:
     return bool(_matched(work[0], pair)[1].any())
 
 
-_VERIFIED = Kind(stage_work, _verified)
+_VERIFIED = PieceType(stage_work, _verified)
 
 
 def _match(work: StageWork, pair: tuple[int, int]) -> bool:
@@ -121,14 +121,14 @@ def _match(work: StageWork, pair: tuple[int, int]) -> bool:
     return bool(read_arrays(path)["verified"].any())
 
 
-_MATCHED = Kind(stage_work, _match)
+_MATCHED = PieceType(stage_work, _match)
 
 
 def match_photographs(run: Run, folder: Path, progress: Progress) -> MatchesSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
     pairs, verified = run.selected_pairs(), 0
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
-        for done, ((i, j), found) in enumerate(zip(pairs, each(run, folder, _MATCHED, pairs), strict=True)):
+        for done, ((i, j), found) in enumerate(zip(pairs, run_pieces(run, folder, _MATCHED, pairs), strict=True)):
             verified += found
             progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
     write_json(folder / "pairs.json", pairs)

@@ -26,7 +26,7 @@ from photogram.pipeline.store.dependence import (
     orientation_as_made,
     orientation_settings,
 )
-from photogram.pipeline.store.pieces import Kind, each
+from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION_FILE, PLACED_BY, Run, mask_file
 from photogram.pipeline.store.stored_results import GeoreferencedBy, starting_poses
 from photogram.project.rigs.entries import bands_of
@@ -218,7 +218,7 @@ def _search(transfer: _Transfer, index: int) -> Found:
     return Found(np.concatenate([found.point, beside.point]), np.concatenate([found.pixel, beside.pixel]))
 
 
-_SEARCHED = Kind(_Transfer.read, _search)
+_SEARCHED = PieceType(_Transfer.read, _search)
 
 
 def mask_sky(run: Run, folder: Path, orientation: Orientation, progress: Progress) -> TransferSummary:
@@ -267,7 +267,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> TransferS
     if run.pool is not None:
         transfer.write(folder)
     found = []
-    for index, places in enumerate(each(run, folder, _SEARCHED, range(len(run.names)), state=transfer)):
+    for index, places in enumerate(run_pieces(run, folder, _SEARCHED, range(len(run.names)), state=transfer)):
         found.append(places)
         progress(index + 1, len(run.names), run.names[index])
     if run.pool is not None:

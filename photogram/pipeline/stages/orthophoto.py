@@ -56,7 +56,7 @@ from photogram.surface.ortho.orthophoto import (
     ForcedOf,
     Orthophoto,
     chosen_orthophoto,
-    rated_looks,
+    scored_samples,
 )
 from photogram.surface.ortho.outline import (
     SeamPolygon,
@@ -67,7 +67,7 @@ from photogram.surface.ortho.outline import (
     views_in_blocks,
 )
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
-from photogram.surface.ortho.visibility import Surface
+from photogram.surface.ortho.visibility import WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 from photogram.wording import Progress, some, things
@@ -136,9 +136,9 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
         progress(0, 0, "seams and exposure")
         settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
         masks = masks_of(run, views)
-        looks = rated_looks(views, block.frame, surface, run.executor, settings, forced=edited, masks=masks)
-        samples = looked_at(run, folder, scratch, looks, pixels_of)
-        orthophoto = chosen_orthophoto(looks, samples, settings, camera)
+        block_samples = scored_samples(views, block.frame, surface, run.executor, settings, forced=edited, masks=masks)
+        samples = looked_at(run, folder, scratch, block_samples, pixels_of)
+        orthophoto = chosen_orthophoto(block_samples, samples, settings, camera)
         grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
         rim = rim_of(seams.looks, seams.label >= 0, blocks)
         if rim is None:
@@ -172,7 +172,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     return {**size, "cells": shown, "transparent": inside - shown - masked, **summary(orthophoto)}
 
 
-def closed_surface_of(run: Run, scratch: Path) -> Surface:
+def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:
     """Return the surface of the run as orthophotos need it, made in a folder that outlives it."""
     matching = MatchedHeights.of(run) if matched(run) else None
     whole = None if matching is not None else StoredSurface(run).heights()

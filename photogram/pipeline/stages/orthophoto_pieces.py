@@ -18,15 +18,15 @@ from photogram.files.records import read_record, write_record
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores, memory_bytes
 from photogram.pipeline.stages.surface_frame import made_frame
-from photogram.pipeline.store.pieces import Kind, each
+from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import GridFile
+from photogram.surface.ortho.block_samples import BlockSamples, seen_cells
 from photogram.surface.ortho.colour_balance import Balance
-from photogram.surface.ortho.looks import Looks, seen_cells
 from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.orthophoto import HELD_BYTES, LEAST_HELD, TILE_CELLS, Orthophoto, plain_blocks
 from photogram.surface.ortho.seamlines import Lattice, Seams
-from photogram.surface.ortho.visibility import Surface, Terrain
+from photogram.surface.ortho.visibility import SurfaceModel, WindowedSurface
 from photogram.surface.views import Views
 
 CLOSED_HEIGHT, CLOSED_SIGMA = "height.f32", "closed_sigma.f32"
@@ -88,24 +88,30 @@ def masks_of(run: Run, views: Views) -> Masks | None:
     return Masks(masked, lambda view: run.mask(int(views.photograph[view]))) if masked.any() else None
 
 
-def surface_in(scratch: Path, grid: MapGrid) -> Surface:
+def surface_in(scratch: Path, grid: MapGrid) -> WindowedSurface:
     """Return the closed surface that lies in a scratch folder."""
-    return Surface(grid, GridFile(scratch / CLOSED_HEIGHT, grid).read, GridFile(scratch / CLOSED_SIGMA, grid).read)
+    return WindowedSurface(
+        grid, GridFile(scratch / CLOSED_HEIGHT, grid).read, GridFile(scratch / CLOSED_SIGMA, grid).read
+    )
 
 
 def looked_at(
-    run: Run, folder: Path, scratch: Path, looks: Looks, pixels_of: HeldPhotographs
+    run: Run, folder: Path, scratch: Path, block_samples: BlockSamples, pixels_of: HeldPhotographs
 ) -> list[tuple[IntArray, FloatArray]]:
     """Look at every photograph, and return the colours of each at the places where they are compared."""
     if run.pool is None:
-        return list(run.executor.map(lambda view: looks.at(view, pixels_of(view)), range(len(looks.views))))
-    write_json(scratch / _GRIDS, {"surface": asdict(looks.terrain.grid), "orthophoto": asdict(looks.grid)})
-    lattice = looks.lattice
+        return list(
+            run.executor.map(lambda view: block_samples.at(view, pixels_of(view)), range(len(block_samples.views)))
+        )
+    write_json(
+        scratch / _GRIDS, {"surface": asdict(block_samples.terrain.grid), "orthophoto": asdict(block_samples.grid)}
+    )
+    lattice = block_samples.lattice
     write_arrays(scratch / _LATTICE, {name: np.asarray(getattr(lattice, name)) for name in _WHOLE})
     colours = []
-    for view, name in enumerate(each(run, folder, _LOOKS, range(len(looks.views)))):
+    for view, name in enumerate(run_pieces(run, folder, _BLOCK_SAMPLES, range(len(block_samples.views)))):
         found = read_arrays(scratch / name)
-        looks.take(view, found)
+        block_samples.take(view, found)
         colours.append((found["place"], found["colour"]))
         (scratch / name).unlink()
     return colours
@@ -122,7 +128,7 @@ def tiles_of(
     write_record(scratch / _BALANCE, orthophoto.balance)
     write_json(scratch / "colours.json", [orthophoto.feather_cells, orthophoto.highlights])
     squares = list(orthophoto.grid.tiles(TILES_ALONG * TILE_CELLS))
-    for square, name in zip(squares, each(run, folder, _SQUARES, squares), strict=True):
+    for square, name in zip(squares, run_pieces(run, folder, _SQUARES, squares), strict=True):
         made = read_arrays(scratch / name)["rgba"]
         (scratch / name).unlink()
         for window in _tiles_in(square):
@@ -154,25 +160,25 @@ class _Elsewhere:
         block = made_frame(run).block()
         self.grid, self.frame, self.views = MapGrid(**grids["orthophoto"]), block.frame, Views.of(block)
         surface = surface_in(self.scratch, MapGrid(**grids["surface"]))
-        self.terrain = Terrain.under(self.views, self.frame, surface)
+        self.terrain = SurfaceModel.under(self.views, self.frame, surface)
         self.pixels_of = HeldPhotographs.of(run, self.views, share=cores())
         self.masks = masks_of(run, self.views)
 
 
-def _looks(run: Run, folder: Path) -> tuple[_Elsewhere, Looks]:
+def _block_samples(run: Run, folder: Path) -> tuple[_Elsewhere, BlockSamples]:
     here = _Elsewhere(run, folder)
     arrays = read_arrays(here.scratch / _LATTICE)
     block, candidate, cost, height, sample, centre, looks = (arrays[name] for name in _WHOLE)
     lattice = Lattice.unseen(int(block), candidate, cost, height, sample, centre, looks)
-    return here, Looks.of(here.views, here.frame, here.terrain, here.grid, lattice, here.masks)
+    return here, BlockSamples.of(here.views, here.frame, here.terrain, here.grid, lattice, here.masks)
 
 
-def _look(prepared: tuple[_Elsewhere, Looks], view: int) -> str:
+def _sample_blocks(prepared: tuple[_Elsewhere, BlockSamples], view: int) -> str:
     """Look at a photograph, and return the file that says what was seen."""
-    here, looks = prepared
+    here, block_samples = prepared
     name = f"look{view:05d}.npz"
-    place, colour = looks.at(view, here.pixels_of(view))
-    write_arrays(here.scratch / name, {"place": place, "colour": colour, **looks.of_view(view)})
+    place, colour = block_samples.at(view, here.pixels_of(view))
+    write_arrays(here.scratch / name, {"place": place, "colour": colour, **block_samples.of_view(view)})
     return name
 
 
@@ -199,5 +205,5 @@ def _square(prepared: tuple[_Elsewhere, Orthophoto], square: Window) -> str:
     return name
 
 
-_LOOKS = Kind(_looks, _look)
-_SQUARES = Kind(_orthophoto, _square)
+_BLOCK_SAMPLES = PieceType(_block_samples, _sample_blocks)
+_SQUARES = PieceType(_orthophoto, _square)

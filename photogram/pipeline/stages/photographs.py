@@ -20,7 +20,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Memory, Rate
 from photogram.pipeline.store.dependence import photographs_as_made, photographs_settings, placing_fingerprint
-from photogram.pipeline.store.pieces import Kind, StageWork, each, stage_work
+from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
 from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
 from photogram.pipeline.store.stored_results import write_measured
 from photogram.project.measured.measured_block import (
@@ -66,7 +66,7 @@ def _decode(work: StageWork, index: int) -> tuple[PhotographNote, PhotographTags
         return str(fault)
 
 
-_DECODED = Kind(stage_work, _decode)
+_DECODED = PieceType(stage_work, _decode)
 
 
 def _withdraw_position(note: PhotographNote) -> None:
@@ -138,7 +138,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
     """
     photographs = run.project.photographs
     notes, tags, faults = list[PhotographNote](), list[PhotographTags](), list[str]()
-    for done, found in enumerate(each(run, folder, _DECODED, range(len(photographs))), 1):
+    for done, found in enumerate(run_pieces(run, folder, _DECODED, range(len(photographs))), 1):
         if isinstance(found, str):
             faults.append(found)
         else:

@@ -36,7 +36,7 @@ from photogram.pipeline.stages.no_surface import LEFT_OUT
 from photogram.pipeline.stages.stored_surface import PLANE, StoredSurface
 from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame, made_frame
 from photogram.pipeline.store.dependence import starts_from_tie_points, surface_settings
-from photogram.pipeline.store.pieces import Kind, each
+from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
@@ -51,14 +51,22 @@ from photogram.surface.dsm import (
     WATER,
     SharedError,
     filled_heights,
-    kept_heights,
+    filtered_heights,
     rough_heights,
     shared_error,
     surface_sigma_m,
 )
 from photogram.surface.dtm import terrain_from_surface
 from photogram.surface.islands import REACH_CELLS, without_islands
-from photogram.surface.levels import HALF, SURE_SHARE, LevelHeights, confirmed, margin_cells, surface_of_levels, told_by
+from photogram.surface.levels import (
+    HALF,
+    SURE_SHARE,
+    LevelHeights,
+    agreed_level,
+    confirmed,
+    margin_cells,
+    surface_of_levels,
+)
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.surface.water import (
     CELLS,
@@ -189,7 +197,7 @@ class MatchedHeights:
                 kept(height, sigma, correlation, rays, seen, at_m, least)[at], sigma[at], correlation[at], rays[at],
                 seen[at], cells, window.row, window.column,
             )
-            for kept in (kept_heights, rough_heights)
+            for kept in (filtered_heights, rough_heights)
         )  # fmt: skip
         return smooth, rough
 
@@ -234,7 +242,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
     modelling = _Modelling.of(heights, site, folder)
     store, counts = modelling.store, np.zeros(len(SOURCES), np.int64)
     tiles = [(window, least, reach) for window in store.windows]
-    for done, count in enumerate(each(run, folder, _TILES, tiles, state=modelling), 1):
+    for done, count in enumerate(run_pieces(run, folder, _TILES, tiles, state=modelling), 1):
         counts += count
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     water: SurfaceSummary = {}
@@ -302,7 +310,7 @@ def _make_tile(modelling: _Modelling, item: tuple[Window, Mapping[int, float], i
     return np.bincount(made.source.ravel(), minlength=len(SOURCES))
 
 
-_TILES = Kind(_Modelling.read, _make_tile)
+_TILES = PieceType(_Modelling.read, _make_tile)
 
 
 def _found_water(run: Run, modelling: _Modelling) -> Water:
@@ -374,8 +382,8 @@ def _tile(
     ]
     kept = [level for level, _ in both]
     if len(kept) > 1:
-        kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), told_by(kept[-1], SURE_SHARE)]
-    rough = [told_by(level, HALF) for _, level in both[1:]]
+        kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), agreed_level(kept[-1], SURE_SHARE)]
+    rough = [agreed_level(level, HALF) for _, level in both[1:]]
     found = without_islands(surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m), grid.cell_m)
     filled = filled_heights(found.height_m, grid.cell_m, reach)
     known = np.isfinite(found.height_m)

@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 from photogram.errors import PhotogramError, WorkspaceError
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.work_orders import commission, highest_memory_bytes, issued, prepared
+from photogram.pipeline.store.work_orders import highest_memory_bytes, prepared, remote_run, written_order
 
 StateT = TypeVar("StateT")
 ItemT = TypeVar("ItemT")
@@ -35,7 +35,7 @@ PATIENCE_S = 20.0
 
 
 @dataclass(frozen=True)
-class Kind(Generic[StateT, ItemT, ResultT]):
+class PieceType(Generic[StateT, ItemT, ResultT]):
     """A kind of pieces: ``prepare`` what they all need, ``do`` one of them. Both are functions of modules, and items
     and results are small and can be pickled."""
 
@@ -51,10 +51,10 @@ def stage_work(run: Run, folder: Path) -> StageWork:
     return run, folder
 
 
-def each(
+def run_pieces(
     run: Run,
     folder: Path,
-    kind: Kind[StateT, ItemT, ResultT],
+    kind: PieceType[StateT, ItemT, ResultT],
     items: Iterable[ItemT],
     *,
     state: StateT | None = None,
@@ -72,7 +72,7 @@ def each(
         shared = kind.prepare(run, folder) if state is None else state
         yield from _in_order(lambda item: run.executor.submit(kind.do, shared, item), listed, at_once or AHEAD, None)
         return
-    order = issued(run, folder)
+    order = written_order(run, folder)
     most = max(AHEAD, 4 * pool.size)
     if at_once is not None and pool.here:
         most = min(most, at_once)
@@ -81,10 +81,10 @@ def each(
         yield result
 
 
-def _done(order: WorkOrder, kind: Kind[StateT, ItemT, ResultT], item: ItemT) -> tuple[ResultT, int | None]:
+def _done(order: WorkOrder, kind: PieceType[StateT, ItemT, ResultT], item: ItemT) -> tuple[ResultT, int | None]:
     """Do a piece in this process, which has nothing but the order, and return with its result the most memory taken."""
     try:
-        kept = commission(order)
+        kept = remote_run(order)
         return kind.do(prepared(kept, kind.prepare), item), highest_memory_bytes()
     except PhotogramError:
         raise

@@ -93,7 +93,7 @@ def check_pool(run: Run) -> None:
 
 
 @contextmanager
-def ordered(run: Run, folder: Path) -> Iterator[None]:
+def open_order(run: Run, folder: Path) -> Iterator[None]:
     """Let the processes of a run's pool do pieces of the stage that works in ``folder`` while the block runs; without a
     pool nothing happens."""
     if run.pool is None:
@@ -108,7 +108,7 @@ def ordered(run: Run, folder: Path) -> Iterator[None]:
             order.note.unlink(missing_ok=True)
 
 
-def issued(run: Run, folder: Path) -> WorkOrder:
+def written_order(run: Run, folder: Path) -> WorkOrder:
     """Return the order of the stage that works in ``folder``, with its note written."""
     order = run.orders[folder]
     if not order.note.is_file():
@@ -118,7 +118,7 @@ def issued(run: Run, folder: Path) -> WorkOrder:
 
 
 @dataclass(frozen=True)
-class Commission:
+class RemoteRun:
     """An order as a process carries it out: its run, and what was prepared for its pieces, by the function that did."""
 
     order: WorkOrder
@@ -127,11 +127,11 @@ class Commission:
     closing: ExitStack = field(default_factory=ExitStack)
 
 
-_open: dict[str, Commission] = {}
+_open: dict[str, RemoteRun] = {}
 _lock = Lock()
 
 
-def commission(order: WorkOrder) -> Commission:
+def remote_run(order: WorkOrder) -> RemoteRun:
     """Return the order of a stage as this process carries it out, opened once. Raises WorkspaceError where the work
     folder is not there, the order has ended, the project file has changed, or the programs are of other versions."""
     with _lock:
@@ -147,8 +147,8 @@ def commission(order: WorkOrder) -> Commission:
         return found
 
 
-def prepared(kept: Commission, prepare: Any) -> Any:  # noqa: ANN401 - whatever the kind of pieces needs
-    """Return what ``prepare`` makes of a commission's run and folder, once in this process while pieces need it."""
+def prepared(kept: RemoteRun, prepare: Any) -> Any:  # noqa: ANN401 - whatever the kind of pieces needs
+    """Return what ``prepare`` makes of a remote run and its folder, once in this process while pieces need it."""
     with _lock:
         if prepare not in kept.prepared:
             kept.prepared.clear()  # a stage does one kind of pieces after the other
@@ -173,7 +173,7 @@ def _ended(order: WorkOrder) -> WorkspaceError:
     return not_seen([str(order.note)], place())
 
 
-def _opened(order: WorkOrder) -> Commission:
+def _opened(order: WorkOrder) -> RemoteRun:
     if not order.note.is_file() or not order.folder.is_dir():
         raise _ended(order)
     note = read_json(order.note)
@@ -198,7 +198,7 @@ def _opened(order: WorkOrder) -> Commission:
             raise _ended(order)
 
     closing.enter_context(journalled(order.folder, own_journal(f"{socket.gethostname()}-{os.getpid()}"), still_ordered))
-    return Commission(order, run, closing=closing)
+    return RemoteRun(order, run, closing=closing)
 
 
 def other_programs(different: str, where: str) -> WorkspaceError:

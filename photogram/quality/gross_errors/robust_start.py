@@ -155,7 +155,7 @@ def _thinned(problem: Problem) -> Problem:
     return problem if thin <= 1 else problem.with_tie_observations(problem.tie.select(problem.tie.point % thin == 0))
 
 
-def grossly_off(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Hypothesis]:
+def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Hypothesis]:
     """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (12,) of the cameras
     to start from, where they are not the given ones.
 

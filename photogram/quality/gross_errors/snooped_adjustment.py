@@ -34,7 +34,7 @@ from photogram.quality.gross_errors.data_snooping import (
     without,
 )
 from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
-from photogram.quality.gross_errors.robust_start import grossly_off
+from photogram.quality.gross_errors.robust_start import gross_suspects
 from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.results import Adjustment, EstimatedSigmas, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
@@ -138,7 +138,7 @@ def _explained(
 ) -> tuple[Search, Adjustment | None]:
     """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
     blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
-    gross, whole, found = _looked_for(lambda: grossly_off(block, settings, start)), None, []
+    gross, whole, found = _looked_for(lambda: gross_suspects(block, settings, start)), None, []
     fault: PhotogramError | None = None
     if settings.estimate_sigmas and not gross:
         estimated = _looked_at(block, (), common.estimate)

@@ -17,20 +17,20 @@ from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.lattice import (
     TERMS,
-    Box,
+    CellWindow,
     Crops,
-    Ground,
-    Room,
+    GroundCells,
+    Scratch,
     fill_lattice,
     fill_part,
     fill_places,
     fill_plan,
     nodes_of,
-    room_for_samples,
     sample_lattice,
+    scratch_for_samples,
 )
 from photogram.surface.dense.semi_global import FULL_COST
-from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, room_for_sums
+from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, scratch_for_sums
 
 NEUTRAL = FULL_COST // 2
 """Cost of a hypothesis without any correlation, and of one that fewer than two photographs see."""
@@ -80,7 +80,7 @@ class _Layer(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def room_for_agreement(most: int, cells: int) -> Agreement:
+def scratch_for_agreement(most: int, cells: int) -> Agreement:
     """Return room for the agreement of ``most`` views on up to ``cells`` cells."""
     return Agreement(
         np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.float32),
@@ -95,7 +95,7 @@ def share_of(count: int, share: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def views_of_patch(ground: Ground, box: Box, out: IntArray) -> int:
+def views_of_patch(ground: GroundCells, box: CellWindow, out: IntArray) -> int:
     """Fill ``out`` with the views in which the cells of a patch are looked up; returns how many."""
     seen = 0
     for v in ground.views[box.row // ground.patch, box.column // ground.patch]:
@@ -189,18 +189,18 @@ def fill_agreement(pairs: Float32Array, share: float, found: Agreement) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _box_of(tried: Hypotheses, patch: Box, k: int) -> Box:
+def _box_of(tried: Hypotheses, patch: CellWindow, k: int) -> CellWindow:
     """Return the cells of a patch around all that have the hypothesis ``k``; no rows where none has."""
     top, bottom, left, right = patch.row + patch.rows, -1, patch.column + patch.columns, -1
     for r in range(patch.row, patch.row + patch.rows):
         for c in range(patch.column, patch.column + patch.columns):
             if 0 <= k - tried.first[r, c] < tried.number[r, c]:
                 top, bottom, left, right = min(top, r), max(bottom, r), min(left, c), max(right, c)
-    return Box(top, left, max(bottom - top + 1, 0), max(right - left + 1, 0))
+    return CellWindow(top, left, max(bottom - top + 1, 0), max(right - left + 1, 0))
 
 
 @njit(cache=True, nogil=True)
-def _range_of(tried: Hypotheses, patch: Box) -> tuple[int, int]:
+def _range_of(tried: Hypotheses, patch: CellWindow) -> tuple[int, int]:
     """Return the lowest hypothesis of a patch's cells, and the one after the highest."""
     low, high = 1 << 30, -(1 << 30)
     for r in range(patch.row, patch.row + patch.rows):
@@ -211,7 +211,7 @@ def _range_of(tried: Hypotheses, patch: Box) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreement, cost: ByteArray) -> None:
+def _fill_layer(tried: Hypotheses, box: CellWindow, k: int, width: int, found: Agreement, cost: ByteArray) -> None:
     """Fill the costs of hypothesis ``k`` in a box from the agreement on it."""
     for r in range(box.rows):
         for c in range(box.columns):
@@ -225,12 +225,12 @@ def _fill_layer(tried: Hypotheses, box: Box, k: int, width: int, found: Agreemen
 @njit(inline="always")
 def _fill_patch(
     crops: Crops,
-    ground: Ground,
+    ground: GroundCells,
     window: Window,
     tried: Hypotheses,
-    patch: Box,
+    patch: CellWindow,
     views: IntArray,
-    rooms: tuple[_Layer, Room, Sums, Agreement],
+    rooms: tuple[_Layer, Scratch, Sums, Agreement],
     cost: ByteArray,
 ) -> None:
     """Fill the costs of all hypotheses of a patch."""
@@ -270,7 +270,7 @@ def _fill_patch(
 
 
 @njit(cache=True, nogil=True)
-def fill_costs(crops: Crops, ground: Ground, window: Window, tried: Hypotheses, cost: ByteArray) -> None:
+def fill_costs(crops: Crops, ground: GroundCells, window: Window, tried: Hypotheses, cost: ByteArray) -> None:
     """Fill the costs of all hypotheses, 0 for perfect agreement, NEUTRAL for none."""
     rows, columns = tried.surface.shape
     most, m = ground.views.shape[2], ground.per_cell
@@ -281,11 +281,11 @@ def fill_costs(crops: Crops, ground: Ground, window: Window, tried: Hypotheses, 
         np.zeros(m * m * cells, np.float32), np.zeros(most * m * m * cells, np.float32),
         np.zeros(most * most * cells, np.float32),
     )  # fmt: skip
-    rooms = (layer, room_for_samples(cells), room_for_sums(most, m, cells), room_for_agreement(most, cells))
+    rooms = (layer, scratch_for_samples(cells), scratch_for_sums(most, m, cells), scratch_for_agreement(most, cells))
     views = np.empty(most, np.int64)
     for row in range(0, rows, ground.patch):
         for column in range(0, columns, ground.patch):
-            patch = Box(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
+            patch = CellWindow(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
             seen = views_of_patch(ground, patch, views)
             if seen >= 2:
                 _fill_patch(crops, ground, window, tried, patch, views[:seen], rooms, cost)

@@ -42,7 +42,7 @@ class Crops(NamedTuple):
     scale: float
 
 
-class Ground(NamedTuple):
+class GroundCells(NamedTuple):
     """The cells of a block: vertical lines ``foot`` and ``up`` (rows, columns, 3), the steps ``east`` and ``south``
     (3,) to the next cell, the places of the lattice ``per_cell`` along its side, and ``views`` (rows / patch, columns /
     patch, N): in which views the cells of a patch of ``patch`` × ``patch`` cells are matched, −1 for none."""
@@ -56,7 +56,7 @@ class Ground(NamedTuple):
     patch: int
 
 
-class Box(NamedTuple):
+class CellWindow(NamedTuple):
     """Cells ``row`` to ``row`` + ``rows`` and ``column`` to ``column`` + ``columns`` of a block."""
 
     row: int
@@ -65,7 +65,7 @@ class Box(NamedTuple):
     columns: int
 
 
-class Nodes(NamedTuple):
+class LatticeNodes(NamedTuple):
     """What places of a patch are counted from: rows and columns from cell (``row``, ``column``) in ``row_reach`` and
     ``column_reach`` cells, heights from ``height`` in ``height_reach`` m, each −1 to 1 over the patch."""
 
@@ -77,7 +77,7 @@ class Nodes(NamedTuple):
     height_reach: float
 
 
-class Room(NamedTuple):
+class Scratch(NamedTuple):
     """Room (n,) in which samples are computed: where they lie in plan, the pixel to the north-west, and how far they
     lie beyond it."""
 
@@ -89,9 +89,9 @@ class Room(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def room_for_samples(cells: int) -> Room:
+def scratch_for_samples(cells: int) -> Scratch:
     """Return room for patches of up to ``cells`` places in a phase."""
-    return Room(
+    return Scratch(
         np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.int32),
         np.zeros(cells, np.float32), np.zeros(cells, np.float32),
     )  # fmt: skip
@@ -128,10 +128,10 @@ def nearest_views(
 
 
 @njit(cache=True, nogil=True)
-def nodes_of(box: Box, reach: float, low_m: float, high_m: float) -> Nodes:
+def nodes_of(box: CellWindow, reach: float, low_m: float, high_m: float) -> LatticeNodes:
     """Return what places up to ``reach`` cells around a box, at heights from ``low_m`` to ``high_m``, count from."""
     row_reach, column_reach = 0.5 * (box.rows - 1) + reach, 0.5 * (box.columns - 1) + reach
-    return Nodes(
+    return LatticeNodes(
         box.row + 0.5 * (box.rows - 1), box.column + 0.5 * (box.columns - 1), row_reach, column_reach,
         0.5 * (low_m + high_m), max(0.5 * (high_m - low_m), 1e-3),
     )  # fmt: skip
@@ -143,7 +143,7 @@ vt², v². The others are below a hundredth of a pixel over a patch."""
 
 
 @njit(cache=True, nogil=True)
-def fill_places(crops: Crops, ground: Ground, nodes: Nodes, view: int, out: Float32Array) -> None:
+def fill_places(crops: Crops, ground: GroundCells, nodes: LatticeNodes, view: int, out: Float32Array) -> None:
     """Fill ``out`` (2, TERMS) with the coefficients of the places in a crop, x and y, as ``nodes`` count them; NaN
     where the view does not show all nodes."""
     rows, columns, _ = ground.foot.shape
@@ -181,7 +181,9 @@ def _to_powers(f: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def fill_lattice(surface: Float32Array, box: Box, per_cell: int, half: int, columns: int, out: Float32Array) -> None:
+def fill_lattice(
+    surface: Float32Array, box: CellWindow, per_cell: int, half: int, columns: int, out: Float32Array
+) -> None:
     """Fill ``out`` (per_cell², Y × ``columns``) with a surface (rows, columns of a block) on the lattice of a box and
     ``half`` places around it, bilinear between the cells."""
     rows, across = surface.shape[0], surface.shape[1]
@@ -201,7 +203,9 @@ def fill_lattice(surface: Float32Array, box: Box, per_cell: int, half: int, colu
 
 
 @njit(cache=True, nogil=True)
-def fill_part(whole: Float32Array, patch: Box, across: int, box: Box, columns: int, out: Float32Array) -> None:
+def fill_part(
+    whole: Float32Array, patch: CellWindow, across: int, box: CellWindow, columns: int, out: Float32Array
+) -> None:
     """Fill ``out`` (per_cell², Y × ``columns``) with the part of a lattice of a ``patch``, ``whole`` (per_cell², Y ×
     ``across``), that belongs to a box of it."""
     south, east = box.row - patch.row, box.column - patch.column
@@ -213,7 +217,7 @@ def fill_part(whole: Float32Array, patch: Box, across: int, box: Box, columns: i
 
 
 @njit(cache=True, nogil=True)
-def fill_plan(nodes: Nodes, box: Box, columns: int, room: Room, size: int) -> None:
+def fill_plan(nodes: LatticeNodes, box: CellWindow, columns: int, room: Scratch, size: int) -> None:
     """Fill ``room.east`` and ``room.south`` (``size``,) with the places (Y × ``columns``) of the first phase of the
     lattice of a box, as ``nodes`` count them, as if its windows began with its cells."""
     for y in range(size // columns + 1):
@@ -232,7 +236,7 @@ def _sample_phase(
     height: tuple[float, float],
     less: np.float32,
     surface: Float32Array,
-    room: Room,
+    room: Scratch,
     out: Float32Array,
 ) -> None:
     """Fill ``out`` (n,) with what a crop of ``size`` shows of the places (n,) of ``room``, shifted to the east and to
@@ -270,12 +274,12 @@ def sample_lattice(
     crops: Crops,
     view: int,
     places: Float32Array,
-    nodes: Nodes,
+    nodes: LatticeNodes,
     half: int,
     per_cell: int,
     surface: Float32Array,
     above_m: float,
-    room: Room,
+    room: Scratch,
     out: Float32Array,
 ) -> None:
     """Fill ``out`` (per_cell², n) with what a view shows of the lattice of the box of `fill_plan` and ``half`` places
@@ -300,7 +304,7 @@ def sample_lattice(
 
 
 @njit(cache=True, nogil=True)
-def grey_of_cells(crops: Crops, ground: Ground, surface: Float32Array, out: Float32Array) -> None:
+def grey_of_cells(crops: Crops, ground: GroundCells, surface: Float32Array, out: Float32Array) -> None:
     """Fill ``out`` (rows, columns) with the grey values of a surface (m over the base), each in the first of its views;
     0 where that does not show it."""
     rows, columns = surface.shape

@@ -26,24 +26,24 @@ from photogram.surface.dense.correlation import (
     LEFT_OUT,
     Agreement,
     fill_agreement,
-    room_for_agreement,
+    scratch_for_agreement,
     views_of_patch,
 )
 from photogram.surface.dense.lattice import (
     TERMS,
-    Box,
+    CellWindow,
     Crops,
-    Ground,
-    Nodes,
-    Room,
+    GroundCells,
+    LatticeNodes,
+    Scratch,
     fill_lattice,
     fill_places,
     fill_plan,
     nodes_of,
-    room_for_samples,
     sample_lattice,
+    scratch_for_samples,
 )
-from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, room_for_sums
+from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, scratch_for_sums
 
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""
@@ -94,22 +94,22 @@ class _Patch(NamedTuple):
     as ``nodes``; the ``surface`` (per_cell², …) on the lattice, and how many of its places lie on the same surface as
     the cell in the middle of a window, ``supported`` (n,)."""
 
-    box: Box
+    box: CellWindow
     width: int
     views: IntArray
     places: Float32Array
-    nodes: Nodes
+    nodes: LatticeNodes
     surface: Float32Array
     supported: Float32Array
 
 
-class _Rooms(NamedTuple):
+class _Scratch(NamedTuple):
     """Room to work in: as the functions name it; ``partly`` (K, side²) for one window, ``which`` (side²,) its
     samples, ``middle``, ``east`` and ``south`` (cells,) the planes of windows."""
 
     samples: Float32Array
     pairs: Float32Array
-    plan: Room
+    plan: Scratch
     sums: Sums
     found: Agreement
     partly: Float32Array
@@ -151,7 +151,7 @@ def _count_support(
 
 
 @njit(inline="always")
-def _fill_supported(patch: _Patch, start: InitialHeights, per_cell: int, half: int, rooms: _Rooms) -> None:
+def _fill_supported(patch: _Patch, start: InitialHeights, per_cell: int, half: int, rooms: _Scratch) -> None:
     """Fill how many samples of the window of each cell lie within the tolerance of its plane.
 
     Where they are fewer than a third, the surface says nothing, and all are taken.
@@ -176,7 +176,9 @@ def _fill_supported(patch: _Patch, start: InitialHeights, per_cell: int, half: i
 
 
 @njit(cache=True, nogil=True)
-def _find_support(patch: _Patch, k: int, start: InitialHeights, per_cell: int, half: int, rooms: _Rooms) -> Int32Array:
+def _find_support(
+    patch: _Patch, k: int, start: InitialHeights, per_cell: int, half: int, rooms: _Scratch
+) -> Int32Array:
     """Return which samples of the lattice lie in the window of cell ``k`` and on its surface."""
     side, m, size, many, lattice = 2 * half + 1, per_cell, patch.surface.shape[1], 0, patch.surface.ravel()
     middle, east, south = rooms.middle[k], rooms.east[k], rooms.south[k]
@@ -243,7 +245,7 @@ def _fill_partly(
 
 @njit(inline="always")
 def _fill_pairs(
-    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, widely: bool, rooms: _Rooms
+    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, widely: bool, rooms: _Scratch
 ) -> Float32Array:
     """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
     ``widely`` at the others; returns all of these (5, K, K, n)."""
@@ -314,7 +316,7 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
 
 @njit(inline="always")
 def _refine_patch(
-    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, rooms: _Rooms, using: IntArray,
+    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, rooms: _Scratch, using: IntArray,
     found: Refined,
 ) -> None:  # fmt: skip
     """Fill the heights of a patch."""
@@ -350,18 +352,18 @@ def _refine_patch(
 
 
 @njit(inline="always")
-def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Rooms:
+def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Scratch:
     """Return room for patches of up to ``cells`` places in a phase and windows of ``whole`` samples."""
-    return _Rooms(
+    return _Scratch(
         np.zeros(5 * most * per_cell * per_cell * cells, np.float32), np.zeros(5 * most * most * cells, np.float32),
-        room_for_samples(cells), room_for_sums(most, per_cell, cells), room_for_agreement(most, cells),
+        scratch_for_samples(cells), scratch_for_sums(most, per_cell, cells), scratch_for_agreement(most, cells),
         np.zeros((most, whole), np.float32), np.zeros(whole, np.int32), np.zeros(cells, np.float32),
         np.zeros(cells, np.float32), np.zeros(cells, np.float32),
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def refine_heights(crops: Crops, ground: Ground, window: Window, start: InitialHeights, found: Refined) -> None:
+def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: InitialHeights, found: Refined) -> None:
     """Fill heights to a fraction of a hypothesis.
 
     Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near
@@ -378,7 +380,7 @@ def refine_heights(crops: Crops, ground: Ground, window: Window, start: InitialH
     found.height[:], found.sigma[:], found.correlation[:], found.rays[:] = np.nan, np.nan, 0.0, 0
     for row in range(0, rows, ground.patch):
         for column in range(0, columns, ground.patch):
-            box = Box(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
+            box = CellWindow(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
             seen, width = views_of_patch(ground, box, views), box.columns + more
             if seen < 2:
                 continue

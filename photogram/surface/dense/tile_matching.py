@@ -25,7 +25,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
 from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
-from photogram.surface.dense.lattice import Crops, Ground, grey_of_cells, places_per_cell
+from photogram.surface.dense.lattice import Crops, GroundCells, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
@@ -169,7 +169,7 @@ def match_block(
         nothing = _nothing(block.shape)
         return Found(nothing.height_m, nothing.correlation, nothing if refined else None)
     east, south = cell_steps(scene.frame, level.grid)
-    ground = Ground(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
+    ground = GroundCells(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
     crops = _crops(scene, lines, views, prior, level.reduction)
     start, agreement = _regularised(crops, ground, prior, level, settings)
     heights = _refined(crops, ground, start, prior.surface, level, settings).part(*inner) if refined else None
@@ -181,7 +181,7 @@ def _nothing(shape: tuple[int, int]) -> Heights:
     return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
 
 
-def _seen(ground: Ground, shape: tuple[int, int]) -> ByteArray:
+def _seen(ground: GroundCells, shape: tuple[int, int]) -> ByteArray:
     """Return in how many photographs each cell is looked up."""
     count = (ground.views >= 0).sum(axis=2).astype(np.uint8)
     return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
@@ -271,7 +271,7 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
 
 
 def _regularised(
-    crops: Crops, ground: Ground, prior: Prior, level: Level, settings: DenseSettings
+    crops: Crops, ground: GroundCells, prior: Prior, level: Level, settings: DenseSettings
 ) -> tuple[Float32Array, Float32Array]:
     """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
     elsewhere, and its correlation."""
@@ -295,14 +295,19 @@ def _regularised(
     return along + best * np.float32(level.step_m), 1.0 - own / np.float32(NEUTRAL)
 
 
-def _window(half: int, level: Level, ground: Ground, settings: DenseSettings) -> Samples:
+def _window(half: int, level: Level, ground: GroundCells, settings: DenseSettings) -> Samples:
     """Return the window with the ground of ± ``half`` samples a pixel apart."""
     side = (2 * half + 1) * level.spacing * ground.per_cell
     return Samples(max(1, round((side - 1.0) / 2.0)), settings.noise_dn, settings.agreeing_share)
 
 
 def _refined(
-    crops: Crops, ground: Ground, height: Float32Array, elsewhere: Float32Array, level: Level, settings: DenseSettings
+    crops: Crops,
+    ground: GroundCells,
+    height: Float32Array,
+    elsewhere: Float32Array,
+    level: Level,
+    settings: DenseSettings,
 ) -> Heights:
     """Return heights to a fraction of a hypothesis, with their standard deviations; where there are none, windows reach
     to the heights ``elsewhere``."""

@@ -38,7 +38,7 @@ class Sums(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def room_for_sums(most: int, per_cell: int, cells: int) -> Sums:
+def scratch_for_sums(most: int, per_cell: int, cells: int) -> Sums:
     """Return room for patches of ``cells`` places in a phase, in ``most`` views."""
     return Sums(
         np.zeros(per_cell * cells, np.float32), np.zeros((most, cells), np.float32), np.zeros((most, cells), np.float32)

@@ -13,7 +13,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.sfm.tie_points.masked import clear_px
-from photogram.surface.ortho.visibility import Terrain, place_between
+from photogram.surface.ortho.visibility import SurfaceModel, place_between
 from photogram.surface.views import Views
 
 RESAMPLED_PX = 2.0
@@ -29,7 +29,7 @@ class Masks:
     masked: BoolArray
     of: Callable[[int], BoolArray | None]
 
-    def cells(self, views: Views, frame: LocalFrame, terrain: Terrain, view: int) -> BoolArray | None:
+    def cells(self, views: Views, frame: LocalFrame, terrain: SurfaceModel, view: int) -> BoolArray | None:
         """Return which cells of the box that a view shows of a terrain are masked in it, None without a mask: those
         whose colour any pixel that is left out would have a part in."""
         used, box = self.of(view) if self.masked[view] else None, terrain.shown[view]

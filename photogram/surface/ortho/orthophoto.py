@@ -25,6 +25,7 @@ from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.projection import OrientedCameras, ideal_point, lens_of, without_field
 from photogram.settings.settings import Default, Settings, Within
+from photogram.surface.ortho.block_samples import BlockSamples
 from photogram.surface.ortho.cell_choice import (
     EDGE_REACH,
     MIXED,
@@ -44,7 +45,6 @@ from photogram.surface.ortho.colour_balance import (
     highlight_curve,
     joined,
 )
-from photogram.surface.ortho.looks import Looks
 from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.resampling import Tone, add_photograph
 from photogram.surface.ortho.seamlines import (
@@ -58,8 +58,8 @@ from photogram.surface.ortho.seamlines import (
 from photogram.surface.ortho.visibility import (
     UNSURE_CELLS,
     SeenCells,
-    Surface,
-    Terrain,
+    SurfaceModel,
+    WindowedSurface,
 )
 from photogram.surface.views import Views
 from photogram.survey import Raster
@@ -102,7 +102,7 @@ class OrthophotoSettings(Settings):
     ] = None
 
 
-def _above_ground_m(views: Views, terrain: Terrain) -> FloatArray:
+def _above_ground_m(views: Views, terrain: SurfaceModel) -> FloatArray:
     """Return how high the views (V,) are over the ground below them, in m.
 
     Ground without a height counts with the mean of the heights there are.
@@ -117,7 +117,7 @@ def _above_ground_m(views: Views, terrain: Terrain) -> FloatArray:
     return np.asarray(terrain.position_map_m[:, 2] - ground)
 
 
-def orthophoto_grid(views: Views, terrain: Terrain, cell_m: float | None = None) -> MapGrid:
+def orthophoto_grid(views: Views, terrain: SurfaceModel, cell_m: float | None = None) -> MapGrid:
     """Return the grid of an orthophoto over all of the surface that has heights.
 
     Raises SurfaceError where no photograph is above the surface.
@@ -145,7 +145,7 @@ class Orthophoto:
 
     views: Views
     frame: LocalFrame
-    terrain: Terrain
+    terrain: SurfaceModel
     grid: MapGrid
     seams: Seams
     balance: Balance
@@ -243,7 +243,7 @@ def _grouped(grid: MapGrid, side: int) -> Iterator[Window]:
 def plan_orthophoto(
     views: Views,
     frame: LocalFrame,
-    surface: Raster | Surface,
+    surface: Raster | WindowedSurface,
     pixels_of: PixelsOf,
     executor: Executor,
     settings: OrthophotoSettings | None = None,
@@ -262,40 +262,57 @@ def plan_orthophoto(
     above the surface, or the surface has no height.
     """
     settings = settings or OrthophotoSettings()
-    looks = rated_looks(views, frame, surface, executor, settings, grid=grid, forced=forced, masks=masks)
-    samples = list(executor.map(lambda view: looks.at(view, pixels_of(view)), range(len(views))))
-    return chosen_orthophoto(looks, samples, settings, camera)
+    block_samples = scored_samples(views, frame, surface, executor, settings, grid=grid, forced=forced, masks=masks)
+    samples = list(executor.map(lambda view: block_samples.at(view, pixels_of(view)), range(len(views))))
+    return chosen_orthophoto(block_samples, samples, settings, camera)
 
 
-def rated_looks(
-    views: Views, frame: LocalFrame, surface: Raster | Surface, executor: Executor, settings: OrthophotoSettings, *,
-    grid: MapGrid | None = None, forced: ForcedOf | None = None, masks: Masks | None = None,
-) -> Looks:  # fmt: skip
+def scored_samples(
+    views: Views,
+    frame: LocalFrame,
+    surface: Raster | WindowedSurface,
+    executor: Executor,
+    settings: OrthophotoSettings,
+    *,
+    grid: MapGrid | None = None,
+    forced: ForcedOf | None = None,
+    masks: Masks | None = None,
+) -> BlockSamples:
     """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read."""
-    terrain = Terrain.under(views, frame, Surface.of(surface) if isinstance(surface, Raster) else surface)
+    terrain = SurfaceModel.under(views, frame, WindowedSurface.of(surface) if isinstance(surface, Raster) else surface)
     grid = grid or orthophoto_grid(views, terrain, settings.cell_m)
     wanted = None if forced is None else forced(lattice_grid(grid, block_cells(grid)))
-    return Looks.of(views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted), masks)
+    return BlockSamples.of(
+        views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted), masks
+    )
 
 
 def chosen_orthophoto(
-    looks: Looks,
+    block_samples: BlockSamples,
     samples: Sequence[tuple[IntArray, FloatArray]],
     settings: OrthophotoSettings,
     camera: IntArray | None,
 ) -> Orthophoto:
-    """Choose seams and gains once all photographs were looked at, with the ``samples`` (V,) that ``Looks.at`` gave."""
-    balance = Balance.none(len(looks.views))
+    """Choose seams and gains once all photographs were looked at; ``samples`` (V,) are those of ``BlockSamples.at``."""
+    balance = Balance.none(len(block_samples.views))
     if settings.balance:
-        cameras = np.zeros(len(looks.views), np.int64) if camera is None else camera
+        cameras = np.zeros(len(block_samples.views), np.int64) if camera is None else camera
         balance = balance_exposure(joined(samples), cameras)
     log_gain = balance.log_gain.mean(axis=1)
-    seams = seams_of(looks.lattice, looks.terrain, looks.grid, log_gain)
-    highlights = highlight_curve(looks.lattice, seams.label, log_gain)
+    seams = seams_of(block_samples.lattice, block_samples.terrain, block_samples.grid, log_gain)
+    highlights = highlight_curve(block_samples.lattice, seams.label, log_gain)
     return Orthophoto(
-        looks.views, looks.frame, looks.terrain, looks.grid, seams, balance, looks.seen, settings.feather_cells,
-        highlights, plain_blocks(seams),
-    )  # fmt: skip
+        block_samples.views,
+        block_samples.frame,
+        block_samples.terrain,
+        block_samples.grid,
+        seams,
+        balance,
+        block_samples.seen,
+        settings.feather_cells,
+        highlights,
+        plain_blocks(seams),
+    )
 
 
 def plain_blocks(seams: Seams) -> BoolArray:

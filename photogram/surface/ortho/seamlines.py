@@ -21,7 +21,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window, cell_steps, vertical_nodes
 from photogram.projection import FOCAL, OrientedCameras, seen_called
 from photogram.surface.ortho.labelling import DIFFERENCE_UNIT, chosen_labels
-from photogram.surface.ortho.visibility import MASKED, VISIBLE, SeenCells, Terrain, height_at, place_between
+from photogram.surface.ortho.visibility import MASKED, VISIBLE, SeenCells, SurfaceModel, height_at, place_between
 from photogram.surface.views import Views
 
 Number = TypeVar("Number", bound=np.generic)
@@ -151,7 +151,7 @@ def lattice_grid(grid: MapGrid, block: int) -> MapGrid:
 def rate_blocks(
     views: Views,
     frame: LocalFrame,
-    terrain: Terrain,
+    terrain: SurfaceModel,
     grid: MapGrid,
     executor: Executor,
     forced: Int32Array | None = None,
@@ -189,8 +189,8 @@ def rate_blocks(
     return Lattice.unseen(block, candidate, cost, height, sample, centre, looks)
 
 
-def look(
-    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice, seen: SeenCells, view: int,
+def sample_blocks(
+    views: Views, frame: LocalFrame, terrain: SurfaceModel, grid: MapGrid, lattice: Lattice, seen: SeenCells, view: int,
     picture: ByteArray | None,
 ) -> None:  # fmt: skip
     """Fill in what a photograph sees of the blocks that list it: how much, and the grey values of its ``picture``.
@@ -214,7 +214,7 @@ def look(
     up = -np.cross(east, south)
     up /= np.linalg.norm(up)
     shown = np.zeros((0, 0, 3), np.uint8) if picture is None else picture
-    _look(
+    _sample_blocks(
         views.cameras, view, _corner(dsm, box), seen.of(view), shown,
         (blocks.west_map_m, blocks.north_map_m, blocks.cell_m), first, (east, south, up), lattice.block_cells,
         lattice.candidate[part], lattice.height_map_m[part], lattice.sample_map_m[part], lattice.centre_world_m[part],
@@ -222,7 +222,7 @@ def look(
     )  # fmt: skip
 
 
-def seams_of(lattice: Lattice, terrain: Terrain, grid: MapGrid, log_gain: FloatArray) -> Seams:
+def seams_of(lattice: Lattice, terrain: SurfaceModel, grid: MapGrid, log_gain: FloatArray) -> Seams:
     """Return the photographs that make small the sum of all costs; ``log_gain`` (V,) is the logarithm of by how much
     each view is too bright."""
     rated = _ordered(lattice)
@@ -241,13 +241,13 @@ def seams_of(lattice: Lattice, terrain: Terrain, grid: MapGrid, log_gain: FloatA
 
 
 def find_seams(
-    views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, executor: Executor, side_cells: int = 512
+    views: Views, frame: LocalFrame, terrain: SurfaceModel, grid: MapGrid, executor: Executor, side_cells: int = 512
 ) -> Seams:
     """Choose a photograph for every block of a grid from the surface alone."""
     lattice = rate_blocks(views, frame, terrain, grid, executor, None, side_cells)
     seen = SeenCells(terrain)
     futures = [
-        executor.submit(look, views, frame, terrain, grid, lattice, seen, n, None) for n in range(len(views))
+        executor.submit(sample_blocks, views, frame, terrain, grid, lattice, seen, n, None) for n in range(len(views))
     ]  # fmt: skip
     for future in futures:
         future.result()
@@ -449,7 +449,7 @@ def _grey_at(picture: ByteArray, u: float, v: float) -> int:
 
 
 @njit(cache=True, nogil=True, _nrt=False)
-def _look(
+def _sample_blocks(
     cameras: OrientedCameras,
     view: int,
     corner: tuple[float, float, float],

@@ -61,7 +61,7 @@ ReadWindow = Callable[[Window], Float32Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class WindowedSurface:
     """A DSM of which windows are read: heights of the map, NaN where there are none, and by how much each may be off
     relative to those around it, None where that is not known."""
 
@@ -70,7 +70,7 @@ class Surface:
     sigmas: ReadWindow | None
 
     @staticmethod
-    def of(raster: Raster, sigma_m: Float32Array | None = None) -> Surface:
+    def of(raster: Raster, sigma_m: Float32Array | None = None) -> WindowedSurface:
         """Return the surface of a raster with the standard deviations (rows, columns) of its cells."""
 
         def heights(window: Window) -> Float32Array:
@@ -80,11 +80,11 @@ class Surface:
             assert sigma_m is not None
             return np.asarray(sigma_m[window.slices], np.float32)
 
-        return Surface(MapGrid.of(raster), heights, None if sigma_m is None else sigmas)
+        return WindowedSurface(MapGrid.of(raster), heights, None if sigma_m is None else sigmas)
 
 
 @dataclass(frozen=True, eq=False)
-class Terrain:
+class SurfaceModel:
     """A DSM in the map, and the photographs above it.
 
     ``position_map_m`` (V, 3) are the projection centres, ``shown`` (V,) the cells of the DSM that each photograph
@@ -93,14 +93,14 @@ class Terrain:
     every 64 × 64 cells, ±infinity where nothing is known.
     """
 
-    surface: Surface
+    surface: WindowedSurface
     position_map_m: FloatArray
     shown: tuple[Window | None, ...]
     slope: FloatArray
     coarse: Float32Array
 
     @staticmethod
-    def under(views: Views, frame: LocalFrame, surface: Surface) -> Terrain:
+    def under(views: Views, frame: LocalFrame, surface: WindowedSurface) -> SurfaceModel:
         """Return the terrain under photographs. Raises SurfaceError where the surface has no heights."""
         coarse = _lowest_highest(surface)
         if not np.isfinite(coarse[0]).any():
@@ -108,7 +108,7 @@ class Terrain:
         position = np.ascontiguousarray(frame.map_from_world(views.position_world_m))
         slope = _border_slopes(views, frame, position)
         shown = tuple(_shown(surface.grid, coarse, position[n], slope[n]) for n in range(len(views)))
-        return Terrain(surface, position, shown, slope, coarse)
+        return SurfaceModel(surface, position, shown, slope, coarse)
 
     @property
     def grid(self) -> MapGrid:
@@ -172,7 +172,7 @@ def meet(a: Window, b: Window) -> bool:
     return a.row < b.row_end and b.row < a.row_end and a.column < b.column_end and b.column < a.column_end
 
 
-def _lowest_highest(surface: Surface) -> Float32Array:
+def _lowest_highest(surface: WindowedSurface) -> Float32Array:
     """Return the lowest and the highest height of every 64 × 64 cells."""
     grid = surface.grid
     found = np.empty((2, -(-grid.rows // _COARSE_CELLS), -(-grid.columns // _COARSE_CELLS)), np.float32)
@@ -387,7 +387,7 @@ class SeenCells:
 
     def __init__(
         self,
-        terrain: Terrain,
+        terrain: SurfaceModel,
         held_bytes: int = HELD_BYTES,
         masked: Callable[[int], BoolArray | None] = lambda _: None,
     ) -> None:

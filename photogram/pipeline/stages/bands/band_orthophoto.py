@@ -25,7 +25,7 @@ from photogram.report.record.rigs import BandRecord, band_records_type
 from photogram.surface.ortho.orthophoto import ONLY_MASKED, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside
 from photogram.surface.ortho.registration import Registration, shifts_in
-from photogram.surface.ortho.visibility import Surface
+from photogram.surface.ortho.visibility import WindowedSurface
 from photogram.surface.views import Views
 
 BANDS_FILE = "orthophoto_bands.tif"
@@ -43,7 +43,7 @@ class _Band:
     pixels_of: Pixels
 
 
-def _planned(run: Run, site: SurfaceFrame, surface: Surface, grid: MapGrid) -> list[_Band]:
+def _planned(run: Run, site: SurfaceFrame, surface: WindowedSurface, grid: MapGrid) -> list[_Band]:
     """Return the bands of a run that have photographs with a pose."""
     planned = []
     for name, numbers in bands_of(run.project.rigs).items():
@@ -64,7 +64,7 @@ def make_bands(
     run: Run,
     folder: Path,
     site: SurfaceFrame,
-    surface: Surface,
+    surface: WindowedSurface,
     master: Orthophoto,
     sides: FloatArray,
     pixels_of: Pixels,

@@ -14,14 +14,14 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid
 from photogram.surface.ortho.colour_balance import Places, colours_in
 from photogram.surface.ortho.masked_cells import Masks
-from photogram.surface.ortho.seamlines import Lattice, look
-from photogram.surface.ortho.visibility import SeenCells, Terrain
+from photogram.surface.ortho.seamlines import Lattice, sample_blocks
+from photogram.surface.ortho.visibility import SeenCells, SurfaceModel
 from photogram.surface.views import Views
 
 _SEEN = ("seen", "inside", "grey", "masked")
 
 
-def seen_cells(views: Views, frame: LocalFrame, terrain: Terrain, masks: Masks | None = None) -> SeenCells:
+def seen_cells(views: Views, frame: LocalFrame, terrain: SurfaceModel, masks: Masks | None = None) -> SeenCells:
     """Return what views see of a terrain, in the pixels that their masks leave."""
     if masks is None:
         return SeenCells(terrain)
@@ -29,13 +29,13 @@ def seen_cells(views: Views, frame: LocalFrame, terrain: Terrain, masks: Masks |
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class BlockSamples:
     """What is needed to look at a photograph, and what has been seen: the ``lattice`` of the blocks of a ``grid``,
     filled photograph by photograph, and the ``places`` at which photographs are compared."""
 
     views: Views
     frame: LocalFrame
-    terrain: Terrain
+    terrain: SurfaceModel
     grid: MapGrid
     lattice: Lattice
     places: Places
@@ -43,16 +43,21 @@ class Looks:
 
     @staticmethod
     def of(
-        views: Views, frame: LocalFrame, terrain: Terrain, grid: MapGrid, lattice: Lattice, masks: Masks | None = None
-    ) -> Looks:
+        views: Views,
+        frame: LocalFrame,
+        terrain: SurfaceModel,
+        grid: MapGrid,
+        lattice: Lattice,
+        masks: Masks | None = None,
+    ) -> BlockSamples:
         """Return it for a lattice that nobody has looked at."""
         seen = seen_cells(views, frame, terrain, masks)
-        return Looks(views, frame, terrain, grid, lattice, Places.of(lattice, grid.cell_m), seen)
+        return BlockSamples(views, frame, terrain, grid, lattice, Places.of(lattice, grid.cell_m), seen)
 
     def at(self, view: int, picture: ByteArray) -> tuple[IntArray, FloatArray]:
         """Look at a photograph (H, W, 3), and return its colours at the places as ``colours_in``. Photographs may be
         looked at in any order, and at the same time."""
-        look(self.views, self.frame, self.terrain, self.grid, self.lattice, self.seen, view, picture)
+        sample_blocks(self.views, self.frame, self.terrain, self.grid, self.lattice, self.seen, view, picture)
         return colours_in(self.views, self.lattice, self.places, view, picture)
 
     def of_view(self, view: int) -> dict[str, NDArray[Any]]:
