@@ -6,7 +6,7 @@ import sys
 
 from photogram.cli.app import CommandError, app
 from photogram.cli.streams import nothing_raw
-from photogram.terminal.exit_codes import output_fault, say_outcome, say_output_fault
+from photogram.terminal.exit_codes import output_error, say_outcome, say_output_error
 from photogram.terminal.interruption import interruptible
 
 
@@ -32,8 +32,8 @@ def _finished(code: int, unwatched: list[BaseException]) -> int:
     """Return the exit code after all output is written and what threads raised is said."""
     if code == 0 and unwatched:
         code = say_outcome(unwatched[0], None, 0)
-    fault = output_fault()
-    return code if fault is None else say_output_fault(fault)
+    error = output_error()
+    return code if error is None else say_output_error(error)
 
 
 if __name__ == "__main__":

@@ -308,17 +308,17 @@ def _weakest_direction(factor: Factor) -> tuple[float, FloatArray]:
 
 
 def _undetermined(normal: NormalEquations, scale: FloatArray, whole: Datum) -> IndeterminateError:
-    """Return the fault that names the variable that moves most along a direction that nothing holds, or the datum."""
+    """Return the error that names the variable that moves most along a direction that nothing holds, or the datum."""
     layout = normal.layout
     try:
         _, direction = _weakest_direction(normal.factor(scale=scale, shift=RANK_SHIFT))
-    except SingularError as fault:
-        return IndeterminateError(variable_at(layout, fault.column))
+    except SingularError as error:
+        return IndeterminateError(variable_at(layout, error.column))
     return _open(layout, direction, scale, whole)
 
 
 def _open(layout: Layout, direction: FloatArray, scale: FloatArray, whole: Datum) -> IndeterminateError:
-    """Return the fault that names what moves along a ``direction`` of the system whose rows were divided by
+    """Return the error that names what moves along a ``direction`` of the system whose rows were divided by
     ``scale``."""
     change = direction / scale
     cameras = direction[: layout.columns + layout.ground_column]
@@ -343,8 +343,8 @@ def _checked_factor(normal: NormalEquations, scale: FloatArray, whole: Datum) ->
     """Factor the normalised system. Raises IndeterminateError where it is singular to working precision."""
     try:
         factor = normal.factor(scale=scale)
-    except SingularError as fault:
-        raise _undetermined(normal, scale, whole) from fault
+    except SingularError as error:
+        raise _undetermined(normal, scale, whole) from error
     smallest, direction = _weakest_direction(factor)
     if not smallest > RANK_TOLERANCE:
         raise _open(normal.layout, direction, scale, whole)

@@ -317,8 +317,8 @@ def damped_step(system: LinearSystem, damping: float) -> Step:
         damped.push_back(gtsam.JacobianFactor(variable, np.diag(np.sqrt(damping * diagonal)), np.zeros(n), units[n]))
     try:
         values = damped.optimize(system.ordering)
-    except RuntimeError as fault:
-        raise IndeterminateError(indeterminate_variable(str(fault))) from fault
+    except RuntimeError as error:
+        raise IndeterminateError(indeterminate_variable(str(error))) from error
     # Half of δᵀ(λ D δ − g): as a difference of two costs it would drown in their rounding.
     damped_norm = sum(float(system.diagonal[v] @ values.at(v) ** 2) for v in system.variables)
     return Step(values, 0.5 * (damping * damped_norm - float(system.graph.gradientAtZero().dot(values))))

@@ -277,13 +277,13 @@ def eliminated(bundle: Bundle, state: State, terms: Terms, pool: ThreadPoolExecu
     """
     try:
         return bundle.eliminated(state, terms, 0.0, pool)
-    except SingularPointError as fault:
-        raise indeterminate_point(fault) from fault
+    except SingularPointError as error:
+        raise indeterminate_point(error) from error
 
 
-def indeterminate_point(fault: SingularPointError) -> IndeterminateError:
-    """Return the fault that names the point that its rays cannot fix."""
-    return IndeterminateError((TIE_POINT if fault.kind == "tie" else CONTROL_POINT, fault.point))
+def indeterminate_point(error: SingularPointError) -> IndeterminateError:
+    """Return the error that names the point that its rays cannot fix."""
+    return IndeterminateError((TIE_POINT if error.kind == "tie" else CONTROL_POINT, error.point))
 
 
 def variable_at(layout: Layout, column: int) -> tuple[str, int]:

@@ -72,7 +72,7 @@ def minimise_problem(
     bundle = bundle_of(problem, state)
     try:
         return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, watch, solver)
-    except SingularError as fault:
-        raise IndeterminateError(variable_at(bundle.layout, fault.column)) from fault
-    except SingularPointError as fault:
-        raise indeterminate_point(fault) from fault
+    except SingularError as error:
+        raise IndeterminateError(variable_at(bundle.layout, error.column)) from error
+    except SingularPointError as error:
+        raise indeterminate_point(error) from error

@@ -83,14 +83,14 @@ def solve_with_gtsam(normal: NormalEquations, damping: float) -> tuple[FloatArra
         ordering.push_back(variable)
     try:
         found = graph.optimize(ordering)
-    except RuntimeError as fault:
-        raise SingularError(_first_column(str(fault), edges)) from fault
+    except RuntimeError as error:
+        raise SingularError(_first_column(str(error), edges)) from error
     poses = np.concatenate([np.zeros(0), *(found.at(i) for i in range(groups))])
     return poses, found.at(groups) if layout.border else np.zeros(0)
 
 
 def _first_column(message: str, edges: list[int]) -> int:
-    """Return the first column of the variable that GTSAM names near its fault."""
+    """Return the first column of the variable that GTSAM names near its error."""
     numbers = [int(word.strip(".,)")) for word in message.split() if word.strip(".,)").isdigit()]
     return edges[min(numbers[0], len(edges) - 1)] if numbers else 0
 

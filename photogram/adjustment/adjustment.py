@@ -167,16 +167,16 @@ def adjust(
         try:
             adjusted = _adjust_oriented(solvable, settings, progress, start, sigmas)
             break
-        except UnheldError as fault:
-            left |= {int(kept[i]): why for i, why in fault.photographs.items()}
-            lost_marks += fault.marks.values()
+        except UnheldError as error:
+            left |= {int(kept[i]): why for i, why in error.photographs.items()}
+            lost_marks += error.marks.values()
             if (
                 len(left) > max(1.0, LEFT_OUT * oriented)
                 or oriented - len(left) < 2
                 or len(lost_marks) > MOST_LOST_MARKS
             ):
                 raise
-            marks[_of_all(block, marks, kept)[list(fault.marks)]] = False
+            marks[_of_all(block, marks, kept)[list(error.marks)]] = False
             poses = tuple(None if i in left else pose for i, pose in enumerate(block.poses))
             part = without_marks(replace(block, poses=poses), marks)
     names = [photograph.name for photograph in block.photographs]
@@ -286,8 +286,8 @@ def _adjust_block(
             return _Rolling.at(solved.minimum.state, there)
         ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
         return _Ended(block, whole, *ended)
-    except IndeterminateError as fault:
-        raise undetermined(whole, fault) from fault
+    except IndeterminateError as error:
+        raise undetermined(whole, error) from error
 
 
 def _shown(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
@@ -327,8 +327,8 @@ def _settled(
 def _judged(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
     try:
         return _result(ended, settings)
-    except IndeterminateError as fault:
-        raise undetermined(ended.whole, fault) from fault
+    except IndeterminateError as error:
+        raise undetermined(ended.whole, error) from error
 
 
 def _field_covariances(found: Covariances, cameras: int) -> FloatArray:

@@ -1,6 +1,6 @@
 """What the measurements of a block determine not at all, or badly, in a surveyor's words.
 
-Not at all: the fault names the variable, or the datum, and what it lacks; a single photograph or mark that keeps the
+Not at all: the error names the variable, or the datum, and what it lacks; a single photograph or mark that keeps the
 rest from a solution is left out. Badly: a sentence beside the result, of the block as a whole where its datum is weak,
 of a photograph or a focal length where they alone are.
 """
@@ -148,16 +148,16 @@ _WHOLE = {
 }
 
 
-def undetermined(problem: Problem, fault: IndeterminateError) -> AdjustmentError:
-    """Return the fault that names the variable of an indeterminate system and what it lacks, UnheldError where it is a
+def undetermined(problem: Problem, error: IndeterminateError) -> AdjustmentError:
+    """Return the error that names the variable of an indeterminate system and what it lacks, UnheldError where it is a
     single photograph."""
     no_solution = "the adjustment has no unique solution"
-    if fault.variable is None:
+    if error.variable is None:
         return AdjustmentError(f"{no_solution}: {_name(problem, None)}: it is not determined")
-    kind, index = fault.variable
+    kind, index = error.variable
     if kind == DATUM:
         return AdjustmentError(f"{no_solution}: the block as a whole: {_WHOLE[index]}")
-    message = f"{no_solution}: {_name(problem, fault.variable)}: {_LACKS[kind]}"
+    message = f"{no_solution}: {_name(problem, error.variable)}: {_LACKS[kind]}"
     return UnheldError(message, photographs={index: _LACKS[POSE]}) if kind == POSE else AdjustmentError(message)
 
 

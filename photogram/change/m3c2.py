@@ -182,11 +182,11 @@ def _py4dgeo() -> ModuleType:
     PhotogramError where it is not installed."""
     try:
         module = import_module("py4dgeo")
-    except ImportError as fault:
+    except ImportError as error:
         raise PhotogramError(
-            f"M3C2 needs py4dgeo ({fault}): pip install 'photogram[change]', which has it for Linux (x86-64), "
+            f"M3C2 needs py4dgeo ({error}): pip install 'photogram[change]', which has it for Linux (x86-64), "
             "macOS 14 (arm64) and Windows"
-        ) from fault
+        ) from error
     log = logging.getLogger("py4dgeo")
     for handler in tuple(log.handlers):
         log.removeHandler(handler)

@@ -53,5 +53,5 @@ def base_of(difference: Difference, polygon: SitePolygon) -> tuple[Registration,
     rim = rim_of(polygon.polygon, RIM_WIDTHS * difference.later.correlation_m)
     try:
         return registration_of(difference, [rim], "tilt")
-    except PhotogramError as fault:
-        raise SurfaceError(f"base of {polygon.name!r}, in a strip around it: {fault}") from fault
+    except PhotogramError as error:
+        raise SurfaceError(f"base of {polygon.name!r}, in a strip around it: {error}") from error

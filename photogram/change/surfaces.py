@@ -151,8 +151,8 @@ def _block_errors(path: Path) -> BlockErrors | None:
         return None
     try:
         report = read_report(path)
-    except ReportError as fault:
-        raise ProjectError(str(fault)) from fault
+    except ReportError as error:
+        raise ProjectError(str(error)) from error
     placed = report["diagnosis"].get("placing")
     datum = None if "left_out" in report["dsm"] else report["dsm"]["datum_sigma_m"]
     if datum is None or placed is None:

@@ -69,12 +69,12 @@ def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> t
         make_folder(target)
     try:
         return (*fields, *said, *writer.write(target, solution))
-    except ExchangeError as fault:
+    except ExchangeError as error:
         if writer.is_folder and not any(target.iterdir()):
             target.rmdir()
         raise ExchangeError(
-            f"{fault}; --to undistorted writes photographs without distortion, whose cameras every program takes"
-        ) from fault
+            f"{error}; --to undistorted writes photographs without distortion, whose cameras every program takes"
+        ) from error
 
 
 def adjusted_solution(result: Adjustment, frame: Frame) -> ForeignSolution:

@@ -237,8 +237,8 @@ def _tagged(folder: Path, camera: Camera, name: str, file: str | None) -> Tagged
         return LeftOut(name, f"no such file in {folder.name}")
     try:
         tags = inspect_photograph(folder / file)
-    except ImageError as fault:
-        return LeftOut(name, str(fault).removeprefix(f"photograph {folder / file}: "))
+    except ImageError as error:
+        return LeftOut(name, str(error).removeprefix(f"photograph {folder / file}: "))
     if (tags.width_px, tags.height_px) != (camera.width_px, camera.height_px):
         return LeftOut(
             name,

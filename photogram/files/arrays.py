@@ -50,9 +50,9 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             return {part.filename.removesuffix(".npy"): _array(archive, part, size) for part in archive.infolist()}
     except OSError:
         raise
-    except DAMAGE as fault:
-        words = " ".join(str(fault).split())[:200]
-        raise OSError(f"damaged, {type(fault).__name__}: {words}") from fault
+    except DAMAGE as error:
+        words = " ".join(str(error).split())[:200]
+        raise OSError(f"damaged, {type(error).__name__}: {words}") from error
 
 
 def _array(archive: zipfile.ZipFile, part: zipfile.ZipInfo, size: int) -> NDArray[Any]:

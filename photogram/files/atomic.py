@@ -24,10 +24,10 @@ def make_folder(path: Path) -> None:
     """Make a folder and those above it, unless it is there. Raises WorkspaceError where that cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
+    except OSError as error:
         raise WorkspaceError(
-            f"{path}: the folder cannot be created ({fault.strerror}): choose another, or remove what has its name"
-        ) from fault
+            f"{path}: the folder cannot be created ({error.strerror}): choose another, or remove what has its name"
+        ) from error
 
 
 def make_folder_within(path: Path) -> None:
@@ -83,13 +83,13 @@ def replacing(path: Path) -> Iterator[Path]:
         os.replace(partial, path)
     except WorkspaceError:
         raise
-    except OSError as fault:
-        reason = fault.strerror or str(fault)
+    except OSError as error:
+        reason = error.strerror or str(error)
         raise WorkspaceError(
             f"{path}: cannot be written ({reason}): check that the folder exists, may be written to and has free space"
-        ) from fault
+        ) from error
     finally:
-        # where the name cannot even be looked for, the fault above says so
+        # where the name cannot even be looked for, the error above says so
         with suppress(OSError):
             partial.unlink()
         _at_work.discard(partial)
@@ -124,5 +124,5 @@ def remove_leftovers(folder: Path) -> None:
                     shutil.rmtree(path)
                 else:
                     path.unlink()
-    except OSError as fault:
-        raise WorkspaceError(f"{folder}: cannot be cleaned up ({fault.strerror}): check the permissions") from fault
+    except OSError as error:
+        raise WorkspaceError(f"{folder}: cannot be cleaned up ({error.strerror}): check the permissions") from error

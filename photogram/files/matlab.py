@@ -36,11 +36,11 @@ def _load(path: Path) -> dict[str, object]:
     try:
         variables = load_from_mat(str(path))
     # Of a damaged file the reader raises whatever it trips over: zlib.error, TypeError, OSError and more.
-    except Exception as fault:
+    except Exception as error:
         raise ProjectError(
-            f"camera file {path}: cannot be read as a MATLAB file ({type(fault).__name__}: {fault}): "
+            f"camera file {path}: cannot be read as a MATLAB file ({type(error).__name__}: {error}): "
             "save it again in MATLAB with save(FILE, 'K', 'cameraParams')"
-        ) from fault
+        ) from error
     return {str(name): value for name, value in variables.items() if not str(name).startswith("__")}
 
 
@@ -68,8 +68,8 @@ def _numbers(path: Path, fields: Mapping[str, object], name: str, sizes: tuple[i
         )
     try:
         numbers = np.asarray(fields[name], dtype=np.float64)
-    except (TypeError, ValueError) as fault:
-        raise ProjectError(f"camera file {path}: {name} contains no numbers: save the calibration again") from fault
+    except (TypeError, ValueError) as error:
+        raise ProjectError(f"camera file {path}: {name} contains no numbers: save the calibration again") from error
     if numbers.size not in sizes or not np.all(np.isfinite(numbers)):
         expected = " or ".join(str(size) for size in sizes)
         raise ProjectError(

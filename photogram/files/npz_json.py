@@ -57,8 +57,8 @@ def file_fingerprint(path: Path) -> str:
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as fault:
-        raise WorkspaceError(f"{path}: cannot be read: {fault.strerror}") from fault
+    except OSError as error:
+        raise WorkspaceError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def write_json(path: Path, value: object) -> None:
@@ -71,8 +71,8 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
     """Read JSON. Raises WorkspaceError when the file is missing or damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as fault:
-        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+    except (OSError, ValueError, RecursionError) as error:
+        raise WorkspaceError(f"{path}: cannot be read ({error}): delete it and run again") from error
 
 
 def read_json_as(path: Path, types: TypeAdapter[JsonT]) -> JsonT:
@@ -80,11 +80,11 @@ def read_json_as(path: Path, types: TypeAdapter[JsonT]) -> JsonT:
     the file is missing or damaged, or holds something else."""
     try:
         return types.validate_json(path.read_bytes(), strict=True)
-    except ValidationError as fault:
-        place = ".".join(map(str, fault.errors(include_url=False)[0]["loc"])) or "JSON"
-        raise WorkspaceError(f"{path}: cannot be read ({place} is damaged): delete it and run again") from fault
-    except OSError as fault:
-        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+    except ValidationError as error:
+        place = ".".join(map(str, error.errors(include_url=False)[0]["loc"])) or "JSON"
+        raise WorkspaceError(f"{path}: cannot be read ({place} is damaged): delete it and run again") from error
+    except OSError as error:
+        raise WorkspaceError(f"{path}: cannot be read ({error}): delete it and run again") from error
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
@@ -97,5 +97,5 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Read the arrays of an npz. Raises WorkspaceError when the file is missing or damaged."""
     try:
         return read_npz(path)
-    except OSError as fault:
-        raise WorkspaceError(f"{path}: cannot be read ({fault}): delete it and run again") from fault
+    except OSError as error:
+        raise WorkspaceError(f"{path}: cannot be read ({error}): delete it and run again") from error

@@ -25,8 +25,8 @@ def regular_file_size(path: Path) -> int:
     """
     try:
         status = path.stat()
-    except ValueError as fault:  # a null character in its name
-        raise OSError(errno.EINVAL, "its name contains a null character") from fault
+    except ValueError as error:  # a null character in its name
+        raise OSError(errno.EINVAL, "its name contains a null character") from error
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     for is_kind, words in _KINDS:

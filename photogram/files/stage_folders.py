@@ -48,16 +48,16 @@ def _is_earlier(folder: Path, name: str) -> bool:
 
 
 @contextmanager
-def faults_of(path: Path, what: str = "cannot be used for intermediate results") -> Iterator[None]:
+def errors_of(path: Path, what: str = "cannot be used for intermediate results") -> Iterator[None]:
     """Raise what the file system refuses within the block as a WorkspaceError about ``path``."""
     try:
         yield
     except WorkspaceError:
         raise
-    except OSError as fault:
+    except OSError as error:
         raise WorkspaceError(
-            f"{path}: {what} ({fault.strerror or fault}): check the disk and the permissions"
-        ) from fault
+            f"{path}: {what} ({error.strerror or error}): check the disk and the permissions"
+        ) from error
 
 
 def is_made_here(folder: Path) -> bool:
@@ -66,7 +66,7 @@ def is_made_here(folder: Path) -> bool:
     Raises WorkspaceError where something else is there: a link, a file, or a folder of somebody's own.
     """
     remedy = "move it away, or give another folder under work"
-    with faults_of(folder):
+    with errors_of(folder):
         if folder.is_symlink():
             raise WorkspaceError(f"{folder}: is a link where photogram needs a folder of its own: {remedy}")
         if not folder.exists():
@@ -80,7 +80,7 @@ def is_made_here(folder: Path) -> bool:
 
 def make_stage_folder(folder: Path) -> None:
     """Make the folder of a stage, with its marker. Raises WorkspaceError where that cannot be."""
-    with faults_of(folder, "the folder cannot be created"):
+    with errors_of(folder, "the folder cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder / MARKER, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
@@ -96,13 +96,13 @@ def remove_stage_folder(folder: Path) -> None:
     if is_made_here(doomed):
         _delete(doomed)
     if is_made_here(folder):
-        with faults_of(folder, "cannot be removed"):
+        with errors_of(folder, "cannot be removed"):
             folder.rename(doomed)
         _delete(doomed)
 
 
 def _delete(folder: Path) -> None:
-    with faults_of(folder, "cannot be removed"):
+    with errors_of(folder, "cannot be removed"):
         for entry in tuple(os.scandir(folder)):
             if entry.name == MARKER:
                 continue

@@ -1,4 +1,4 @@
-"""Text that people write: its lines with their numbers, and every fault in them at once."""
+"""Text that people write: its lines with their numbers, and every error in them at once."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2
 
 
 class Errors:
-    """The faults of one file, raised together as an ``error`` with a line for each."""
+    """The errors of one file, raised together as an ``error`` with a line for each."""
 
     def __init__(self, path: Path, error: type[PhotogramError]) -> None:
         self._path, self._error = path, error
@@ -44,7 +44,7 @@ class Errors:
         self._errors.append((line, text))
 
     def raise_all(self) -> None:
-        """Raise every fault noted; return if there is none."""
+        """Raise every error noted; return if there is none."""
         found = sorted(self._errors)
         shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_ERRORS]]
         if len(found) > MOST_ERRORS:
@@ -54,7 +54,7 @@ class Errors:
             raise self._error("\n".join(shown))
 
     def number(self, text: str, what: str, line: int) -> float | None:
-        """Return the number that ``text`` holds, None with a fault noted where it holds none."""
+        """Return the number that ``text`` holds, None with an error noted where it holds none."""
         value = float(text) if NUMBER.fullmatch(text) else float("nan")
         if isfinite(value):
             return value
@@ -66,7 +66,7 @@ class Errors:
         return None
 
     def name(self, text: str, what: str, line: int) -> str | None:
-        """Return a name as it stands, None with a fault noted where it is too long."""
+        """Return a name as it stands, None with an error noted where it is too long."""
         if len(text) <= LONGEST_NAME:
             return text
         self.note(line, f"{what} has {len(text)} characters, at most {LONGEST_NAME} are read: check quotes")

@@ -62,10 +62,10 @@ def _any_crs(name: str) -> CRS:
         raise FrameError("crs: none: a local frame has no map grid: name the CRS of the site for what needs one")
     try:
         return CRS.from_user_input(name)
-    except CRSError as fault:
+    except CRSError as error:
         raise FrameError(
             f"crs: {shortened(name)!r}: not a CRS known to PROJ (expected e.g. EPSG:25832), nor a file of its WKT"
-        ) from fault
+        ) from error
 
 
 def projected_crs(name: str) -> CRS:
@@ -527,10 +527,10 @@ def _with_grid(source: str, target: str, place_deg: tuple[float, float], grid: s
         text = re.sub(rf"grids={re.escape(called[0])}", lambda _: f'grids="{grid}"', text)
         try:
             transformer = Transformer.from_pipeline(text)
-        except ProjError as fault:
+        except ProjError as error:
             raise FrameError(
                 f"datum_grid {grid}: PROJ cannot read it: give a grid of shifts, NTv2 (.gsb) or GeoTIFF (.tif)"
-            ) from fault
+            ) from error
         axes = (_northing_first(_plan_of(_any_crs(c))) for c in (source, target))
         first, last = axes if native else (False, False)
         name = operation.name if native else operation.description

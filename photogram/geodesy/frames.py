@@ -105,14 +105,14 @@ def _transformer(source: CRS, target: CRS, names: str) -> Transformer:
     """Return the best transformation that PROJ has; a datum that is given is never passed over."""
     try:
         return Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False)
-    except ProjError as fault:
+    except ProjError as error:
         datums = [crs.geodetic_crs.datum for crs in (source, target) if crs.geodetic_crs is not None]
         if any(datum is not None and datum.name.startswith("Unknown") for datum in datums):
             # A PROJ string with an ellipsoid and no datum can only be read as the other's datum.
             return Transformer.from_crs(source, target, always_xy=True)
         raise FrameError(
             f"crs: PROJ has no transformation {names}, or lacks its grid: give the points in the project's CRS"
-        ) from fault
+        ) from error
 
 
 def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str | None = None) -> FloatArray:
@@ -426,8 +426,8 @@ class LocalFrame:
             try:
                 lon, lat, height = self._topocentric.transform(east, north, up, direction="INVERSE")
                 easting, northing = self._geodetic.transform(lon, lat, direction="INVERSE")
-            except ProjError as fault:
-                raise FrameError(f"positions cannot be transformed to {shortened(self.crs)}: {fault}") from fault
+            except ProjError as error:
+                raise FrameError(f"positions cannot be transformed to {shortened(self.crs)}: {error}") from error
             result[known] = np.column_stack([easting, northing, height])
             plan = np.column_stack([lon, lat])
         if self.geoid is not None and plan is not None:

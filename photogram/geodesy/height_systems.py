@@ -137,11 +137,11 @@ def vertical_crs(name: str) -> CRS:
     feet."""
     try:
         crs = CRS.from_user_input(name)
-    except CRSError as fault:
+    except CRSError as error:
         raise FrameError(
             f"{shortened(name)!r}: not a geoid known to PROJ: write {', '.join(GEOID_MODELS)}, a vertical CRS such "
             "as EPSG:5773, or the path of a grid (.gtx or .tif)"
-        ) from fault
+        ) from error
     if not crs.is_vertical or crs.is_compound:
         raise FrameError(
             f"{shortened(name)!r} ({crs.name}) is not a vertical CRS: write EPSG:5773 or EPSG:5799, for example"
@@ -200,8 +200,8 @@ def _plane_transformer(vertical: str) -> Transformer:
             f"+dh={value[_OFFSET]:.15g} +slope_lat={north:.15g} +slope_lon={east:.15g} "
             "+step +proj=unitconvert +xy_in=rad +xy_out=deg"
         )
-    except (KeyError, ProjError) as fault:
-        raise FrameError("the height plane of the local grid lacks its offset or its evaluation point") from fault
+    except (KeyError, ProjError) as error:
+        raise FrameError("the height plane of the local grid lacks its offset or its evaluation point") from error
 
 
 def is_gnss_ellipsoid(crs: CRS) -> bool:
@@ -243,10 +243,10 @@ def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float])
                 f'+step +inv +proj=vgridshift +grids="{geoid.grid}" +multiplier=1 '
                 "+step +proj=unitconvert +xy_in=rad +xy_out=deg"
             )
-        except ProjError as fault:
+        except ProjError as error:
             raise FrameError(
                 f"geoid grid {geoid.grid}: PROJ cannot read it: give a grid of geoid heights, .gtx or .tif"
-            ) from fault
+            ) from error
     plan, vertical = CRS.from_wkt(source), geoid.crs
     target = CompoundCRS(f"{plan.name} + {vertical.name}", [plan.to_2d(), vertical])
     longitude, latitude = place

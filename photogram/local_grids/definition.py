@@ -70,8 +70,8 @@ def local_grid(
             return str(crs.to_wkt(pretty=True))
         whole = f'COMPOUNDCRS["{called}",{crs.to_wkt()},{_heights(called, height, units)}]'
         return str(CRS.from_wkt(whole).to_wkt(pretty=True))
-    except CRSError as fault:
-        raise FrameError(f"local grid {called}: PROJ cannot make it ({fault})") from fault
+    except CRSError as error:
+        raise FrameError(f"local grid {called}: PROJ cannot make it ({error})") from error
 
 
 def _axes(units: MapUnits) -> dict[str, object]:

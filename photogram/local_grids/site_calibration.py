@@ -105,8 +105,8 @@ def calibrate_site(
     radii = radii_m(float(middle[1]), _SEMI_MAJOR_M, _SEMI_MINOR_M)
     try:
         found = calibrate(site, to_map, middle, radii, CalibrationSettings(scale, heights))
-    except ControlPointError as fault:
-        raise ControlPointError(f"{path}: {fault}") from fault
+    except ControlPointError as error:
+        raise ControlPointError(f"{path}: {error}") from error
     title = name or (written or path).stem.replace("_", " ")
     wkt = local_grid(title, crs, middle, found.plan, found.height, UNITS[unit], given_map)
     difference, sigma = predictions(found, to_map(site.place_deg), radii)

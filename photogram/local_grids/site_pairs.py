@@ -65,7 +65,7 @@ def read_pairs(path: Path) -> PairFile:
     """Return the pairs of a table (CSV) whose first line names its columns, as COLUMNS has them.
 
     A height, or easting and northing in the local grid, may be empty. Raises ControlPointError with a line for each
-    fault.
+    error.
     """
     lines = lines_of(path, ControlPointError, "pairs of geodetic and local coordinates", "#")
     _, rows, errors = rows_of(path, lines, COLUMNS, ("name", "local_easting", "local_northing"))

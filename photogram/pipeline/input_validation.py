@@ -29,7 +29,7 @@ from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
-from photogram.project.validation.check import by_severity, check_survey, header_findings, project_faults
+from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
 
@@ -74,7 +74,7 @@ def masks_as_found(project: Project) -> list[Finding]:
         camera = project.cameras[project.photographs[photograph].camera]
         return camera.width_px, camera.height_px
 
-    def fault(wanted: tuple[Path, tuple[int, int]]) -> str:
+    def damage(wanted: tuple[Path, tuple[int, int]]) -> str:
         try:
             check_mask(*wanted)
         except ImageError as error:
@@ -83,8 +83,8 @@ def masks_as_found(project: Project) -> list[Finding]:
 
     wanted = {(path, size_px(i)) for i, paths in enumerate(project.masks.files) for path in paths}
     with ThreadPoolExecutor(cores()) as executor:
-        looked_at = dict(zip(sorted(wanted), executor.map(fault, sorted(wanted)), strict=True))
-    faults = [text for text in looked_at.values() if text]
+        looked_at = dict(zip(sorted(wanted), executor.map(damage, sorted(wanted)), strict=True))
+    errors = [text for text in looked_at.values() if text]
     unusable = {path for (path, _), text in looked_at.items() if text}
 
     def mask_of(photograph: int) -> BoolArray | None:
@@ -92,11 +92,11 @@ def masks_as_found(project: Project) -> list[Finding]:
         try:
             return read_masks(paths, size_px(photograph)) if paths and unusable.isdisjoint(paths) else None
         except ImageError as error:
-            faults.append(str(error))
+            errors.append(str(error))
             return None
 
     marks = marks_in_masks(project, mask_of)
-    return mask_findings(list(dict.fromkeys(faults)), marks)
+    return mask_findings(list(dict.fromkeys(errors)), marks)
 
 
 @dataclass(frozen=True)
@@ -170,11 +170,11 @@ def check_project(project: Path | str, photographs: Path | str | None = None) ->
     folder = None if photographs is None else Path(photographs)
     try:
         survey = load_project(path, folder)
-    except ProjectError as fault:
+    except ProjectError as error:
         with ThreadPoolExecutor(cores()) as executor:
-            # Photographs that are missing are among these faults already.
+            # Photographs that are missing are among these errors already.
             there = [p for p in photograph_paths(path, folder) if isfile(p)]
             headers = read_headers(there, executor)
             duplicates = _duplicates(there, headers, [None] * len(there), executor)
-        return Findings(by_severity([*project_faults(path, fault), *header_findings(headers, duplicates)]))
+        return Findings(by_severity([*project_errors(path, error), *header_findings(headers, duplicates)]))
     return validate_project(survey)

@@ -127,8 +127,8 @@ def _names(folder: Path, recursive: bool) -> list[str]:
     try:
         found = folder.rglob("*") if recursive else folder.iterdir()
         paths = [p.relative_to(folder) for p in found if p.suffix.lower() in SUFFIXES and p.is_file()]
-    except OSError as fault:
-        raise ImageError(f"{folder}: cannot be read ({fault.strerror}): check its permissions") from fault
+    except OSError as error:
+        raise ImageError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
     usable = [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
     # PNG beside photographs of another kind are masks, overviews and screenshots
     others = [name for name in usable if not name.lower().endswith(PNG)]
@@ -147,8 +147,8 @@ def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
     path = folder / name
     try:
         return TaggedPhotograph(name, inspect_photograph(path))
-    except ImageError as fault:
-        return LeftOut(name, str(fault).removeprefix(f"photograph {path}: "))
+    except ImageError as error:
+        return LeftOut(name, str(error).removeprefix(f"photograph {path}: "))
 
 
 def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
@@ -229,8 +229,8 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
         try:
             matching = match_rows(read_mrk(path), beside or names)
             files.append(DraftPositions(written, matching.rows, matching.fault))
-        except ProjectError as fault:
-            lines = str(fault).splitlines()
+        except ProjectError as error:
+            lines = str(error).splitlines()
             more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
             files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
     return tuple(files)
@@ -244,8 +244,8 @@ def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
         return None
     try:
         return DraftMasks(_relative(found, project), len(find_masks(found, names).of_photograph))
-    except ImageError as fault:
-        return DraftMasks(_relative(found, project), fault=str(fault).splitlines()[0])
+    except ImageError as error:
+        return DraftMasks(_relative(found, project), fault=str(error).splitlines()[0])
 
 
 # ---- the file --------------------------------------------------------------------------------------------------------
@@ -288,8 +288,8 @@ def read_back(project: Path) -> Findings:
     by hand."""
     try:
         written = load_project(project)
-    except ProjectError as fault:
-        raise ProjectError(f"{project} written; fix these errors first:\n{fault}") from fault
+    except ProjectError as error:
+        raise ProjectError(f"{project} written; fix these errors first:\n{error}") from error
     return Findings(written.warnings)
 
 

@@ -205,7 +205,7 @@ class OpenedSurvey:
 def open_survey(project: Path | str, photographs: Path | str | None = None) -> OpenedSurvey:
     """Open a survey by its project file; nothing is run.
 
-    ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every fault of
+    ``photographs`` is the folder of the photographs in place of the file's own. Raises ProjectError with every error of
     the file at once.
     """
     return OpenedSurvey(load_project(Path(project), None if photographs is None else Path(photographs)))

@@ -60,7 +60,7 @@ STAGES: tuple[Stage, ...] = (*BEFORE_RESULTS, RESULTS)
 def load_project(path: Path, photographs: Path | None = None) -> Project:
     """Read and check a project file; ``photographs`` says where the pictures are, in place of the file's own folder.
 
-    Raises ProjectError with every fault at once.
+    Raises ProjectError with every error at once.
     """
     return read_project(path, photographs, read_matlab_camera=read_camera)
 
@@ -244,15 +244,15 @@ class _Progress:
         while (number := self._next()) <= self.last:
             try:
                 self._do(number, STAGES[number])
-            except DamagedStageError as fault:
-                self._note_damage(fault)
-            except OSError as fault:
-                if isinstance(fault, PhotogramError):
+            except DamagedStageError as error:
+                self._note_damage(error)
+            except OSError as error:
+                if isinstance(error, PhotogramError):
                     raise
                 raise WorkspaceError(
-                    f"{fault.filename or self.run.workspace.folder}: {fault.strerror or fault}, in the stage "
+                    f"{error.filename or self.run.workspace.folder}: {error.strerror or error}, in the stage "
                     f"{STAGES[number].name}: check the disks and their permissions"
-                ) from fault
+                ) from error
 
     def _next(self) -> int:
         again = [number for number, stage in enumerate(STAGES) if stage.name in self.damaged]
@@ -276,17 +276,17 @@ class _Progress:
         self.marks[stage.name] = mark
         self.damaged.discard(stage.name)
 
-    def _note_damage(self, fault: DamagedStageError) -> None:
-        if fault.stage in self.repaired:
+    def _note_damage(self, error: DamagedStageError) -> None:
+        if error.stage in self.repaired:
             raise WorkspaceError(
-                f"{fault.path}: {fault.what}, again after it was recomputed: check the disk, or give another "
+                f"{error.path}: {error.what}, again after it was recomputed: check the disk, or give another "
                 "folder under work"
-            ) from fault
-        self.repaired.add(fault.stage)
-        if fault.stage in self.marks:
-            self.damaged.add(fault.stage)
-        self.watcher.warn(f"{fault.path}: {fault.what}: the stage {fault.stage} is run again")
-        self.run.workspace.discard(fault.stage)
+            ) from error
+        self.repaired.add(error.stage)
+        if error.stage in self.marks:
+            self.damaged.add(error.stage)
+        self.watcher.warn(f"{error.path}: {error.what}: the stage {error.stage} is run again")
+        self.run.workspace.discard(error.stage)
 
 
 def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bool) -> None:

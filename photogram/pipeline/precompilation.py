@@ -65,8 +65,8 @@ def _started() -> subprocess.Popen[bytes] | None:
     nowhere = subprocess.DEVNULL
     try:
         return subprocess.Popen(COMMAND, stdin=nowhere, stdout=nowhere, stderr=nowhere)
-    except OSError as fault:
-        _LOG.debug("kernels are not compiled early: %s", fault)
+    except OSError as error:
+        _LOG.debug("kernels are not compiled early: %s", error)
         return None
 
 

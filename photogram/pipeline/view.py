@@ -72,8 +72,8 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mappin
         return {}, ()
     try:
         survey = load_project(project)
-    except PhotogramError as fault:
-        return {}, (f"No pictures of photographs, {project} cannot be used: {fault}",)
+    except PhotogramError as error:
+        return {}, (f"No pictures of photographs, {project} cannot be used: {error}",)
     if survey.results.resolve() != results.resolve():
         return {}, ()
     there = {photograph.name: photograph.path for photograph in survey.photographs}

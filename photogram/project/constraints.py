@@ -62,7 +62,7 @@ def controlling_points(file: ProjectFile) -> set[str]:
 def check_constraints(
     document: Document, file: ProjectFile, points: set[str], photographs: set[str] | None, checks: set[str]
 ) -> None:
-    """Note the faults of constraints: points and photographs that are none, too few or the same, check points under
+    """Note the errors of constraints: points and photographs that are none, too few or the same, check points under
     role control, what a network without georeference cannot have.
 
     ``points`` are all ground points, ``photographs`` the photographs, None where they are not known, ``checks`` the
@@ -71,7 +71,7 @@ def check_constraints(
     named: dict[tuple[str, str], int] = {}
     for key, i, entry in _entries(file):
         place: Key = (key, i, "points" if isinstance(entry, SurfaceEntry) else "between")
-        text = _fault(key, _names(entry), points, photographs)
+        text = _error_in(key, _names(entry), points, photographs)
         touched = next((n for n in _names(entry) if n in checks), None) if entry.role == "control" else None
         if not text and touched is not None:
             text = (
@@ -88,7 +88,7 @@ def check_constraints(
     _check_free_network(document, file)
 
 
-def _fault(key: str, names: Sequence[str], points: set[str], photographs: set[str] | None) -> str:
+def _error_in(key: str, names: Sequence[str], points: set[str], photographs: set[str] | None) -> str:
     """Return what is wrong with the names of a constraint, empty for nothing."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -130,7 +130,7 @@ def _check_free_network(document: Document, file: ProjectFile) -> None:
 
 
 def constraints_of(file: ProjectFile, photographs: Sequence[str]) -> tuple[Constraint, ...]:
-    """Return the constraints of a file without faults; the ends of distances are ground points, or photographs."""
+    """Return the constraints of a file without errors; the ends of distances are ground points, or photographs."""
     of_pictures = set(photographs)
     kinds: tuple[tuple[SurfaceKind, Sequence[SurfaceEntry]], ...] = (
         ("level surface", file.level_surfaces),

@@ -129,7 +129,7 @@ def read_point_files(
         _source(document, file, key, entry, base, heights, datum) for key, entry in entries if entry.path is not None
     ]
     sources = [source for source in found if source is not None]
-    # Points of a file that cannot be read are not known; that file's fault is enough.
+    # Points of a file that cannot be read are not known; that file's error is enough.
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
     points: list[ProjectControlPoint] = []
@@ -155,12 +155,12 @@ def _note(document: Document, key: Key, path: str, line: int, text: str) -> None
 
 
 def _read(document: Document, key: Key, written: str, base: Path, reader: Callable[[Path], ReadT]) -> ReadT | None:
-    """Return what ``reader`` reads, None where it cannot; its faults name the file as the project does."""
+    """Return what ``reader`` reads, None where it cannot; its errors name the file as the project does."""
     path = base / written
     try:
         return reader(path)
-    except ControlPointError as fault:
-        for line in str(fault).splitlines():
+    except ControlPointError as error:
+        for line in str(error).splitlines():
             document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
         return None
 
@@ -235,8 +235,8 @@ def _positions(
         return given, swapped, entry.heights or heights.control_points
     try:
         position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given, exact=True)
-    except FrameError as fault:
-        text = str(fault).removeprefix("crs: ")
+    except FrameError as error:
+        text = str(error).removeprefix("crs: ")
         document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
         return None, None, None
     try:
@@ -386,7 +386,7 @@ def _marks_in_photographs(
 ) -> list[list[Mark]]:
     """Return the marks of each source in photographs that take part in the project.
 
-    The others are noted as a warning, with the photographs' names; as a fault where no mark of any source is left and
+    The others are noted as a warning, with the photographs' names; as an error where no mark of any source is left and
     the project file lists none itself (``marks_listed``).
     """
     names = [p.name for p in photographs if p.name is not None]

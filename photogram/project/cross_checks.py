@@ -114,8 +114,8 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
     try:
         there = (p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
         names = sorted(without_raw_twins(list(there)))
-    except OSError as fault:
-        document.add_error(key, f"the folder {folder} cannot be read ({fault.strerror})")
+    except OSError as error:
+        document.add_error(key, f"the folder {folder} cannot be read ({error.strerror})")
         return None
     odd = [name for name in names if not name.isprintable()]
     if odd:
@@ -339,8 +339,8 @@ def _check_positions(
         try:
             area = AreaOfUse.of(file.crs)
             crs = file.crs
-        except FrameError as fault:
-            document.add_error(("crs",), str(fault).removeprefix("crs: "))
+        except FrameError as error:
+            document.add_error(("crs",), str(error).removeprefix("crs: "))
     control = _listed(
         [(("control_points", "list", i, "position_m"), p.position_m) for i, p in enumerate(file.control_points.list)]
     )
@@ -358,7 +358,7 @@ def _listed(positions: Sequence[tuple[Key, tuple[float, float, float] | None]]) 
 def _check_plan(
     document: Document, crs: str | None, area: AreaOfUse | None, groups: Sequence[Sequence[Located]]
 ) -> None:
-    """Note swapped, distant and foreign positions; one fault for a whole list or file that has the same."""
+    """Note swapped, distant and foreign positions; one error for a whole list or file that has the same."""
     every = list(chain.from_iterable(groups))
     if not every:
         return

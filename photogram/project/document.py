@@ -1,7 +1,7 @@
 """project.yaml as it is written: its keys, their types, and the line of each.
 
 Blocks are checked by pydantic. A value that cannot be is noted with its line and read as absent, so that one reading
-finds every fault of a file; the messages are photogram's own.
+finds every error of a file; the messages are photogram's own.
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ _NUMBER_HINT = "fewer digits, or quotes around it where it is a name"
 
 
 class Document:
-    """The values of a YAML file, the line of each, and the faults found so far."""
+    """The values of a YAML file, the line of each, and the errors found so far."""
 
     def __init__(self, path: Path) -> None:
-        """Read the file. Raises ProjectError where it cannot be read or is not YAML; other faults are noted."""
+        """Read the file. Raises ProjectError where it cannot be read or is not YAML; other errors are noted."""
         self.path = path
         self._lines: dict[Key, int] = {(): 1}
         self._errors: dict[tuple[int, Key, str], None] = {}
@@ -158,7 +158,7 @@ class Document:
         return key
 
     def unread(self, key: Key) -> bool:
-        """Whether the file has a value at ``key`` that YAML allows and photogram does not read; its fault is noted."""
+        """Whether the file has a value at ``key`` that YAML allows and photogram does not read; its error is noted."""
         return key in self._unread
 
     def line(self, key: Key) -> int:
@@ -206,15 +206,15 @@ class Document:
 
     @property
     def errors(self) -> int:
-        """The number of faults noted so far."""
+        """The number of errors noted so far."""
         return len(self._errors)
 
     def raise_errors(self) -> None:
-        """Raise a ProjectError with every fault noted, in the order of the lines; return if there is none."""
+        """Raise a ProjectError with every error noted, in the order of the lines; return if there is none."""
         if not self._errors:
             return
         lines = []
-        errors = sorted(self._errors, key=lambda fault: fault[0])
+        errors = sorted(self._errors, key=lambda error: error[0])
         for line, key, text in errors[:MOST_ERRORS]:
             where = self.where(key)
             lines.append(f"{self.path}:{line}: {where}: {text}" if where else f"{self.path}:{line}: {text}")
@@ -239,17 +239,17 @@ def _compose(path: Path) -> yaml.Node | None:
 def _composed(path: Path, text: str) -> yaml.Node | None:
     try:
         node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as fault:
-        mark = fault.problem_mark or fault.context_mark
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
         where = f"{path}:{mark.line + 1}: column {mark.column + 1}: " if mark else f"{path}: "
-        words = ", ".join(part for part in (fault.context, fault.problem) if part)
+        words = ", ".join(part for part in (error.context, error.problem) if part)
         raise ProjectError(
             f"{where}not valid YAML, {words}: check indentation (spaces), brackets, colons and quotes"
-        ) from fault
-    except yaml.reader.ReaderError as fault:
-        line = text[: fault.position].count("\n") + 1
-        character = f"U+{ord(text[fault.position]):04X}"
-        raise ProjectError(f"{path}:{line}: the character {character} is not allowed in YAML: remove it") from fault
+        ) from error
+    except yaml.reader.ReaderError as error:
+        line = text[: error.position].count("\n") + 1
+        character = f"U+{ord(text[error.position]):04X}"
+        raise ProjectError(f"{path}:{line}: the character {character} is not allowed in YAML: remove it") from error
     if node is not None and not isinstance(node, yaml.MappingNode):
         line = node.start_mark.line + 1
         raise ProjectError(f"{path}:{line}: a project file is a mapping of keys that begins with photogram: 1")
@@ -259,13 +259,13 @@ def _composed(path: Path, text: str) -> yaml.Node | None:
 def _read_text(path: Path) -> str:
     try:
         return read_whole(path, MOST_BYTES).decode("utf-8-sig")
-    except OSError as fault:
-        reason = fault.strerror or type(fault).__name__
-        raise ProjectError(f"{path}: cannot be read ({reason}): give the path of a project.yaml") from fault
-    except UnicodeDecodeError as fault:
-        line = fault.object[: fault.start].count(b"\n") + 1
-        byte = f"{fault.object[fault.start]:#04x}"
-        raise ProjectError(f"{path}:{line}: byte {byte} is not UTF-8: save the file as UTF-8") from fault
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise ProjectError(f"{path}: cannot be read ({reason}): give the path of a project.yaml") from error
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        byte = f"{error.object[error.start]:#04x}"
+        raise ProjectError(f"{path}:{line}: byte {byte} is not UTF-8: save the file as UTF-8") from error
 
 
 def _inside(value: object, part: str | int) -> object:
@@ -389,18 +389,18 @@ _WORDS = {
     "too_short": "must have at least {min_length} values",
     "tuple_type": "must be a list",
 }
-"""pydantic's kinds of faults in plain words; braces are filled from the fault's own context."""
+"""pydantic's kinds of errors in plain words; braces are filled from the error's own context."""
 
 _BLOCKS = ("model_type", "dataclass_type")
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
-def _wording(fault: ErrorDetails) -> str:
-    kind, context, value = fault["type"], fault.get("ctx", {}), fault["input"]
+def _wording(error: ErrorDetails) -> str:
+    kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "value_error":
         return str(context["error"])
     expected = str(context.get("expected", ""))
-    words = fault["msg"].lower()
+    words = error["msg"].lower()
     if kind in _WORDS:
         words = _WORDS[kind].format(**context | {"expected": expected.replace("'", "")})
     near = difflib.get_close_matches(str(value), re.findall(r"'([^']*)'", expected), n=1)
@@ -413,7 +413,7 @@ def _prune(raw: dict[str, object], key: Key, kind: str) -> None:
     value: object = raw
     for part in key:
         if not isinstance(value, dict | list) or (isinstance(value, dict) and part not in value):
-            return  # another fault has taken it out already
+            return  # another error has taken it out already
         place.append((value, part))
         value = value[part]  # type: ignore[index]
     if kind not in _BLOCKS:
@@ -464,15 +464,15 @@ def read_entry(document: Document, model: type[EntryT], key: Key = ()) -> EntryT
     except ValidationError as invalid:
         errors = invalid.errors()
         raw = json.loads(text)
-        for fault in errors:
-            _prune(raw, document.known((*key, *fault["loc"]))[len(key) :], fault["type"])
+        for error in errors:
+            _prune(raw, document.known((*key, *error["loc"]))[len(key) :], error["type"])
         entry = model.model_validate_json(json.dumps(raw))
     wording: dict[Key, list[str]] = {}
-    for fault in errors:
-        place = document.known((*key, *fault["loc"]))
-        if fault["type"] in _BLOCKS and fault["input"] is None:
+    for error in errors:
+        place = document.known((*key, *error["loc"]))
+        if error["type"] in _BLOCKS and error["input"] is None:
             continue  # an empty block: its keys are absent
-        text = _unknown(entry, place[len(key) :]) if fault["type"] in _UNKNOWN else _wording(fault)
+        text = _unknown(entry, place[len(key) :]) if error["type"] in _UNKNOWN else _wording(error)
         wording.setdefault(place, []).append(text)
     for place, texts in wording.items():
         if not document.unread(place):
@@ -514,7 +514,7 @@ def _settings_model(settings: type[Any]) -> type[Entry]:
 def read_settings(document: Document, name: str, settings: type[SettingsT]) -> SettingsT | None:
     """Return the section ``name`` as the dataclass ``settings``, whose fields, types and defaults are its schema.
 
-    None where the section cannot be; its faults, those that the dataclass raises included, are noted in the document.
+    None where the section cannot be; its errors, those that the dataclass raises included, are noted in the document.
     """
     before = document.errors
     entry = read_entry(document, settings_model(settings), (name,))
@@ -522,6 +522,6 @@ def read_settings(document: Document, name: str, settings: type[SettingsT]) -> S
         return None
     try:
         return settings(**{key: getattr(entry, key) for key in entry.model_fields_set})
-    except SettingError as fault:
-        document.add_error((name, fault.key), fault.text)
+    except SettingError as error:
+        document.add_error((name, error.key), error.text)
         return None

@@ -1,6 +1,6 @@
 """Where a project keeps its photographs, inputs, intermediate results and results.
 
-Arrangements in which photogram would write over, or remove, what is not its own are faults of the project file.
+Arrangements in which photogram would write over, or remove, what is not its own are errors of the project file.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def check_folders(
         places += [(key, "the file", place) for key, place in input_files(path, file, base)]
         places += [(key, "the photograph", place) for key, place in _photographs(photographs, folder)]
         _check_stages(document, work, places)
-    except (OSError, RuntimeError) as fault:  # a loop of links; which of the two depends on the version of Python
-        document.add_error(("work",), f"the folders of the project cannot be distinguished ({fault}): name others")
+    except (OSError, RuntimeError) as error:  # a loop of links; which of the two depends on the version of Python
+        document.add_error(("work",), f"the folders of the project cannot be distinguished ({error}): name others")
 
 
 def _photographs(photographs: Sequence[PhotographEntry] | None, folder: Path | None) -> Iterator[tuple[Key, Path]]:

@@ -38,7 +38,7 @@ _GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 
 
 def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredHeights | None:
-    """Return what the project declares of its heights, None where that cannot be; its faults are noted.
+    """Return what the project declares of its heights, None where that cannot be; its errors are noted.
 
     A ``crs`` with a vertical part declares the system of results, of the positions in the file and of ground points
     that say nothing else. The path of a grid is taken from ``base``.
@@ -47,9 +47,9 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     try:
         vertical = None if file.crs is None else vertical_of(file.crs)
         plan = None if file.crs is None or file.crs == NO_CRS else projected_crs(file.crs)
-    except FrameError as fault:
+    except FrameError as error:
         if file.crs is not None and _has_plan(file.crs):
-            document.add_error(("crs",), f"its vertical part {fault}")
+            document.add_error(("crs",), f"its vertical part {error}")
         return None  # a plan that cannot be is noted with the positions
     if vertical is not None and entry.output == "ellipsoidal":
         says = f"must be orthometric, as the crs {shortened(str(file.crs))} says"
@@ -127,8 +127,8 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
     geoid = Geoid(name or vertical, path)
     try:
         _ = geoid.crs
-    except FrameError as fault:
-        document.add_error((*_KEY, "geoid"), str(fault))
+    except FrameError as error:
+        document.add_error((*_KEY, "geoid"), str(error))
         return None
     return geoid
 
@@ -185,7 +185,7 @@ def listed_in_map(
     map, NaN where one has none.
 
     A missing grid of the geoid, and one that does not reach to these positions or to ``places``, are noted. Nothing is
-    done to positions of a document that has other faults.
+    done to positions of a document that has other errors.
     """
     control = _rows([p.position_m for p in file.control_points.list])
     gnss = _rows([p.gnss_m for p in file.photographs.list or ()])
@@ -198,8 +198,8 @@ def listed_in_map(
             LocalFrame(file.crs, (0.0, 0.0, 0.0), "grid", heights.map_geoid).geoid_height_m(np.vstack([*known, others]))
         for rows, own, given in zip((control, gnss), known, (heights.control_points, heights.gnss_given), strict=True):
             rows[np.isfinite(rows).all(axis=1)] = map_heights(file.crs, heights, given, own)
-    except FrameError as fault:
-        document.add_error(_KEY if document.at(_KEY) is not None else ("crs",), str(fault).removeprefix("crs: "))
+    except FrameError as error:
+        document.add_error(_KEY if document.at(_KEY) is not None else ("crs",), str(error).removeprefix("crs: "))
     return control, gnss
 
 

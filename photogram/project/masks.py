@@ -66,8 +66,8 @@ def masks_of_photographs(
         return none
     try:
         found = find_masks(masks, photographs)
-    except ImageError as fault:
-        for line in str(fault).splitlines():
+    except ImageError as error:
+        for line in str(error).splitlines():
             document.add_error(MASKS_KEY, line)
         return none
     if found.others:

@@ -1,6 +1,6 @@
 """The project file: what a survey consists of, in the map frame, and how it is to be worked out.
 
-read_project checks everything that can be known without opening a photograph and reports every fault at once. Files of
+read_project checks everything that can be known without opening a photograph and reports every error at once. Files of
 ground points are read with it. Pixels are converted here, once, to photogram's frame: the centre of the top-left pixel
 is (0, 0).
 """
@@ -284,7 +284,7 @@ def read_project(
     """Read and check a project file.
 
     ``photographs_folder`` stands instead of the file's own; ``read_matlab_camera`` reads cameras that are .mat files.
-    Raises ProjectError with one line for each fault, ``path:line: key: what is wrong``.
+    Raises ProjectError with one line for each error, ``path:line: key: what is wrong``.
     """
     document = Document(path)
     base = path.absolute().parent
@@ -359,8 +359,8 @@ def _with_seams(
     elif photographs is not None and file.crs is not None:
         try:
             read_seams(path, [p.name for p in photographs if p.name is not None], file.crs)
-        except PhotogramError as fault:
-            document.add_error(("orthophoto", "seams"), str(fault))
+        except PhotogramError as error:
+            document.add_error(("orthophoto", "seams"), str(error))
     return replace(settings, seams=str(path))
 
 
@@ -412,7 +412,7 @@ def _given(value: ValueT | None) -> ValueT:
 def _camera(
     document: Document, key: Key, entry: CameraEntry, base: Path, read_matlab: ReadMatlabCamera
 ) -> Camera | None:
-    """Return the camera, or None where a fault of the document has left it incomplete."""
+    """Return the camera, or None where an error of the document has left it incomplete."""
     if entry.width_px is None or entry.height_px is None:
         return None
     name = str(key[-1])
@@ -422,8 +422,8 @@ def _camera(
             return None
         try:
             camera = read_matlab(path, name, entry.width_px, entry.height_px, entry.pixel_origin)
-        except PhotogramError as fault:
-            document.add_error((*key, "matlab"), str(fault))
+        except PhotogramError as error:
+            document.add_error((*key, "matlab"), str(error))
             return None
     elif entry.focal_px is None or entry.principal_point_px is None:
         return None

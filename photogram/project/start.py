@@ -75,8 +75,8 @@ def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolu
         return None
     try:
         solution = read_stored(start.solution)
-    except ExchangeError as fault:
-        document.add_error(key, str(fault))
+    except ExchangeError as error:
+        document.add_error(key, str(error))
         return None
     if start.tie_points == "theirs" and not len(solution.tie_points):
         document.add_error(("start", "tie_points"), f"{start.solution.name} has no tie points: write tie_points: own")
@@ -102,9 +102,9 @@ def check_start(
     """Raise ProjectError where a solution is none of a project's photographs."""
     try:
         start_of(names, camera_of, cameras, solution)
-    except ProjectError as fault:
+    except ProjectError as error:
         written = "" if file.start is None else file.start.solution
-        document.add_error(("start", "solution"), f"{written} {fault}")
+        document.add_error(("start", "solution"), f"{written} {error}")
         document.raise_errors()
 
 

@@ -151,10 +151,10 @@ def triangulate(reference: PointCloud, maximum_gap_m: float | None = None) -> Tr
     vertex = reference.position_map_m - origin
     try:
         triangulation = Delaunay(vertex[:, :2])
-    except QhullError as fault:
+    except QhullError as error:
         raise SurfaceError(
             f"comparison: the {len(reference)} points of the reference lie on one line in plan"
-        ) from fault
+        ) from error
     corners = vertex[triangulation.simplices][..., :2]
     edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     gap_m = 10 * np.median(edge_m) if maximum_gap_m is None else maximum_gap_m

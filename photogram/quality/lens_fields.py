@@ -193,9 +193,9 @@ def with_lens_fields(
         block = replace(plain, cameras=tuple(cameras), poses=poses)
         try:
             verdict = adjuster(block, [camera.parameters for camera in before.cameras])
-        except AdjustmentError as fault:
+        except AdjustmentError as error:
             for c in wanted:
-                decisions[c] = replace(decisions[c], why=f"the block cannot be adjusted with it: {fault}")
+                decisions[c] = replace(decisions[c], why=f"the block cannot be adjusted with it: {error}")
             block, verdict = plain, first
             break
         for c in wanted:

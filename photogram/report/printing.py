@@ -79,8 +79,8 @@ def print_pdf(page: Path, target: Path) -> None:
         command = [browser, *options, page.absolute().as_uri()]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
-        except (OSError, subprocess.TimeoutExpired) as fault:
-            raise ReportError(f"{browser} could not print the report ({fault}): {remedy}") from fault
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise ReportError(f"{browser} could not print the report ({error}): {remedy}") from error
     if done.returncode or not target.is_file():
         said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
         raise ReportError(f"{browser} could not print the report ({said}): {remedy}")

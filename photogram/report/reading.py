@@ -30,10 +30,10 @@ def read_report(path: Path) -> Report:
     """Return what report.json holds. Raises ReportError where it cannot be read, is damaged or is something else."""
     try:
         return report_of(read_whole(path, MOST_BYTES))
-    except ReportError as fault:  # an OSError too
-        raise ReportError(f"{path}: {fault}: {_REMEDY}") from fault
-    except OSError as fault:
-        raise ReportError(f"{path}: cannot be read ({fault.strerror}): {_REMEDY}") from fault
+    except ReportError as error:  # an OSError too
+        raise ReportError(f"{path}: {error}: {_REMEDY}") from error
+    except OSError as error:
+        raise ReportError(f"{path}: cannot be read ({error.strerror}): {_REMEDY}") from error
 
 
 def report_of(text: bytes | str) -> Report:
@@ -43,17 +43,17 @@ def report_of(text: bytes | str) -> Report:
     """
     try:
         report = report_types().validate_json(text)
-    except ValidationError as fault:
-        raise ReportError(_sentence(text, fault)) from fault
+    except ValidationError as error:
+        raise ReportError(_sentence(text, error)) from error
     contradiction = _contradiction(report)
     if contradiction:
         raise ReportError(f"damaged, {contradiction}")
     return report
 
 
-def _sentence(text: bytes | str, fault: ValidationError) -> str:
-    """Return the first fault in words."""
-    first = fault.errors(include_url=False)[0]
+def _sentence(text: bytes | str, error: ValidationError) -> str:
+    """Return the first error in words."""
+    first = error.errors(include_url=False)[0]
     if first["type"] == "json_invalid":
         return f"damaged ({printable(first['ctx']['error'])})"
     found: object = from_json(text)
@@ -114,6 +114,6 @@ def making_of(path: Path) -> Iterator[None]:
         ArithmeticError,
         RecursionError,
         TemplateError,
-    ) as fault:
-        words = printable(shortened(f"{type(fault).__name__}: {fault}", 200))
-        raise ReportError(f"{path}: damaged, or not of this version of photogram ({words}): {_REMEDY}") from fault
+    ) as error:
+        words = printable(shortened(f"{type(error).__name__}: {error}", 200))
+        raise ReportError(f"{path}: damaged, or not of this version of photogram ({words}): {_REMEDY}") from error

@@ -141,7 +141,7 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         near = middle < NEAR * settings.threshold_px
         if number >= ROUNDS_TO_COME_NEAR and not near:
             return None
-        # a calibration would take up what are faults of the measured poses
+        # a calibration would take up what are errors of the measured poses
         structure.adjust(
             iterations=8, tolerance=1e-2, huber_px=max(2.0, middle), calibrate=near, loss="cauchy",
             position=measured_m, position_sigma=sigma_m,

@@ -131,7 +131,7 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
     bent = [max(DISTORTION_PX, DISTORTION_SHARE * max(c.width_px, c.height_px)) for c in block.cameras]
     known = [any_camera or _distortion_sigma_px(c) < most for c, most in zip(block.cameras, bent, strict=True)]
     found: list[Resection | None] = []
-    faults: list[str] = []
+    errors: list[str] = []
     for index, photograph in enumerate(block.photographs):
         marks = np.flatnonzero(points.mark_photograph == index)
         position = points.position_world_m[points.mark_point[marks]]
@@ -144,10 +144,10 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
                 camera = block.cameras[photograph.camera]
                 sigma_m = points.sigma_m[points.mark_point[marks]]
                 resection = resect(camera, position, pixel, sigma, sigma_m=sigma_m, expected_world_m=gnss)
-            except PhotogramError as fault:
-                faults.append(f"photograph {photograph.name}: {fault}")
+            except PhotogramError as error:
+                errors.append(f"photograph {photograph.name}: {error}")
         found.append(resection)
-    return tuple(found), tuple(faults)
+    return tuple(found), tuple(errors)
 
 
 def _confirmed(
@@ -211,11 +211,11 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
         sigma = np.linalg.norm(points.sigma_m[known], axis=1) + SHAPE_TOLERANCE * extent
         try:
             return robust_similarity(source[known], target, sigma)[0]
-        except OrientationError as fault:
+        except OrientationError as error:
             if sum(p.gnss_world_m is not None for p in block.photographs) < 2:
                 factor = picture_factor(replace(block, poses=structure.poses(), cameras=structure.calibrated()))
-                why = str(fault) if factor is None else other_size(factor)
-                raise OrientationError(f"the control points do not fit the block: {why}") from fault
+                why = str(error) if factor is None else other_size(factor)
+                raise OrientationError(f"the control points do not fit the block: {why}") from error
     index = [i for i in np.flatnonzero(structure.registered) if block.photographs[i].gnss_world_m is not None]
     target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
     sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)
@@ -297,10 +297,10 @@ def orient(
     be oriented, or when nothing places the block in the world.
     """
     count = len(block.photographs)
-    resections, faults = resections_of(block, any_camera=settings.method == "control")
-    contradicted = bool(faults) and len(faults) + sum(r is not None for r in resections) == count
+    resections, errors = resections_of(block, any_camera=settings.method == "control")
+    contradicted = bool(errors) and len(errors) + sum(r is not None for r in resections) == count
     if contradicted and settings.method == "control":
-        raise OrientationError("\n".join(faults))
+        raise OrientationError("\n".join(errors))
     if settings.method != "control":
         resections = _confirmed(block, resections, settings)
     if known is None and settings.method in ("auto", "control") and all(r is not None for r in resections):
@@ -315,7 +315,7 @@ def orient(
     components, method = _components(block, settings, progress, known)
     if not components:
         if contradicted and settings.method == "auto":
-            raise OrientationError("\n".join(faults))
+            raise OrientationError("\n".join(errors))
         raise OrientationError(
             f"no two of the {count} photographs form a valid relative orientation: they need "
             f"{settings.minimum_points} tie "
@@ -325,8 +325,8 @@ def orient(
     _LOG.debug("oriented by %s: components of %s photographs", method, [int(c.registered.sum()) for c in components])
     try:
         fit = georeference(structure, block, settings.vertical)
-    except OrientationError as fault:
-        raise OrientationError("\n".join([str(fault), *faults])) from fault
+    except OrientationError as error:
+        raise OrientationError("\n".join([str(error), *errors])) from error
     _LOG.debug("placed in the world at scale %.6g", fit.scale)
     component = np.full(count, -1, dtype=np.int64)
     for number, other in enumerate(components):
@@ -410,7 +410,7 @@ def _with_tilt_alone(photograph: Photograph, turn: FloatArray, common: FloatArra
     if attitude is None:
         return photograph
     tilted = _turn_about_vertical(turn) @ attitude
-    # a common turn about level axes is the block's, by its positions, and no fault of this tilt
+    # a common turn about level axes is the block's, by its positions, and no error of this tilt
     level = common @ _turn_about_vertical(common).T
     pose = turn @ attitude
     if min(_angle_rad(tilted, pose), _angle_rad(level @ tilted, pose)) < _limit_rad(photograph):

@@ -130,11 +130,11 @@ def _cloth(low: FloatArray, side_m: float, settings: TerrainSettings) -> BoolArr
     """Return which blocks the cloth says are ground."""
     try:
         from CSF_3DFin import CSF
-    except ImportError as fault:
+    except ImportError as error:
         raise PhotogramError(
             "terrain: the ground filter needs the package csf-3dfin, which is not installed: pip install csf-3dfin "
             "for a Python version it supports, or remove terrain"
-        ) from fault
+        ) from error
     row, column = np.nonzero(np.isfinite(low))
     ground = np.zeros(low.shape, dtype=bool)
     if not len(row):

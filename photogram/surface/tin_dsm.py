@@ -258,10 +258,10 @@ def _triangulated(cloud: PointCloud, settings: SurfaceSettings) -> _Triangles:
     _need_three(len(points_m), len(cloud), f"are no spikes (spike_nmad {settings.spike_nmad:g})")
     try:
         triangulation = Delaunay(points_m[:, :2])
-    except QhullError as fault:
+    except QhullError as error:
         raise SurfaceError(
             f"surface: the {len(points_m)} points are collinear in plan: a surface needs points that span an area"
-        ) from fault
+        ) from error
     corners = points_m[triangulation.simplices]
     usable = _usable_triangles(corners, settings.maximum_gap_m)
     cell_m = settings.cell_m or _cell_from_density(corners[usable], len(np.unique(triangulation.simplices[usable])))

@@ -15,8 +15,8 @@ experiments = typer.Typer(help="Teaching experiments on single processing steps.
 def _numbers(text: str, option: str) -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
-    except ValueError as fault:
-        raise typer.BadParameter(f"{option}: {text!r} is not a list of numbers such as 8,10,12") from fault
+    except ValueError as error:
+        raise typer.BadParameter(f"{option}: {text!r} is not a list of numbers such as 8,10,12") from error
     return values
 
 

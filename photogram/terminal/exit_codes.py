@@ -47,7 +47,7 @@ def say(text: str) -> None:
             sys.stderr.flush()
 
 
-def output_fault(*, probe: bool = False) -> OSError | None:
+def output_error(*, probe: bool = False) -> OSError | None:
     """Return why standard output cannot be written, None where it can.
 
     ``probe`` writes an empty line to find out: what could not be written before is forgotten by then.
@@ -58,8 +58,8 @@ def output_fault(*, probe: bool = False) -> OSError | None:
         if probe:
             sys.stdout.write("\n")
         sys.stdout.flush()
-    except OSError as fault:
-        return fault
+    except OSError as error:
+        return error
     return None
 
 
@@ -71,11 +71,11 @@ def give_up_output() -> None:
         os.close(nowhere)
 
 
-def say_output_fault(fault: OSError) -> int:
+def say_output_error(error: OSError) -> int:
     """Say that standard output cannot be written; of a pipe that was closed, nothing. Returns the exit code."""
     give_up_output()
-    if not isinstance(fault, BrokenPipeError):
-        say(f"photogram: standard output cannot be written ({fault.strerror}): its results may be incomplete")
+    if not isinstance(error, BrokenPipeError):
+        say(f"photogram: standard output cannot be written ({error.strerror}): its results may be incomplete")
     return FAILED
 
 
@@ -86,11 +86,11 @@ def say_outcome(cause: BaseException, command: str | None, verbosity: int) -> in
         say(f"photogram: interrupted{kept}")
         return INTERRUPTED
     if isinstance(cause, BrokenPipeError):
-        return say_output_fault(cause)
+        return say_output_error(cause)
     if isinstance(cause, OSError) and cause.errno in _MACHINE and cause.filename is None:
-        fault = output_fault(probe=True)
-        if fault is not None:
-            return say_output_fault(fault)
+        error = output_error(probe=True)
+        if error is not None:
+            return say_output_error(error)
     if verbosity > 1:
         say("".join(traceback.format_exception(cause)).rstrip())
     message = _fixable(cause)
@@ -126,8 +126,8 @@ def _say_defect(cause: BaseException) -> int:
         handle, path = tempfile.mkstemp(prefix="photogram-defect-", suffix=".txt")
         with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as stream:
             stream.write(details)
-    except OSError as fault:
-        say(f"photogram: a defect of photogram ({kind}), please report it. No file of details ({fault}); they are:")
+    except OSError as error:
+        say(f"photogram: a defect of photogram ({kind}), please report it. No file of details ({error}); they are:")
         say(details)
     else:
         say(f"photogram: a defect of photogram ({kind}), please report it; details in {path}")
@@ -154,8 +154,8 @@ def _details(cause: BaseException) -> str:
 def _folder() -> str:
     try:
         return os.getcwd()
-    except OSError as fault:
-        return str(fault)
+    except OSError as error:
+        return str(error)
 
 
 def _version(name: str) -> str:

@@ -27,7 +27,7 @@ from photogram.pipeline.pipeline import STAGES
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.project import Project, ProjectPhotograph
-from photogram.project.validation.check import check_survey, header_findings, project_faults, survey_findings
+from photogram.project.validation.check import check_survey, header_findings, project_errors, survey_findings
 from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.detector import FeatureSettings
 from photogram.sfm.tie_points.guided_matching import TransferSettings
@@ -515,11 +515,11 @@ def test_twins_disk_and_memory() -> None:
 def test_faults_of_the_project_file_become_findings(tmp_path: Path) -> None:
     path = tmp_path / "project.yaml"
     several = ProjectError(f"{path} has 2 errors:\n{path}:3: crs: is missing: give it\n{path}:7: gnss.x: unknown: y")
-    assert project_faults(path, several) == [
+    assert project_errors(path, several) == [
         Finding("error", "project.yaml:3", "crs: is missing: give it"),
         Finding("error", "project.yaml:7", "gnss.x: unknown: y"),
     ]
-    (one,) = project_faults(path, ProjectError(f"{path}: cannot be read (No such file)"))
+    (one,) = project_errors(path, ProjectError(f"{path}: cannot be read (No such file)"))
     assert (one.where, one.text) == ("project.yaml", "cannot be read (No such file)")
 
 

@@ -61,8 +61,8 @@ def read_compared(path: Path) -> ComparedCloud:
 def _crs_of(path: Path, header: laspy.LasHeader) -> str | None:
     try:
         crs = header.parse_crs()
-    except Exception as fault:  # whatever PROJ says of what is no CRS; laspy names no errors of its own
-        raise ProjectError(f"point cloud {path}: its CRS cannot be read ({fault}): export it again") from fault
+    except Exception as error:  # whatever PROJ says of what is no CRS; laspy names no errors of its own
+        raise ProjectError(f"point cloud {path}: its CRS cannot be read ({error}): export it again") from error
     return None if crs is None else str(crs.to_wkt())
 
 

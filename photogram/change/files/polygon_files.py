@@ -53,19 +53,19 @@ def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
     unit_m = map_units(crs).plan_m
     columns = {str(name).casefold(): values for name, values in zip(meta["fields"], fields, strict=True)}
     named = next((columns[name] for name in NAME_FIELDS if name in columns), None)
-    faults, found = [], []
+    errors, found = [], []
     for number, shape in enumerate(shapes.tolist(), 1):
         given = None if named is None else named[number - 1]
         name = str(number) if given is None or not str(given).strip() else str(given).strip()
-        fault = _fault(shape)
-        if fault:
-            faults.append(f"polygon {number} ({name}): {fault}")
+        error = _error_in(shape)
+        if error:
+            errors.append(f"polygon {number} ({name}): {error}")
         else:
             plan = shapely.force_2d(shape)
             found.append(SitePolygon(name, plan if unit_m == 1.0 else shapely.transform(plan, lambda at: unit_m * at)))
-    if faults:
-        more = f" (and {len(faults) - 3} more)" if len(faults) > 3 else ""
-        raise ProjectError(f"polygons {path}: {'; '.join(faults[:3])}{more}")
+    if errors:
+        more = f" (and {len(errors) - 3} more)" if len(errors) > 3 else ""
+        raise ProjectError(f"polygons {path}: {'; '.join(errors[:3])}{more}")
     names = [polygon.name for polygon in found]
     if len(set(names)) < len(names):
         raise ProjectError(f"polygons {path}: two are called {max(names, key=names.count)!r}: rename one")
@@ -88,15 +88,15 @@ def _read(path: Path) -> tuple[dict[str, Any], Any, list[Any]]:
         shapes = shapely.from_wkb(np.zeros(0, object) if geometry is None else geometry)
     except ProjectError:
         raise
-    except _DAMAGE as fault:
-        words = " ".join(str(fault).split())[:200]
-        raise ProjectError(f"polygons {path}: cannot be read ({words}): export them again as GeoPackage") from fault
+    except _DAMAGE as error:
+        words = " ".join(str(error).split())[:200]
+        raise ProjectError(f"polygons {path}: cannot be read ({words}): export them again as GeoPackage") from error
     if not len(shapes):
         raise ProjectError(f"polygons {path}: it contains no polygons: export it again")
     return meta, shapes, list(fields)
 
 
-def _fault(shape: Geometry) -> str:
+def _error_in(shape: Geometry) -> str:
     """Return what is wrong with a polygon, empty where nothing is."""
     if shape is None or shape.is_empty or shape.geom_type not in ("Polygon", "MultiPolygon"):
         kind = "empty" if shape is None or shape.is_empty else shape.geom_type
@@ -117,7 +117,7 @@ def _check_crs(path: Path, written: str | None, shapes: Any, crs: str) -> None: 
         raise FrameError(f"polygons {path}: they are in longitude and latitude, not in {plan_of(crs)}: {remedy}")
     try:
         same = same_plan(str(written), crs)
-    except FrameError as fault:
-        raise FrameError(f"polygons {path}: {fault}: {remedy}") from fault
+    except FrameError as error:
+        raise FrameError(f"polygons {path}: {error}: {remedy}") from error
     if not same:
         raise FrameError(f"polygons {path}: their CRS {written} is not that of the surface, {plan_of(crs)}: {remedy}")

@@ -68,10 +68,10 @@ def foreign_block(solution: ForeignSolution, crs: str | None = None) -> ForeignB
         raise ExchangeError(f"{solution.program}: no photograph is oriented, so there is no solution to audit")
     try:
         return _placed(_measured(solution, crs or solution.crs), solution)
-    except FrameError as fault:
-        raise _no_crs(solution, fault) from fault
-    except OrientationError as fault:
-        raise ExchangeError(f"{solution.program}: {fault}") from fault
+    except FrameError as error:
+        raise _no_crs(solution, error) from error
+    except OrientationError as error:
+        raise ExchangeError(f"{solution.program}: {error}") from error
 
 
 def with_their_model(start: ForeignBlock, solution: ForeignSolution) -> Block:
@@ -116,13 +116,13 @@ def map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, 
     """Return the map of a solution and its ground points (G, 3) in it, NaN for those without a survey."""
     try:
         crs, _, ground = _map_points(solution, crs)
-    except FrameError as fault:
-        raise _no_crs(solution, fault) from fault
+    except FrameError as error:
+        raise _no_crs(solution, error) from error
     return crs, ground
 
 
-def _no_crs(solution: ForeignSolution, fault: FrameError) -> ExchangeError:
-    return ExchangeError(f"{solution.program}: {fault}: give the CRS of the coordinates with --crs")
+def _no_crs(solution: ForeignSolution, error: FrameError) -> ExchangeError:
+    return ExchangeError(f"{solution.program}: {error}: give the CRS of the coordinates with --crs")
 
 
 def _map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray, FloatArray]:
@@ -269,8 +269,8 @@ def _by_tie_points(block: Block) -> Block:
     free = replace(block, frame=LocalFrame.local(), photographs=photographs, control_points=NOBODY)
     try:
         return adjust(free, AdjustmentSettings(estimate_sigmas=False)).block
-    except AdjustmentError as fault:
-        raise OrientationError(str(fault)) from fault
+    except AdjustmentError as error:
+        raise OrientationError(str(error)) from error
 
 
 def _from_map(frame: LocalFrame, pose: Pose) -> Pose:

@@ -144,10 +144,10 @@ def _system(path: Path, block: Element, definition: str) -> _System:
         return _System("geocentric", crs, None)
     try:
         metric_only(crs)
-    except FrameError as fault:
+    except FrameError as error:
         raise ExchangeError(
             f"{place}: poses are in {printable(shortened(crs))}, which is no map in metres: export the block in one"
-        ) from fault
+        ) from error
     return _System("map", crs, None)
 
 
@@ -331,8 +331,8 @@ def _parts(path: Path, points: list[bytes]) -> Iterator[tuple[FloatArray, FloatA
             measurement = _values(_MEASUREMENT, text)
             position, colour = _values(_POSITION, text), np.zeros((len(some), 3))
             known = _values(_COLOUR, text)
-        except ValueError as fault:
-            raise ExchangeError(f"{path}: a tie point has a value that is no number: {_REMEDY}") from fault
+        except ValueError as error:
+            raise ExchangeError(f"{path}: a tie point has a value that is no number: {_REMEDY}") from error
         if (
             np.any(placed != 1)
             or np.any(coloured > 1)

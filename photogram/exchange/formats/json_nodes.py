@@ -152,11 +152,11 @@ def read_json(path: Path, most_bytes: int = MOST_BYTES, *, numbers_are_text: boo
     """
     try:
         return Node(json.loads(text_of(path, most_bytes)), str(path), numbers_are_text)
-    except json.JSONDecodeError as fault:
-        raise ExchangeError(f"{path}:{fault.lineno}: is not JSON ({fault.msg}): it is cut off or damaged") from fault
-    except RecursionError as fault:
-        raise ExchangeError(f"{path}: its lists lie too deep in one another: it is damaged") from fault
-    except ValueError as fault:
-        if isinstance(fault, ExchangeError):
+    except json.JSONDecodeError as error:
+        raise ExchangeError(f"{path}:{error.lineno}: is not JSON ({error.msg}): it is cut off or damaged") from error
+    except RecursionError as error:
+        raise ExchangeError(f"{path}: its lists lie too deep in one another: it is damaged") from error
+    except ValueError as error:
+        if isinstance(error, ExchangeError):
             raise
-        raise ExchangeError(f"{path}: holds a number with too many digits: it is damaged") from fault
+        raise ExchangeError(f"{path}: holds a number with too many digits: it is damaged") from error

@@ -75,8 +75,8 @@ def read_micmac(folder: Path) -> ForeignSolution:
     """
     try:
         files = sorted(file for file in folder.iterdir() if file.name.startswith(_START) and file.name.endswith(_END))
-    except (OSError, ValueError) as fault:
-        raise ExchangeError(f"{folder}: cannot be read ({fault}): give a folder Ori-… of MicMac") from fault
+    except (OSError, ValueError) as error:
+        raise ExchangeError(f"{folder}: cannot be read ({error}): give a folder Ori-… of MicMac") from error
     if not files:
         raise ExchangeError(f"{folder}: has no file {_START}…{_END}: give a folder Ori-… of MicMac")
     cameras: list[Camera] = []

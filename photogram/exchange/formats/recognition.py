@@ -46,8 +46,8 @@ def recognised(path: Path) -> list[tuple[Format, Path]]:
             if found:
                 return found
             level = [below for folder in level for below in sorted(folder.iterdir()) if below.is_dir()]
-    except (OSError, ValueError) as fault:
-        raise ExchangeError(f"{path}: cannot be read ({fault}): check the name and its permissions") from fault
+    except (OSError, ValueError) as error:
+        raise ExchangeError(f"{path}: cannot be read ({error}): check the name and its permissions") from error
     return []
 
 

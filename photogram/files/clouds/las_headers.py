@@ -61,7 +61,7 @@ def _read(data: bytes) -> _Header:
     )  # fmt: skip
 
 
-def _faults(header: _Header, size: int) -> str:
+def _errors_in(header: _Header, size: int) -> str:
     """Return what cannot be in a file of so many bytes, empty where all can."""
     h = header
     if h.minor not in _HEADER_BYTES:
@@ -136,13 +136,13 @@ def check_las(path: Path) -> None:
         data = stream.read(375)
     try:
         if data[:4] != b"LASF":
-            fault = "not a LAS file (no LASF signature)"
+            error = "not a LAS file (no LASF signature)"
         else:
             header = _read(data)
-            fault = _faults(header, size)
-            if not fault and header.compressed and header.points:
-                fault = _chunks(path, header)
+            error = _errors_in(header, size)
+            if not error and header.compressed and header.points:
+                error = _chunks(path, header)
     except (struct.error, IndexError):
-        fault = f"truncated header, the file has {size} bytes"
-    if fault:
-        raise ProjectError(f"point cloud {path}: damaged or truncated ({fault}): copy or export it again")
+        error = f"truncated header, the file has {size} bytes"
+    if error:
+        raise ProjectError(f"point cloud {path}: damaged or truncated ({error}): copy or export it again")

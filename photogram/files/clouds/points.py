@@ -234,10 +234,10 @@ def read_las(path: Path) -> laspy.LasData:
         extent = np.abs(np.asarray(points.xyz)).max(initial=0.0)
     except ProjectError:
         raise
-    except OSError as fault:
-        raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror or fault}): copy it again") from fault
-    except _LAS_DAMAGE as fault:
-        raise ProjectError(f"point cloud {path}: cannot be read ({fault}): copy or export it again") from fault
+    except OSError as error:
+        raise ProjectError(f"point cloud {path}: cannot be read ({error.strerror or error}): copy it again") from error
+    except _LAS_DAMAGE as error:
+        raise ProjectError(f"point cloud {path}: cannot be read ({error}): copy or export it again") from error
     if damaged:
         raise ProjectError(
             f"point cloud {path}: {len(points)} of the {reader.header.point_count} points in its header: "
@@ -319,7 +319,7 @@ def _layout(path: Path, lines: list[str]) -> _Layout:
 
 
 def _bad_line(path: Path, layout: _Layout, columns: tuple[int, ...]) -> ProjectError:
-    """Return the fault of the first line that is no point; only called when there is one."""
+    """Return the error of the first line that is no point; only called when there is one."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         for number, line in enumerate(stream, 1):
             text = line.split("#")[0].strip()
@@ -344,8 +344,8 @@ def _load(path: Path, layout: _Layout, columns: tuple[int, ...]) -> FloatArray:
             values = np.loadtxt(
                 stream, delimiter=layout.separator, skiprows=layout.head_lines, usecols=columns, ndmin=2, comments="#"
             )
-    except ValueError as fault:
-        raise _bad_line(path, layout, columns) from fault
+    except ValueError as error:
+        raise _bad_line(path, layout, columns) from error
     if not np.all(np.isfinite(values)):
         raise _bad_line(path, layout, columns)
     return values
@@ -361,10 +361,10 @@ def _read_text(path: Path) -> PointCloud:
         check_size(path, _MOST_TEXT_BYTES)
         with path.open(encoding="utf-8-sig") as stream:
             lines = list(islice(iter(lambda: stream.readline(_LONGEST_LINE + 1), ""), _HEAD_LINES))
-    except UnicodeDecodeError as fault:
-        raise ProjectError(f"point cloud {path}: not UTF-8 text: export it again as text") from fault
-    except OSError as fault:
-        raise ProjectError(f"point cloud {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+    except UnicodeDecodeError as error:
+        raise ProjectError(f"point cloud {path}: not UTF-8 text: export it again as text") from error
+    except OSError as error:
+        raise ProjectError(f"point cloud {path}: cannot be read ({error.strerror}): check its permissions") from error
     longest = max(range(len(lines)), key=lambda n: len(lines[n]), default=0)
     if lines and len(lines[longest]) > _LONGEST_LINE:
         raise ProjectError(

@@ -297,8 +297,8 @@ def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
                 strip = rasterio.windows.Window(0, row, copy.width, min(BLOCK_CELLS, copy.height - row))
                 if not np.array_equal(copy.read(window=strip), source.read(window=strip)) and _lossless(options):
                     raise OSError(f"rows from {row} differ from what was written")
-    except CPLE_BaseError as fault:
-        raise OSError(str(fault)) from fault
+    except CPLE_BaseError as error:
+        raise OSError(str(error)) from error
 
 
 def _lossless(options: Mapping[str, Any]) -> bool:

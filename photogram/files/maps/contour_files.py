@@ -56,8 +56,8 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                     "DESCRIPTION": f"interval {contours.interval_m / units.height_m:g} {units.height_symbol}, {named}",
                 },
             )
-        except (DataSourceError, DataLayerError) as fault:
-            raise OSError(str(fault)) from fault
+        except (DataSourceError, DataLayerError) as error:
+            raise OSError(str(error)) from error
         finally:
             pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
         (folder / "contours.gpkg").replace(partial)

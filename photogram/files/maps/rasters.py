@@ -136,9 +136,9 @@ def _opened(path: Path) -> Iterator[rasterio.DatasetReader]:
             yield dataset
     except PhotogramError:
         raise
-    except DAMAGE as fault:
-        words = " ".join(str(fault).split())
-        raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from fault
+    except DAMAGE as error:
+        words = " ".join(str(error).split())
+        raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from error
 
 
 def _described(path: Path, dataset: rasterio.DatasetReader, local: bool) -> RasterFile:
@@ -165,8 +165,8 @@ def _crs_name(path: Path, crs: CRS | None, local: bool) -> tuple[str, MapUnits]:
     name = f"EPSG:{epsg}" if epsg is not None else str(crs.to_wkt(version="WKT2_2019"))
     try:
         units = map_units(name)
-    except FrameError as fault:
-        raise FrameError(f"raster {path}: {fault}") from fault
+    except FrameError as error:
+        raise FrameError(f"raster {path}: {error}") from error
     return name, units
 
 
@@ -205,8 +205,8 @@ def read_codes(path: Path, window: Window) -> ByteArray:
     try:
         with rasterio.open(path) as dataset:
             codes = dataset.read(1, window=rasterio.windows.Window(window.column, window.row, columns, rows))
-    except RasterioError as fault:
-        raise ProjectError(f"raster {path}: cannot be read ({fault}): delete it and run again") from fault
+    except RasterioError as error:
+        raise ProjectError(f"raster {path}: cannot be read ({error}): delete it and run again") from error
     return np.asarray(codes, dtype=np.uint8)
 
 
@@ -228,6 +228,6 @@ def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> ByteArray:
                 resampling=Resampling.average,
             ) as view:
                 bands = view.read([1, 2, 3, 4])
-    except RasterioError as fault:
-        raise ProjectError(f"picture {path}: cannot be read ({fault}): delete it and run again") from fault
+    except RasterioError as error:
+        raise ProjectError(f"picture {path}: cannot be read ({error}): delete it and run again") from error
     return np.ascontiguousarray(np.moveaxis(bands, 0, 2))

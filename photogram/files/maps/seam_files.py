@@ -68,8 +68,8 @@ def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: s
                 layer=SEAMS, driver="GPKG", geometry_type="Polygon", crs=written, append=True,
                 layer_options={"IDENTIFIER": "Seams", "DESCRIPTION": "the photograph that each part is taken from"},
             )  # fmt: skip
-        except (DataSourceError, DataLayerError) as fault:
-            raise OSError(str(fault)) from fault
+        except (DataSourceError, DataLayerError) as error:
+            raise OSError(str(error)) from error
         finally:
             pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
         file.replace(partial)
@@ -93,22 +93,22 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
     known |= {
         Path(name).stem.casefold(): name for name in names if _stems(names).count(Path(name).stem.casefold()) == 1
     }
-    found, faults = [], []
+    found, errors = [], []
     unit_m = map_units(crs).plan_m
     for number, (shape, name) in enumerate(zip(shapely.from_wkb(geometry).tolist(), photograph, strict=True), 1):
         where = f"polygon {number}"
         if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
-            faults.append(f"{where} is {'empty' if shape is None else shape.geom_type}, a polygon is expected")
+            errors.append(f"{where} is {'empty' if shape is None else shape.geom_type}, a polygon is expected")
         elif not shape.is_valid:
-            faults.append(f"{where} ({name}): {shapely.is_valid_reason(shape)}: repair its outline")
+            errors.append(f"{where} ({name}): {shapely.is_valid_reason(shape)}: repair its outline")
         elif str(name or "").casefold() not in known:
-            faults.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
+            errors.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
         else:
             found.append(NamedPolygon(known[str(name).casefold()], _scaled(shapely.force_2d(shape), unit_m)))
-    faults += _overlaps(found)
-    if faults:
-        more = f" (and {len(faults) - 3} more)" if len(faults) > 3 else ""
-        raise ProjectError(f"seams {path}, layer {layer}: {'; '.join(faults[:3])}{more}")
+    errors += _overlaps(found)
+    if errors:
+        more = f" (and {len(errors) - 3} more)" if len(errors) > 3 else ""
+        raise ProjectError(f"seams {path}, layer {layer}: {'; '.join(errors[:3])}{more}")
     return found
 
 
@@ -131,9 +131,9 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
                 f"seams {path}: no layer {SEAMS}, found {', '.join(layers) or 'none'}: give the polygons that name"
             )
         meta, _, geometry, fields = pyogrio.raw.read(path, layer=layer)
-    except (DataSourceError, DataLayerError) as fault:
-        words = " ".join(str(fault).split())
-        raise ProjectError(f"seams {path}: cannot be read ({words}): export them again as GeoPackage") from fault
+    except (DataSourceError, DataLayerError) as error:
+        words = " ".join(str(error).split())
+        raise ProjectError(f"seams {path}: cannot be read ({words}): export them again as GeoPackage") from error
     columns = [str(name) for name in meta["fields"]]
     if PHOTOGRAPH not in columns:
         raise ProjectError(
@@ -148,7 +148,7 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
 def _overlaps(seams: Sequence[NamedPolygon]) -> list[str]:
     """Return where polygons of different photographs overlap."""
     tree = shapely.STRtree([seam.polygon for seam in seams])
-    faults = []
+    errors = []
     for i, seam in enumerate(seams):
         for j in sorted(int(k) for k in tree.query(seam.polygon, predicate="intersects") if k > i):
             if seams[j].photograph == seam.photograph:
@@ -156,8 +156,8 @@ def _overlaps(seams: Sequence[NamedPolygon]) -> list[str]:
             common = shapely.intersection(seam.polygon, seams[j].polygon)
             if common.area > LARGEST_OVERLAP * min(seam.polygon.area, seams[j].polygon.area):
                 x, y = common.representative_point().coords[0]
-                faults.append(
+                errors.append(
                     f"polygons of {seam.photograph} and {seams[j].photograph} overlap by {common.area:.3g} m² "
                     f"at {x:.2f}, {y:.2f}: cut one of them"
                 )
-    return faults
+    return errors

@@ -40,7 +40,7 @@ def read_points(path: Path) -> PointFile:
     """Return the ground points of a gcp_list.txt, a table, or Metashape's markers; marks too where the file holds them.
 
     Marks of Metashape's markers without coordinates are left out, ``without_position`` names these markers. Raises
-    ControlPointError with a line for each fault.
+    ControlPointError with a line for each error.
     """
     if _is_xml(path):
         markers = read_markers(path)
@@ -58,7 +58,7 @@ def read_points(path: Path) -> PointFile:
 def read_marks(path: Path) -> tuple[Mark, ...]:
     """Return the marks of a table, of PIX4D's marks, or the pinned ones of Metashape's markers.
 
-    Raises ControlPointError with a line for each fault.
+    Raises ControlPointError with a line for each error.
     """
     if _is_xml(path):
         return read_markers(path).points.marks

@@ -105,8 +105,8 @@ def _mark(row: _Row, line: int, errors: Errors) -> Mark | None:
     try:
         place, source = (row["name"], row["photograph"]), MarkSource(line, is_of_photogram=True)
         return Mark(*place, pixel, sigma_px, rho, kind, time, raw_pixel, doubtful, source)
-    except ControlPointError as fault:
-        errors.note(line, str(fault))
+    except ControlPointError as error:
+        errors.note(line, str(error))
         return None
 
 
@@ -129,13 +129,13 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
     """Return the marks of a table in its order, as ``write_marks`` was given them.
 
     People may edit it: an empty kind is raw, and what else is empty is not known. Raises ControlPointError with a line
-    for each fault.
+    for each error.
     """
     return tuple(mark for mark, _ in _read(path, proposed=False))
 
 
 def read_proposals(path: Path) -> tuple[Proposal, ...]:
-    """Return the proposals of a table in its order. Raises ControlPointError with a line for each fault."""
+    """Return the proposals of a table in its order. Raises ControlPointError with a line for each error."""
     errors = Errors(path, ControlPointError)
     proposals: list[Proposal] = []
     for mark, row in _read(path, proposed=True):
@@ -143,7 +143,7 @@ def read_proposals(path: Path) -> tuple[Proposal, ...]:
         score = errors.number(row["score"], "score", line)
         try:
             proposals += [] if score is None else [Proposal(replace(mark, source=MarkSource(0)), score)]
-        except ControlPointError as fault:
-            errors.note(line, str(fault))
+        except ControlPointError as error:
+            errors.note(line, str(error))
     errors.raise_all()
     return tuple(proposals)

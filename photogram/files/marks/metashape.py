@@ -137,7 +137,7 @@ def read_markers(path: Path) -> MarkerFile:
     there, else the label of the camera, which may lack the suffix.
 
     Accuracies that the settings of the chunk give to all markers are not read. Raises ControlPointError with a line for
-    each fault, and where the file is no export of markers or has a document type, through which XML can do harm.
+    each error, and where the file is no export of markers or has a document type, through which XML can do harm.
     """
     chunk = _one_chunk(path, _root(path))
     frame = _one_frame(path, chunk)

@@ -54,7 +54,7 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
     """Return the marks, in photogram's pixels; photographs are named as in the file, with folders where it has them.
 
     Which of the two names is the photograph's is told by the suffix of a picture, for all lines alike. Raises
-    ControlPointError with a line for each fault.
+    ControlPointError with a line for each error.
     """
     errors = Errors(path, ControlPointError)
     rows = [(line, _fields(text)) for line, text in lines_of(path, ControlPointError, "marks", "#")]

@@ -92,16 +92,16 @@ def tiff_layout(tags: Mapping[int, Any]) -> Layout:
     ValueError where a tag holds nonsense."""
     bits, formats = _numbers(tags, _BITS, 1), _numbers(tags, _SAMPLE_FORMAT, _UNSIGNED)
     channels, photometric = _numbers(tags, _SAMPLES, 1)[0], _numbers(tags, _PHOTOMETRIC, _BLACK_IS_ZERO)[0]
-    depth, fault = max(bits), ""
+    depth, error = max(bits), ""
     if set(formats) & {_SIGNED, _FLOATING}:
-        fault = f"{depth}-bit {'floating-point' if _FLOATING in formats else 'signed'} pixels"
+        error = f"{depth}-bit {'floating-point' if _FLOATING in formats else 'signed'} pixels"
     elif depth > MOST_BITS or len(set(bits)) > 1:
-        fault = f"{', '.join(map(str, sorted(set(bits))))} bits a channel"
+        error = f"{', '.join(map(str, sorted(set(bits))))} bits a channel"
     elif channels not in ((1,) if photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO) else (3, 4)):
-        fault = f"{channels} channels of {depth} bits"
+        error = f"{channels} channels of {depth} bits"
     elif photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB):
-        fault = f"{depth}-bit pixels that are neither grey nor red, green, blue"
-    return Layout(depth, channels, photometric == _WHITE_IS_ZERO, fault)
+        error = f"{depth}-bit pixels that are neither grey nor red, green, blue"
+    return Layout(depth, channels, photometric == _WHITE_IS_ZERO, error)
 
 
 def layout_of(picture: Image.Image, data: bytes) -> Layout:
@@ -153,8 +153,8 @@ def sampled_values(path: Path, data: bytes, layout: Layout, step: int) -> Values
     is decoded. Raises ImageError where that is not possible."""
     try:
         return np.concatenate([values[-top % step :: step, ::step].ravel() for top, values in _strips(data, layout)])
-    except _DECODING as fault:
-        raise damaged(path, fault.__cause__ or fault) from fault  # rasterio keeps what GDAL said as the cause
+    except _DECODING as error:
+        raise damaged(path, error.__cause__ or error) from error  # rasterio keeps what GDAL said as the cause
 
 
 def stretched_picture(
@@ -167,6 +167,6 @@ def stretched_picture(
     try:
         for top, values in _strips(data, layout):
             pixels[top : top + len(values)] = stretch.applied(values)
-    except _DECODING as fault:
-        raise damaged(path, fault.__cause__ or fault) from fault  # rasterio keeps what GDAL said as the cause
+    except _DECODING as error:
+        raise damaged(path, error.__cause__ or error) from error  # rasterio keeps what GDAL said as the cause
     return Image.fromarray(pixels)

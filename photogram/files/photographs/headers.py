@@ -28,12 +28,12 @@ class PhotographHeader:
 def _read_header(path: Path) -> PhotographHeader:
     try:
         return PhotographHeader(path.name, inspect_photograph(path))
-    except ImageError as fault:
-        return PhotographHeader(path.name, None, str(fault))
+    except ImageError as error:
+        return PhotographHeader(path.name, None, str(error))
 
 
 def read_headers(paths: Sequence[Path], executor: Executor) -> list[PhotographHeader]:
-    """Return the header of each photograph; one that is missing or damaged has a fault instead of tags."""
+    """Return the header of each photograph; one that is missing or damaged has an error instead of tags."""
     return list(executor.map(_read_header, paths))
 
 

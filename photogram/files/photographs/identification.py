@@ -72,10 +72,10 @@ def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
             if not head.startswith(_SIGNATURES):
                 raise damaged(path, f"{size} bytes in no known image format")
             yield head, stream
-    except FileNotFoundError as fault:
-        raise ImageError(f"photograph {path}: file not found: check the folder of photographs and the name") from fault
-    except OSError as fault:
-        raise ImageError(f"photograph {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+    except FileNotFoundError as error:
+        raise ImageError(f"photograph {path}: file not found: check the folder of photographs and the name") from error
+    except OSError as error:
+        raise ImageError(f"photograph {path}: cannot be read ({error.strerror}): check its permissions") from error
 
 
 def read_content(path: Path) -> bytes:
@@ -141,8 +141,8 @@ def identify(path: Path, data: bytes) -> Identified:
         return Identified(picture, data, layout_of(picture, data))
     except PhotogramError:
         raise
-    except DAMAGE as fault:
-        raise damaged(path, fault) from fault
+    except DAMAGE as error:
+        raise damaged(path, error) from error
 
 
 def _first_directory(data: bytes) -> Directory:
@@ -159,13 +159,13 @@ def open_picture(path: Path, data: bytes, first: Directory) -> Image.Image:
     try:
         with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
             picture = Image.open(io.BytesIO(data), formats=FORMATS)
-    except UnidentifiedImageError as fault:
+    except UnidentifiedImageError as error:
         unfit = tiff_layout(first).fault if first else ""
         if unfit:
-            raise _unfit(path, unfit) from fault
-        raise damaged(path, f"{len(data)} bytes in no known image format") from fault
-    except DAMAGE as fault:
-        raise damaged(path, fault) from fault
+            raise _unfit(path, unfit) from error
+        raise damaged(path, f"{len(data)} bytes in no known image format") from error
+    except DAMAGE as error:
+        raise damaged(path, error) from error
     if picture.width * picture.height > LARGEST_PIXELS:
         raise ImageError(
             f"photograph {path}: {picture.width} × {picture.height} px are {picture.width * picture.height / 1e6:.0f} "

@@ -119,8 +119,8 @@ def _opened(path: Path, file: Identified, stretch: Stretch | None) -> Image.Imag
 def _decode(path: Path, picture: Image.Image) -> None:
     try:
         picture.load()
-    except DAMAGE as fault:
-        raise damaged(path, fault) from fault
+    except DAMAGE as error:
+        raise damaged(path, error) from error
 
 
 def read_photograph(

@@ -51,14 +51,14 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
 
     A mask in a folder within belongs to the photograph in the folder of that name, or else to the one that is called
     so; that of `100MEDIA/IMG_1.JPG` may be called `100MEDIA_IMG_1_mask.png` too. Raises ImageError, a line for each
-    fault, where the folder cannot be read, no name fits, one fits several photographs, or several fit one.
+    error, where the folder cannot be read, no name fits, one fits several photographs, or several fit one.
     """
     try:
         paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
-    except OSError as fault:
-        raise ImageError(f"the folder {folder} cannot be read ({fault.strerror})") from fault
+    except OSError as error:
+        raise ImageError(f"the folder {folder} cannot be read ({error.strerror})") from error
     named, called = _photographs_by_key(photographs), _photographs_by_key([PurePosixPath(n).name for n in photographs])
-    found, others, faults = defaultdict[int, list[str]](list), list[str](), list[str]()
+    found, others, errors = defaultdict[int, list[str]](list), list[str](), list[str]()
     for path in paths:
         name = path.relative_to(folder).as_posix()
         if any(part.startswith(".") for part in PurePosixPath(name).parts):
@@ -66,24 +66,24 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
         fits = _fitting(name, named) or _fitting(PurePosixPath(name).name, called)
         if len(fits) > 1:
             several = some([photographs[i] for i in fits])
-            faults.append(f"{name} fits several photographs, {several}: call it {name_of_mask(photographs[fits[0]])}")
+            errors.append(f"{name} fits several photographs, {several}: call it {name_of_mask(photographs[fits[0]])}")
         elif fits:
             found[fits[0]].append(name)
         else:
             others.append(name)
     for i, names in sorted(found.items()):
         if len(names) > 1:
-            faults.append(f"{photographs[i]} has {len(names)} masks, {some(names)}: keep one")
-    if not found and not faults:
+            errors.append(f"{photographs[i]} has {len(names)} masks, {some(names)}: keep one")
+    if not found and not errors:
         there = (
             f"{some(others)} {'fits' if len(others) == 1 else 'fit'} none" if others else "there is no picture in it"
         )
-        faults.append(
+        errors.append(
             f"no mask in {folder} is called after a photograph: {there}; "
             f"call them {PurePosixPath(photographs[0]).stem if photographs else 'IMG_1'}_mask.png, for example"
         )
-    if faults:
-        raise ImageError("\n".join(faults))
+    if errors:
+        raise ImageError("\n".join(errors))
     return MaskFiles({photographs[i]: folder / names[0] for i, names in sorted(found.items())}, tuple(others))
 
 
@@ -118,10 +118,10 @@ def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> 
     """Return a mask, not decoded yet, and the content of its file."""
     try:
         data = read_whole(path, MOST_BYTES)
-    except FileNotFoundError as fault:
-        raise ImageError(f"mask {path}: file not found") from fault
-    except OSError as fault:
-        raise ImageError(f"mask {path}: cannot be read ({fault.strerror}): check its permissions") from fault
+    except FileNotFoundError as error:
+        raise ImageError(f"mask {path}: file not found") from error
+    except OSError as error:
+        raise ImageError(f"mask {path}: cannot be read ({error.strerror}): check its permissions") from error
     if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256:
         raise ImageError(
             f"mask {path}: was modified since the run began: do not change masks during a run, and run again"
@@ -129,10 +129,10 @@ def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> 
     try:
         with recorded_warnings():
             picture = Image.open(io.BytesIO(data), formats=FORMATS)
-    except UnidentifiedImageError as fault:
-        raise _damaged(path, f"{len(data)} bytes in no known image format") from fault
-    except DAMAGE as fault:
-        raise _damaged(path, fault) from fault
+    except UnidentifiedImageError as error:
+        raise _damaged(path, f"{len(data)} bytes in no known image format") from error
+    except DAMAGE as error:
+        raise _damaged(path, error) from error
     width, height = picture.size
     if width * height > LARGEST_PIXELS:
         raise ImageError(f"mask {path}: {width} × {height} px are too many: give the mask of a single photograph")
@@ -163,8 +163,8 @@ def check_mask(path: Path, size_px: tuple[int, int]) -> None:
     picture, _ = _opened(path, size_px, None)
     try:
         picture.verify()
-    except DAMAGE as fault:
-        raise _damaged(path, fault) from fault
+    except DAMAGE as error:
+        raise _damaged(path, error) from error
 
 
 def read_mask(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> BoolArray:
@@ -177,8 +177,8 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None, sha256: str | 
     picture, _ = _opened(path, size_px, sha256)
     try:
         picture.load()
-    except DAMAGE as fault:
-        raise _damaged(path, fault) from fault
+    except DAMAGE as error:
+        raise _damaged(path, error) from error
     used = _used(path, picture)
     if not used.any():
         raise ImageError(

@@ -54,8 +54,8 @@ def previews(
         progress(done, len(paths))
         try:
             pixels[name] = read_small(path, _STEPS[start][0], stretches.get(name))
-        except ImageError as fault:
-            absent[name] = str(fault)
+        except ImageError as error:
+            absent[name] = str(error)
     for longest_px, quality in _STEPS[start:]:
         made = {name: _jpeg(values, longest_px, quality) for name, values in pixels.items()}
         if sum(map(len, made.values())) <= maximum_bytes:

@@ -62,8 +62,8 @@ def xmp_of(picture: Image.Image) -> tuple[dict[str, str], str]:
         return {}, f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
     try:
         root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
-    except (ParseError, DefusedXmlException, LookupError, ValueError) as fault:
-        return {}, f"the XMP tags are not valid XML ({printable(shortened(str(fault)))}), only EXIF is used"
+    except (ParseError, DefusedXmlException, LookupError, ValueError) as error:
+        return {}, f"the XMP tags are not valid XML ({printable(shortened(str(error)))}), only EXIF is used"
     values: dict[str, str] = {}
     for qualified, text in _properties(root):
         found = _NAME.fullmatch(qualified)
@@ -85,7 +85,7 @@ def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
 def exif_of(picture: Image.Image) -> tuple[Tags, Tags, Tags, tuple[str, ...]]:
     """Return the main, EXIF and GPS tags, and in words what Pillow found damaged in them."""
     blocks: list[Tags] = [{}, {}, {}]
-    faults = []
+    errors = []
     with recorded_warnings() as recorded:
         try:
             whole, packet = picture.getexif(), picture.info.get("exif")
@@ -95,10 +95,10 @@ def exif_of(picture: Image.Image) -> tuple[Tags, Tags, Tags, tuple[str, ...]]:
             blocks[0] = dict(whole)  # tags are decoded when asked for
             blocks[1] = dict(whole.get_ifd(ExifTags.IFD.Exif))
             blocks[2] = dict(whole.get_ifd(ExifTags.IFD.GPSInfo))
-        except DAMAGE as fault:
-            faults.append(f"{fault or type(fault).__name__}")
+        except DAMAGE as error:
+            errors.append(f"{error or type(error).__name__}")
     texts = dict.fromkeys(
-        " ".join(text.split()).rstrip(". ") for text in [*faults, *(str(w.message) for w in recorded)]
+        " ".join(text.split()).rstrip(". ") for text in [*errors, *(str(w.message) for w in recorded)]
     )
     main, exif, gps = blocks
     return main, exif, gps, tuple(f"the EXIF tags are damaged ({printable(shortened(text))})" for text in texts)

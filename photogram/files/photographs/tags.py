@@ -263,10 +263,10 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
         number = float(fraction[1]) / float(fraction[2]) if fraction else float(text)
     except ZeroDivisionError:
         return None  # as EXIF writes a value that is not known
-    except ValueError as fault:
+    except ValueError as error:
         raise ImageError(
             f"photograph {path}: XMP tag {name} is {shortened(text)!r}, not a number: correct or remove the tag"
-        ) from fault
+        ) from error
     return number
 
 
@@ -277,11 +277,11 @@ def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
     date, _, rest = text.partition(";")
     try:
         fx, fy, cx, cy, k1, k2, p1, p2, k3 = (float(part) for part in rest.split(","))
-    except ValueError as fault:
+    except ValueError as error:
         raise ImageError(
             f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, expected "
             "'date;fx,fy,cx,cy,k1,k2,p1,p2,k3': correct or remove the tag"
-        ) from fault
+        ) from error
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (fx, fy, cx, cy, k1, k2, p1, p2, k3)):
         raise ImageError(
             f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, not a calibration: correct or remove "
@@ -304,11 +304,11 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
         return {"calibrated_focal_mm": focal_mm}
     try:
         r1, r2, r3, _, _ = (float(part) for part in text.split(","))
-    except ValueError as fault:
+    except ValueError as error:
         raise ImageError(
             f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, expected "
             "'R1,R2,R3,T1,T2': correct or remove the tag"
-        ) from fault
+        ) from error
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (r1, r2, r3)):
         raise ImageError(
             f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, not a "
@@ -440,12 +440,12 @@ def tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         return _tags_of(picture, path)
     except PhotogramError:
         raise
-    except DAMAGE as fault:
-        words = printable(shortened(str(fault)))
+    except DAMAGE as error:
+        words = printable(shortened(str(error)))
         raise ImageError(
-            f"photograph {path}: its tags are damaged ({type(fault).__name__}: {words}): copy it again "
+            f"photograph {path}: its tags are damaged ({type(error).__name__}: {words}): copy it again "
             "from the camera's card, or leave the photograph out"
-        ) from fault
+        ) from error
 
 
 def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, ...]]:

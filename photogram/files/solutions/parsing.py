@@ -35,8 +35,8 @@ def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """Return the content of a file. Raises ExchangeError where it cannot be read or is larger."""
     try:
         return read_whole(path, most_bytes)
-    except OSError as fault:
-        raise ExchangeError(f"{path}: cannot be read ({fault.strerror}): check its name and folder") from fault
+    except OSError as error:
+        raise ExchangeError(f"{path}: cannot be read ({error.strerror}): check its name and folder") from error
 
 
 def text_of(path: Path, most_bytes: int = MOST_BYTES) -> str:
@@ -44,11 +44,11 @@ def text_of(path: Path, most_bytes: int = MOST_BYTES) -> str:
     data = bytes_of(path, most_bytes)
     try:
         return data.decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        line = data[: fault.start].count(b"\n") + 1
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
         raise ExchangeError(
-            f"{path}:{line}: byte {data[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
+            f"{path}:{line}: byte {data[error.start]:#04x} is not UTF-8: save the file as text in UTF-8"
+        ) from error
 
 
 # ---- names and paths -----------------------------------------------------------------------------------------------
@@ -98,9 +98,9 @@ def numbers(where: str, texts: Iterable[str]) -> FloatArray:
     texts = list(texts)
     try:
         values = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
-    except ValueError as fault:
+    except ValueError as error:
         wrong = next((text for text in texts if not is_number(text)), "")
-        raise ExchangeError(f"{where}: {shortened(printable(wrong))!r} is not a number: check the file") from fault
+        raise ExchangeError(f"{where}: {shortened(printable(wrong))!r} is not a number: check the file") from error
     return values
 
 

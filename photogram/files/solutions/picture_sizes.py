@@ -25,10 +25,10 @@ def size_of(listed_in: Path, file: PurePosixPath, sizes_px: Sizes) -> tuple[int,
         )
     try:
         tags = read_tags(listed_in.parent / file)
-    except PhotogramError as fault:
+    except PhotogramError as error:
         raise ExchangeError(
-            f"{listed_in}: the size of {file.name} is not known: put the photograph there, or give its size ({fault})"
-        ) from fault
+            f"{listed_in}: the size of {file.name} is not known: put the photograph there, or give its size ({error})"
+        ) from error
     if tags.width_px is None or tags.height_px is None:
         raise ExchangeError(f"{listed_in}: the size of {file.name} is not known: give it")
     return tags.width_px, tags.height_px

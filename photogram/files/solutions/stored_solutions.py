@@ -141,16 +141,16 @@ def read_stored(path: Path) -> ForeignSolution:
     version, or something else."""
     try:
         arrays = read_npz(path)
-    except OSError as fault:
-        raise ExchangeError(f"{path}: cannot be read ({fault}): {_REMEDY}") from fault
+    except OSError as error:
+        raise ExchangeError(f"{path}: cannot be read ({error}): {_REMEDY}") from error
     try:
         words = _words().validate_json(arrays[_WORDS].tobytes())
         if words["format"] != FORMAT:
             raise ExchangeError(f"{path}: is of the version {words['format']}, expected {FORMAT}: {_REMEDY}")
         return _solution(words, arrays)
-    except (ValidationError, ValueError, LookupError, TypeError) as fault:
-        reason = " ".join(str(fault).split())[:200]
-        raise ExchangeError(f"{path}: is no solution that photogram has stored ({reason}): {_REMEDY}") from fault
+    except (ValidationError, ValueError, LookupError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ExchangeError(f"{path}: is no solution that photogram has stored ({reason}): {_REMEDY}") from error
 
 
 def _solution(words: _Words, arrays: dict[str, NDArray[Any]]) -> ForeignSolution:

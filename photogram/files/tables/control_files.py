@@ -101,7 +101,7 @@ def mark_of(
     rho: float = 0.0,
     kind: str = IMPORTED,
 ) -> Mark | None:
-    """Return the mark of a point in a photograph, None with a fault noted where it is none."""
+    """Return the mark of a point in a photograph, None with an error noted where it is none."""
     try:
         return Mark(*place, pixel, sigma_px, rho, kind, source=source)
     except ControlPointError as error:
@@ -259,7 +259,7 @@ def rows_of(
     proposed: bool = False,
     may_be_empty: bool = False,
 ) -> tuple[list[str], list[tuple[int, Row]], Errors]:
-    """Return the header of a table, its rows with their line numbers by the meaning of their columns, and the faults of
+    """Return the header of a table, its rows with their line numbers by the meaning of their columns, and the errors of
     the rows so far, for the caller to raise.
 
     Raises ControlPointError where the first line does not name the columns that are ``needed``, and where the table
@@ -295,8 +295,8 @@ def rows_of(
 def _fields(text: str, separator: str, line: int, errors: Errors) -> list[str]:
     try:
         return [field.strip() for field in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
-    except csv.Error as fault:
-        errors.note(line, f"is not a table row ({fault}): check separators and quotes")
+    except csv.Error as error:
+        errors.note(line, f"is not a table row ({error}): check separators and quotes")
         return []
 
 
@@ -370,7 +370,7 @@ def read_points(path: Path) -> PointFile:
     """Return the ground points of a gcp_list.txt or of a table.
 
     A table is told by its name, which ends in .csv, or by a first line that names its columns. Raises ControlPointError
-    with one line for each fault, ``path:line: what is wrong: what to do``.
+    with one line for each error, ``path:line: what is wrong: what to do``.
     """
     lines = lines_of(path, ControlPointError, "points", "#")
     header = lines[0][1]
@@ -395,7 +395,7 @@ def _mark_sigmas_px(row: Row, line: int, errors: Errors) -> tuple[float, float] 
 
 
 def _kind(row: Row, unstated: str, line: int, errors: Errors) -> str | None:
-    """Return how a mark was measured, ``unstated`` where its row does not say, None with a fault noted where it is no
+    """Return how a mark was measured, ``unstated`` where its row does not say, None with an error noted where it is no
     word."""
     kind = row.get("kind", "")
     if kind and not MARK_KIND.fullmatch(kind):
@@ -410,7 +410,7 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
     coordinates or sigma_u and sigma_v, and their correlation rho.
 
     The columns raw_u and raw_v tell a table in which each mark is kept beside its click; its pixels are photogram's.
-    Raises ControlPointError with one line for each fault, as read_points does.
+    Raises ControlPointError with one line for each error, as read_points does.
     """
     header, rows, errors = rows_of(
         path, lines_of(path, ControlPointError, "points", "#"), MARK_COLUMNS, ("name", "photograph", "u", "v")

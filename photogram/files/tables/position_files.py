@@ -71,7 +71,7 @@ class PositionFile:
 
 
 def check_on_globe(row: PositionRow, errors: Errors) -> None:
-    """Note a fault where longitude and latitude lie on no globe."""
+    """Note an error where longitude and latitude lie on no globe."""
     longitude, latitude, _ = row.position
     if abs(longitude) > 180.0 or abs(latitude) > 90.0:
         errors.note(
@@ -81,7 +81,7 @@ def check_on_globe(row: PositionRow, errors: Errors) -> None:
 
 
 def check_sigmas(line: int, sigmas_m: Iterable[float], errors: Errors) -> None:
-    """Note a fault where a standard deviation, m, cannot be one; zero stands for not known."""
+    """Note an error where a standard deviation, m, cannot be one; zero stands for not known."""
     low, high = SIGMA_M
     for sigma in sigmas_m:
         if sigma != 0 and not low <= sigma <= high:
@@ -132,7 +132,7 @@ def read_mrk(path: Path) -> PositionFile:
 
     Its position is that of the camera, "after compensation"; the compensation itself, from the antenna to the camera,
     is north and east in mm, and down (DJI, Zenmuse P1 User Manual v1.4, "Image Log File"; Matrice 4 Series User Manual,
-    the same). Standard deviations are along north, east and up. Raises ProjectError with every fault.
+    the same). Standard deviations are along north, east and up. Raises ProjectError with every error.
     """
     errors = Errors(path, ProjectError)
     rows = [

@@ -214,7 +214,7 @@ def _file(
     lines: Sequence[tuple[int, Sequence[str]]],
     gps_times: Mapping[int, datetime],
 ) -> PositionFile:
-    """Return the positions of a table that has been taken to pieces. Raises ProjectError with every fault."""
+    """Return the positions of a table that has been taken to pieces. Raises ProjectError with every error."""
     errors = Errors(path, ProjectError)
     number, names = header
     places = _columns(names, number, errors)
@@ -249,7 +249,7 @@ def _file(
 
 def read_table(path: Path) -> PositionFile:
     """Read a table with a header, columns separated by commas, semicolons or tabs. Raises ProjectError with every
-    fault."""
+    error."""
     lines = lines_of(path, ProjectError, HOLDING)
     while len(lines) > 1 and lines[0][1].lstrip().startswith("#") and not re.search(r"[,;\t]", lines[0][1]):
         lines = lines[1:]  # a remark above the header
@@ -258,15 +258,15 @@ def read_table(path: Path) -> PositionFile:
     for line, text in lines:
         try:
             split.append((line, [f.strip() for f in next(csv.reader([text], delimiter=separator))]))
-        except csv.Error as fault:
-            raise ProjectError(f"{path}:{line}: is not a table row ({fault}): check separators and quotes") from fault
+        except csv.Error as error:
+            raise ProjectError(f"{path}:{line}: is not a table row ({error}): check separators and quotes") from error
     return _file(path, "csv", split[0], [row for row in split[1:] if not row[1][0].startswith("#")], {})
 
 
 def read_pos(path: Path) -> PositionFile:
     """Read the solution that RTKLIB and the programs built on it write for the moments of exposure (``_events.pos``).
 
-    It names no photographs: they are matched in their order. Raises ProjectError with every fault.
+    It names no photographs: they are matched in their order. Raises ProjectError with every error.
     """
     lines = lines_of(path, ProjectError, HOLDING)
     headers = [(n, text) for n, text in lines if text.lstrip().startswith("%") and "latitude" in text.lower()]
@@ -311,7 +311,7 @@ def _pos_time(fields: Sequence[str]) -> datetime | None:
 
 
 def read_positions(path: Path, kind: Format | None = None) -> PositionFile:
-    """Read a file of positions, its format told by ``kind`` or by its name. Raises ProjectError with every fault."""
+    """Read a file of positions, its format told by ``kind`` or by its name. Raises ProjectError with every error."""
     return {"mrk": read_mrk, "pos": read_pos, "csv": read_table}[kind or format_of(path)](path)
 
 

@@ -103,8 +103,8 @@ def _masked_share(work: StageWork, index: int) -> float | str:
     """Return the share of a photograph that its masks leave out, or what is wrong with them."""
     try:
         used = work[0].given_mask(index)
-    except ImageError as fault:
-        return str(fault)
+    except ImageError as error:
+        return str(error)
     return 0.0 if used is None else 1.0 - float(used.mean())
 
 
@@ -118,9 +118,9 @@ def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
     if not masked:
         return None
     found = list(run_pieces(run, folder, _MASKED, masked))
-    faults = [share for share in found if isinstance(share, str)]
-    if faults:
-        raise ImageError("\n".join(dict.fromkeys(faults)))
+    errors = [share for share in found if isinstance(share, str)]
+    if errors:
+        raise ImageError("\n".join(dict.fromkeys(errors)))
     return {run.names[i]: share for i, share in zip(masked, found, strict=True) if not isinstance(share, str)}
 
 

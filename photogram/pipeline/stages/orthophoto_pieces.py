@@ -69,8 +69,8 @@ class HeldPhotographs:
         if mine:
             try:
                 future.set_result(self._read(number))
-            except BaseException as fault:
-                future.set_exception(fault)
+            except BaseException as error:
+                future.set_exception(error)
                 raise
         return future.result()
 

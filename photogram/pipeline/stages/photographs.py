@@ -62,8 +62,8 @@ def _decode(work: StageWork, index: int) -> tuple[PhotographNote, PhotographTags
     run, _ = work
     try:
         return _described(run.project, run.project.photographs[index], run.photograph_fingerprints[index])
-    except PhotogramError as fault:
-        return str(fault)
+    except PhotogramError as error:
+        return str(error)
 
 
 _DECODED = PieceType(stage_work, _decode)
@@ -137,16 +137,16 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
     photographs have more than 8 bits a channel the stretch of each camera is found and stored.
     """
     photographs = run.project.photographs
-    notes, tags, faults = list[PhotographNote](), list[PhotographTags](), list[str]()
+    notes, tags, errors = list[PhotographNote](), list[PhotographTags](), list[str]()
     for done, found in enumerate(run_pieces(run, folder, _DECODED, range(len(photographs))), 1):
         if isinstance(found, str):
-            faults.append(found)
+            errors.append(found)
         else:
             notes.append(found[0])
             tags.append(found[1])
         progress(done, len(photographs), photographs[done - 1].name)
-    if faults:
-        raise ImageError("\n".join(faults))
+    if errors:
+        raise ImageError("\n".join(errors))
     stretches = found_stretches(run.project, tags, run.executor)
     duplicates, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)

@@ -54,20 +54,20 @@ class Cluster:
         future: Future[ResultT] = self._executor.submit(work, *values)
         return future
 
-    def was_lost(self, fault: BaseException) -> bool:
+    def was_lost(self, error: BaseException) -> bool:
         """Return that nothing is to be submitted again: the scheduler does that itself where a worker is lost.
 
         Raises WorkspaceError where it has given up, or is lost itself.
         """
         from distributed import KilledWorker
 
-        if isinstance(fault, KilledWorker):
+        if isinstance(error, KilledWorker):
             raise WorkspaceError(
                 f"{self.address}: several workers died on the same task, probably out of memory: start fewer workers "
                 "on each machine; finished work is kept"
-            ) from fault
-        if isinstance(fault, CancelledError):
-            raise self._lost() from fault
+            ) from error
+        if isinstance(error, CancelledError):
+            raise self._lost() from error
         return False
 
     def wait_on(self) -> None:
@@ -88,8 +88,8 @@ class Cluster:
         """Return how many threads each worker has. Raises WorkspaceError where the scheduler is gone."""
         try:
             found = self.client.nthreads() if self.client.status == "running" else None
-        except (OSError, TimeoutError) as fault:
-            raise self._lost() from fault
+        except (OSError, TimeoutError) as error:
+            raise self._lost() from error
         if found is None:
             raise self._lost()
         return {str(worker): int(threads) for worker, threads in found.items()}
@@ -142,15 +142,15 @@ def cluster(address: str) -> Iterator[Cluster]:
     """
     try:
         from distributed import Client
-    except ImportError as fault:
-        raise WorkspaceError("a cluster needs Dask: pip install 'photogram[cluster]'") from fault
+    except ImportError as error:
+        raise WorkspaceError("a cluster needs Dask: pip install 'photogram[cluster]'") from error
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, TypeError) as fault:
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise WorkspaceError(
-            f"{address}: no Dask scheduler answers there ({fault}): start one with 'dask scheduler', and give the "
+            f"{address}: no Dask scheduler answers there ({error}): start one with 'dask scheduler', and give the "
             "address that it prints"
-        ) from fault
+        ) from error
     try:
         yield Cluster(address, client)
     finally:

@@ -88,17 +88,17 @@ def _done(order: WorkOrder, kind: PieceType[StateT, ItemT, ResultT], item: ItemT
         return kind.do(prepared(kept, kind.prepare), item), highest_memory_bytes()
     except PhotogramError:
         raise
-    except Exception as fault:
-        raise portable(fault) from fault
+    except Exception as error:
+        raise portable(error) from error
 
 
-def portable(fault: Exception) -> Exception:
-    """Return a fault that can be sent to another process: itself, or one that says the same."""
+def portable(error: Exception) -> Exception:
+    """Return an error that can be sent to another process: itself, or one that says the same."""
     try:
-        pickle.loads(pickle.dumps(fault))
+        pickle.loads(pickle.dumps(error))
     except Exception:  # noqa: BLE001 - classes of libraries fail in their own ways
-        return RuntimeError(f"{type(fault).__name__}: {fault}")
-    return fault
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _in_order(
@@ -118,11 +118,11 @@ def _in_order(
                 pool.wait_on()
             for future in done:
                 number = waiting.pop(future)
-                fault = CancelledError() if future.cancelled() else future.exception()
-                if pool is not None and fault is not None and pool.was_lost(fault):
+                error = CancelledError() if future.cancelled() else future.exception()
+                if pool is not None and error is not None and pool.was_lost(error):
                     losses[number] = losses.get(number, 0) + 1
                     if losses[number] > MOST_LOSSES:
-                        raise lost_for_good(number, len(items)) from fault
+                        raise lost_for_good(number, len(items)) from error
                     again.append(number)
                 else:
                     ended[number] = future

@@ -52,7 +52,7 @@ class Pool(Protocol):
     def submit(self, work: Callable[..., ResultT], *values: object) -> Future[ResultT]:
         """Have ``work``, a function of a module, done by one of the processes."""
 
-    def was_lost(self, fault: BaseException) -> bool:
+    def was_lost(self, error: BaseException) -> bool:
         """Return whether a piece ended so because its process was lost, so that it is to be submitted again.
 
         Raises WorkspaceError where nothing can be submitted any more.
@@ -108,9 +108,9 @@ class ProcessPool:
         self._executor = ProcessPoolExecutor(self.size, self._context, _begin)
         return self._executor.submit(work, *values)
 
-    def was_lost(self, fault: BaseException) -> bool:
+    def was_lost(self, error: BaseException) -> bool:
         """Return whether a piece ended so because its process was lost: then all that waited have ended so."""
-        return isinstance(fault, BrokenProcessPool)
+        return isinstance(error, BrokenProcessPool)
 
     def wait_on(self) -> None:
         """Do nothing: where a process is lost, its pieces end."""
@@ -133,9 +133,9 @@ class ProcessPool:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end(at_once=fault is not None)
+        self._end(at_once=error is not None)
 
 
 def _begin() -> None:

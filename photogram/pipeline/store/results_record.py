@@ -13,7 +13,7 @@ from pathlib import Path
 
 from photogram.files.atomic import observed, replacing
 from photogram.files.npz_json import file_fingerprint
-from photogram.files.stage_folders import faults_of
+from photogram.files.stage_folders import errors_of
 
 CHECKSUMS = "checksums.sha256"
 _PLACES = (Path("."), Path("pictures"), Path("masks"))
@@ -64,7 +64,7 @@ def read_record(results: Path) -> dict[str, str]:
     path = results / CHECKSUMS
     if not path.is_file():
         return {}
-    with faults_of(path, "cannot be read"):
+    with errors_of(path, "cannot be read"):
         text = path.read_text(encoding="utf-8", errors="replace")
     found = (_LINE.fullmatch(line) for line in text.splitlines())
     return {match[2]: match[1] for match in found if match}
@@ -109,7 +109,7 @@ def remove_made(results: Path, names: Iterable[str]) -> list[str]:
         links = path.is_symlink() or (path.parent.is_symlink() and path.parent != results)
         own = known is not None and Path(name).parent in _PLACES and not links
         if own and path.is_file() and file_fingerprint(path) == known:
-            with faults_of(path, "cannot be removed"):
+            with errors_of(path, "cannot be removed"):
                 path.unlink()
             removed.append(name)
     _write_record(results, files)

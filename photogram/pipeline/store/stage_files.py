@@ -18,7 +18,7 @@ from threading import Lock
 from typing import Any
 
 from photogram.files.atomic import observed, remove_leftovers
-from photogram.files.stage_folders import MARKER, NOTE, faults_of
+from photogram.files.stage_folders import MARKER, NOTE, errors_of
 
 JOURNAL = "files.sha256"
 _JOURNALS = re.compile(r"files(-.+)?\.sha256")
@@ -150,7 +150,7 @@ def keep_whole_files(folder: Path) -> list[Path]:
     """Remove from the partial folder of a stage what a killed run left half written and what has been damaged since;
     return the latter."""
     known, damaged = read_journal(folder), []
-    with faults_of(folder):
+    with errors_of(folder):
         remove_all_leftovers(folder)
         for name in files_below(folder):
             path = folder / name

@@ -25,7 +25,7 @@ from photogram.files.stage_folders import (
     LOCK,
     NOTE,
     PARTIAL,
-    faults_of,
+    errors_of,
     is_made_here,
     make_stage_folder,
     remove_stage_folder,
@@ -89,14 +89,14 @@ class Workspace:
                 files = {n: StageFile.of(f) for n, f in value.pop("files").items()}
                 known = _Note(value, files, mtime_ns)
                 self._notes[name] = known
-        except (FileNotFoundError, NotADirectoryError) as fault:
-            raise DamagedStageError(name, path, _MISSING) from fault
-        except (AttributeError, LookupError, TypeError, ValueError, RecursionError) as fault:
-            raise DamagedStageError(name, path, _CHANGED) from fault
-        except OSError as fault:
-            if isinstance(fault, DamagedStageError):
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise DamagedStageError(name, path, _MISSING) from error
+        except (AttributeError, LookupError, TypeError, ValueError, RecursionError) as error:
+            raise DamagedStageError(name, path, _CHANGED) from error
+        except OSError as error:
+            if isinstance(error, DamagedStageError):
                 raise
-            raise DamagedStageError(name, path, f"cannot be read ({fault.strerror})") from fault
+            raise DamagedStageError(name, path, f"cannot be read ({error.strerror})") from error
         return known
 
     def mark(self, name: str) -> str | None:
@@ -128,8 +128,8 @@ class Workspace:
         try:
             if is_as_written(path, known):
                 return
-        except OSError as fault:
-            raise DamagedStageError(name, path, f"cannot be read ({fault.strerror})") from fault
+        except OSError as error:
+            raise DamagedStageError(name, path, f"cannot be read ({error.strerror})") from error
         raise DamagedStageError(name, path, _CHANGED if os.path.lexists(path) else _MISSING)
 
     def has(self, name: str, *parts: str) -> bool:
@@ -165,8 +165,8 @@ class Workspace:
         as a StageNote. Raises DamagedStageError where it is something else."""
         try:
             return summary_from(self._note(name).value, kind)
-        except ValueError as fault:
-            raise DamagedStageError(name, self.stage(name) / NOTE, _CHANGED) from fault
+        except ValueError as error:
+            raise DamagedStageError(name, self.stage(name) / NOTE, _CHANGED) from error
 
     def begin(self, name: str, mark: str, warn: Callable[[str], None] = lambda _: None) -> Path:
         """Return the partial folder of a stage; what an interrupted run with the same fingerprint left there is kept,
@@ -188,7 +188,7 @@ class Workspace:
     def finish(self, name: str, mark: str, summary: Summary) -> None:
         """Make the partial folder of a stage the complete one, replacing what was there."""
         partial, complete = self.partial(name), self.stage(name)
-        with faults_of(partial):
+        with errors_of(partial):
             remove_all_leftovers(partial)  # of processes of a pool that were lost
             files = {written: known.to_json() for written, known in files_of(partial).items()}
             note = {"stage": name, "fingerprint": mark, "format": FORMAT, **summary, "files": files}
@@ -198,7 +198,7 @@ class Workspace:
         # Killed from here on, a partial folder with a finished note remains: the stage is made again, nothing is mixed.
         self.forget(name)
         remove_stage_folder(complete)
-        with faults_of(complete):
+        with errors_of(complete):
             os.replace(partial, complete)
 
     def forget(self, name: str) -> None:
@@ -219,23 +219,23 @@ class Workspace:
 
         Raises WorkspaceError when another process holds it, or the folder cannot be created.
         """
-        with faults_of(self.folder):
+        with errors_of(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             # neither a link is followed nor anything emptied that is called so
             descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as fault:
+            except BlockingIOError as error:
                 raise WorkspaceError(
                     f"{self.folder}: another photogram is running here; wait for it, "
                     "or give each project file its own 'work' folder"
-                ) from fault
-            except OSError as fault:
+                ) from error
+            except OSError as error:
                 raise WorkspaceError(
-                    f"{self.folder}: its file system does not support locks ({fault.strerror}): "
+                    f"{self.folder}: its file system does not support locks ({error.strerror}): "
                     "put the 'work' folder on a local disk"
-                ) from fault
+                ) from error
             yield
         finally:
             os.close(descriptor)

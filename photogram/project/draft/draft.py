@@ -424,20 +424,20 @@ def flights_of(photographs: Sequence[TaggedPhotograph], gap_m: float | None = No
 
 
 def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositions, ...]:
-    """Return the files with the rows of the photographs ``names``; without rows, and a fault, those not to be used."""
+    """Return the files with the rows of the photographs ``names``; without rows, and an error, those not to be used."""
     claims = Counter(name for file in files for name in file.rows if name in names)
     used = []
     for file in files:
         rows = {name: row for name, row in file.rows.items() if name in names}
         twice = sorted(name for name in rows if claims[name] > 1)
-        fault = file.fault
+        error = file.fault
         if twice:
-            fault = (
+            error = (
                 f"{twice[0]} and others also have a position in another such file: put each flight in its own folder"
             )
-        elif not rows and not fault:
-            fault = "none of its photographs is used"
-        used.append(DraftPositions(file.path, {} if fault else rows, fault))
+        elif not rows and not error:
+            error = "none of its photographs is used"
+        used.append(DraftPositions(file.path, {} if error else rows, error))
     return tuple(used)
 
 

@@ -219,7 +219,7 @@ def companions_of(project: Project, measured: MeasuredPhotographs) -> tuple[Comp
         return ()
     found = _grouped(project, measured)
     if found.faults:
-        raise ProjectError("\n".join(f"{project.path}: {fault}" for fault in found.faults))
+        raise ProjectError("\n".join(f"{project.path}: {error}" for error in found.faults))
     return found.companions
 
 

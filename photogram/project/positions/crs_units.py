@@ -31,10 +31,10 @@ def crs_of_file(path: Path) -> str:
         if len(text) > MOST_BYTES:
             raise FrameError(f"{path} has more than {MOST_BYTES // 1000} kB, which is no CRS: give a file of WKT")
         return " ".join(text.decode("utf-8-sig").split())
-    except OSError as fault:
-        raise FrameError(f"{path} cannot be read ({fault.strerror}): give a file of WKT") from fault
-    except UnicodeDecodeError as fault:
-        raise FrameError(f"{path} is not text: give a file of WKT") from fault
+    except OSError as error:
+        raise FrameError(f"{path} cannot be read ({error.strerror}): give a file of WKT") from error
+    except UnicodeDecodeError as error:
+        raise FrameError(f"{path} is not text: give a file of WKT") from error
 
 
 def _read(document: Document, key: Key, written: str | None, base: Path) -> str | None:
@@ -42,8 +42,8 @@ def _read(document: Document, key: Key, written: str | None, base: Path) -> str 
         return written
     try:
         return crs_of_file(base / written)
-    except FrameError as fault:
-        document.add_error(key, str(fault))
+    except FrameError as error:
+        document.add_error(key, str(error))
         return None
 
 

@@ -118,12 +118,12 @@ def _position(
 def _read(
     document: Document, key: Key, written: str, base: Path, entry: PositionFileEntry | None = None
 ) -> PositionFile | None:
-    """Return what a file holds, None where it cannot be read; its faults name the file as the project does."""
+    """Return what a file holds, None where it cannot be read; its errors name the file as the project does."""
     path = base / written
     try:
         return read_positions(path, None if entry is None else entry.format)
-    except ProjectError as fault:
-        for line in str(fault).splitlines():
+    except ProjectError as error:
+        for line in str(error).splitlines():
             document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
         return None
 
@@ -231,8 +231,8 @@ def _placed(
     declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
     try:
         place, system = in_map(crs, target, declared, heights.gnss_given, heights, datum, given)
-    except FrameError as fault:
-        document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {str(fault).removeprefix('crs: ')}")
+    except FrameError as error:
+        document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {str(error).removeprefix('crs: ')}")
         return None
     try:
         swapped = given[:, [1, 0, 2]]

@@ -57,7 +57,7 @@ def _companions(file: ProjectFile) -> Iterator[tuple[Key, RigEntry, CompanionEnt
 
 
 def check_rigs(document: Document, file: ProjectFile) -> None:
-    """Note the faults of rigs: cameras that are none, or twice in one, values without their standard deviations, and
+    """Note the errors of rigs: cameras that are none, or twice in one, values without their standard deviations, and
     what is missing to group photographs to exposures."""
     taken: dict[str, Key] = {}
     for i, rig in enumerate(file.rigs):
@@ -104,12 +104,12 @@ def _check_grouping(document: Document, key: Key, rig: RigEntry) -> None:
             if not re.compile(rig.name_pattern).groups:
                 text = "has no group in parentheses: put what the names of one exposure have in common in parentheses"
                 document.add_error((*key, "name_pattern"), text)
-        except re.error as fault:
-            document.add_error((*key, "name_pattern"), f"is no regular expression ({fault}): correct it")
+        except re.error as error:
+            document.add_error((*key, "name_pattern"), f"is no regular expression ({error}): correct it")
 
 
 def rigs_of(file: ProjectFile, cameras: Sequence[str]) -> tuple[ProjectRig, ...]:
-    """Return the rigs of a file without faults; ``cameras`` are the names of the cameras of its photographs."""
+    """Return the rigs of a file without errors; ``cameras`` are the names of the cameras of its photographs."""
     return tuple(
         ProjectRig(
             rig.master or "",

@@ -100,7 +100,7 @@ def _twice(rig: ProjectRig, names: Sequence[str], cameras: Sequence[str], keys: 
 def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without: Collection[int] = ()) -> Grouped:
     """Group the photographs of a project to the exposures of its rigs; those of the numbers ``without`` are no
     photographs of their own, being copies of others."""
-    companions, alone, faults = list[Companion](), list[tuple[str, ...]](), list[str]()
+    companions, alone, errors = list[Companion](), list[tuple[str, ...]](), list[str]()
     for rig in rigs:
         of_rig = {rig.master, *(companion.camera for companion in rig.companions)}
         own = [i for i, camera in enumerate(rig.cameras) if camera in of_rig and i not in without]
@@ -109,7 +109,7 @@ def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without:
         keys = [every[i] for i in own]
         twice = _twice(rig, names, cameras, keys)
         if twice:
-            faults += [f"rig of {rig.master}: {text}" for text in twice]
+            errors += [f"rig of {rig.master}: {text}" for text in twice]
             continue
         found = exposures(cameras, keys, rig.master)
         for companion in rig.companions:
@@ -128,8 +128,8 @@ def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without:
             )
             alone.append(tuple(names[i] for i in found.without_master if cameras[i] == companion.camera))
             if not pairs:
-                faults.append(f"rig of {rig.master}: {_nothing(rig, companion.camera)}")
-    return Grouped(tuple(companions), tuple(alone), tuple(faults))
+                errors.append(f"rig of {rig.master}: {_nothing(rig, companion.camera)}")
+    return Grouped(tuple(companions), tuple(alone), tuple(errors))
 
 
 def measured_by_master(photographs: Sequence[Photograph], rigs: Sequence[Companion]) -> tuple[Photograph, ...]:

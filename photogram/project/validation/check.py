@@ -30,10 +30,10 @@ from photogram.wording import some, things
 _MOST_LINES = 10
 
 
-def project_faults(path: Path, fault: ProjectError) -> list[Finding]:
+def project_errors(path: Path, error: ProjectError) -> list[Finding]:
     """Return the errors raised by reading the project file ``path``, one finding per line."""
     findings = []
-    for line in str(fault).splitlines():
+    for line in str(error).splitlines():
         place = re.match(rf"{re.escape(str(path))}:(\d+): (.*)", line)
         if place:
             findings.append(Finding("error", f"{path.name}:{place[1]}", place[2]))

@@ -177,7 +177,7 @@ def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
 def frozen_findings(
     project: Project, tags: Sequence[PhotographTags | None], survey: MeasuredSurvey | None
 ) -> list[Finding]:
-    """Return the photographs whose positions repeat each other; a fault where too little else places the block."""
+    """Return the photographs whose positions repeat each other; an error where too little else places the block."""
     frozen = np.flatnonzero(frozen_photographs(tags, stated_positions(project, tags)))
     if not len(frozen):
         return []
@@ -345,8 +345,8 @@ def view_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     points = survey.control
     try:
         angle, outside, limit = _deviations_deg(project, survey)
-    except ImageError as fault:
-        return [Finding("error", "cameras", str(fault))]
+    except ImageError as error:
+        return [Finding("error", "cameras", str(error))]
     judged = np.isfinite(angle)
     wrong = np.zeros(len(angle), dtype=bool)
     wrong[judged] = angle[judged] > limit[judged]
@@ -396,8 +396,8 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
     try:
         findings = area_findings(project, gnss_positions(project, tags))
         survey = usable_survey(project, tags)
-    except FrameError as fault:
-        return [Finding("error", "crs", str(fault).removeprefix("crs: "))]
+    except FrameError as error:
+        return [Finding("error", "crs", str(error).removeprefix("crs: "))]
     if survey is None:
         if findings:
             return findings

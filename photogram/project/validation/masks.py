@@ -35,11 +35,11 @@ def marks_in_masks(project: Project, mask_of: Callable[[int], BoolArray | None])
     return found
 
 
-def mask_findings(faults: Sequence[str], masked_marks: Sequence[str]) -> list[Finding]:
-    """Return what is wrong with masks: the ``faults`` of files, and marks that lie in what masks leave out."""
-    findings = [Finding("error", "masks", fault.removeprefix("mask ")) for fault in faults[:_MOST_LINES]]
-    if len(faults) > _MOST_LINES:
-        findings.append(Finding("error", "masks", f"{len(faults) - _MOST_LINES} more cannot be used"))
+def mask_findings(errors: Sequence[str], masked_marks: Sequence[str]) -> list[Finding]:
+    """Return what is wrong with masks: the ``errors`` of files, and marks that lie in what masks leave out."""
+    findings = [Finding("error", "masks", error.removeprefix("mask ")) for error in errors[:_MOST_LINES]]
+    if len(errors) > _MOST_LINES:
+        findings.append(Finding("error", "masks", f"{len(errors) - _MOST_LINES} more cannot be used"))
     if masked_marks:
         lie = "lies" if len(masked_marks) == 1 else "lie"
         text = f"{things(len(masked_marks), 'mark')} of ground points {lie} in masked pixels: {some(masked_marks)}"

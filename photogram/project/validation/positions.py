@@ -110,7 +110,7 @@ def flight_findings(known: Sequence[Pair]) -> list[Finding]:
 
 
 def long_arm_findings(known: Sequence[Pair]) -> list[Finding]:
-    """Return lever arms that are longer than an aircraft; a fault where only millimetres can have been meant."""
+    """Return lever arms that are longer than an aircraft; an error where only millimetres can have been meant."""
     arms: defaultdict[tuple[float, ...], list[Pair]] = defaultdict(list)
     for pair in known:
         if pair[0].lever_arm_m is not None and np.linalg.norm(pair[0].lever_arm_m) > LONG_ARM_M:

@@ -38,8 +38,8 @@ def rig_findings(
     ]
     found = grouped(project.rigs, tagged, {i for group in duplicates for i in group[1:]})
     findings = []
-    for fault in found.faults:
-        where, _, text = fault.partition(": ")
+    for error in found.faults:
+        where, _, text = error.partition(": ")
         findings.append(Finding("error", where, text))
     for companion, alone in zip(found.companions, found.alone, strict=True):
         where = f"rig of {companion.master}"

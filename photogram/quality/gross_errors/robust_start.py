@@ -185,8 +185,8 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
         problem = make_problem(_weakened(part, misfits, scale), quick).with_tie_observations(ties)
         try:
             state = minimise(problem, state, quick).state
-        except IndeterminateError as fault:
-            raise AdjustmentError("no subset of the observations determines the block") from fault
+        except IndeterminateError as error:
+            raise AdjustmentError("no subset of the observations determines the block") from error
         misfits = _misfits(whole, state, problem)
         left -= scale == 1.0
         if not left:

@@ -191,9 +191,9 @@ def _reweighted(block: Block, found: Search, common: CommonSigmas) -> Search:
         result = common.estimate(without(block, found.rejected))
         common.sigmas = result.decisions.sigmas
         return search(block, result, common.adjust, found.rejected)
-    except PhotogramError as fault:
+    except PhotogramError as error:
         common.sigmas = found.result.decisions.sigmas
-        said = f"The sigmas of tie points could not be estimated: {fault}. They are used as stated"
+        said = f"The sigmas of tie points could not be estimated: {error}. They are used as stated"
         return replace(found, result=replace(found.result, warnings=(*found.result.warnings, said)))
 
 
@@ -288,16 +288,16 @@ def adjust_with_snooping(
         found, whole = _explained(block, settings, start, common)
         if settings.estimate_sigmas and (found.rejected or not len(common.sigmas)):
             found = _reweighted(block, found, common)
-    except PhotogramError as fault:
+    except PhotogramError as error:
         if not size:
             raise
-        raise AdjustmentError(f"{size[0].sentence}; without them {fault}") from fault
+        raise AdjustmentError(f"{size[0].sentence}; without them {error}") from error
     settled, decisions = settle_focal_lengths(block, found, adjuster, common.restarting, progress, readings_px)
     if settled is not None:
         try:
             found = _with_settled(settled, found, decisions, adjuster)
-        except PhotogramError as fault:
-            sentence = NOT_SETTLED.format(names=", ".join(decisions), fault=fault)
+        except PhotogramError as error:
+            sentence = NOT_SETTLED.format(names=", ".join(decisions), fault=error)
             warned = replace(found.result, warnings=(*found.result.warnings, sentence))
             found, settled, decisions = replace(found, result=warned), None, {}
     off = marks_off_checks(found.result)

@@ -278,19 +278,19 @@ def _geometry(report: SurveyNumbers) -> Light:
     overlap, diagnosis = report["block"]["overlap"], report["diagnosis"]
     if overlap is None:
         return Light("Geometry", "unknown", "the tie points span no area", rule)
-    share, faults = overlap["share_3_or_more"], list[str]()
+    share, errors = overlap["share_3_or_more"], list[str]()
     dome, correlation = diagnosis["dome"], focal_height_correlation(diagnosis)
     if dome["significant"]:
-        faults.append(f"doming of {number(dome['measured_m']):+.3f} m")
+        errors.append(f"doming of {number(dome['measured_m']):+.3f} m")
     if abs(correlation) > CORRELATION:
-        faults.append(f"focal length and heights correlate by {correlation:.2f}")
+        errors.append(f"focal length and heights correlate by {correlation:.2f}")
     decided = [name for name, camera in report["cameras"].items() if camera["focal_length"]]
-    faults += [f"the photographs contradict the given focal length of {name}" for name in decided]
+    errors += [f"the photographs contradict the given focal length of {name}" for name in decided]
     for name, pattern in diagnosis["residual_pattern"].items():
         if pattern["significant"]:
-            faults.append(f"residuals in {name} share a pattern of {pattern['pattern_px']:.2g} px")
-    grade: Grade = "bad" if share < worst else "good" if share >= best and not faults else "attention"
-    return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *faults]), rule)
+            errors.append(f"residuals in {name} share a pattern of {pattern['pattern_px']:.2g} px")
+    grade: Grade = "bad" if share < worst else "good" if share >= best and not errors else "attention"
+    return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *errors]), rule)
 
 
 def _converged(report: SurveyNumbers) -> Light:

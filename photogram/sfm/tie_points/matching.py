@@ -94,8 +94,8 @@ def _on_epipolar_lines(first: FloatArray, second: FloatArray, threshold_px: floa
     for method in (cv2.USAC_MAGSAC, cv2.FM_RANSAC):
         try:
             matrix, mask = cv2.findFundamentalMat(first, second, method, threshold_px, 0.9999, 10000)
-        except cv2.error as fault:
-            if "model.empty()" not in str(fault):
+        except cv2.error as error:
+            if "model.empty()" not in str(error):
                 raise
             continue
         if matrix is not None and mask is not None:

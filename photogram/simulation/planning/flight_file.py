@@ -1,6 +1,6 @@
 """flight.yaml: a flight that is to be predicted, as a surveyor writes it down.
 
-Read and checked as project.yaml is: every fault at once, with its line.
+Read and checked as project.yaml is: every error at once, with its line.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def settings_of(values: Mapping[str, object]) -> PlanSettings:
 
 
 def plan_settings(path: Path) -> PlanSettings:
-    """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every fault of it."""
+    """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every error of it."""
     document = Document(path)
     file = read_entry(document, FlightFile)
     document.raise_errors()
@@ -176,5 +176,5 @@ def flight_plan(settings: PlanSettings, where: str) -> FlightPlan:
     they contradict each other."""
     try:
         return FlightPlan(**settings)
-    except ValueError as fault:
-        raise ProjectError(f"{where}: {fault}") from fault
+    except ValueError as error:
+        raise ProjectError(f"{where}: {error}") from error

@@ -149,13 +149,13 @@ def predict_accuracy(plan: FlightPlan) -> Prediction:
         problem = make_problem(survey.block, AdjustmentSettings(robust_loss="none"))
         state = start_state(problem.block, problem.flights)
         found = covariances(problem, state)
-    except ValueError as fault:
-        raise AdjustmentError(f"this flight cannot be predicted: {fault}") from fault
-    except IndeterminateError as fault:
+    except ValueError as error:
+        raise AdjustmentError(f"this flight cannot be predicted: {error}") from error
+    except IndeterminateError as error:
         raise AdjustmentError(
             "this flight does not determine the block: plan three control points at least, or GNSS, "
             "and photographs that overlap by 60 % or more"
-        ) from fault
+        ) from error
     places = places_of(problem, state)
     if places is None:
         raise AdjustmentError("this flight has too few tie points: raise the overlaps")

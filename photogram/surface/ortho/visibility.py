@@ -432,8 +432,8 @@ class SeenCells:
                     seen[masked] = MASKED
                 states = (BESIDE, HIDDEN) if masked is None else (BESIDE, HIDDEN, MASKED)
                 future.set_result(np.packbits(np.stack([seen >= state for state in states]), axis=2))
-            except BaseException as fault:
-                future.set_exception(fault)
+            except BaseException as error:
+                future.set_exception(error)
                 raise
             self._make_room()
         return future.result()

@@ -78,10 +78,10 @@ class _Bytes:
             self.need(len(self.data) + 1)
         try:
             text = self.data[self.place : end].decode("utf-8")
-        except UnicodeDecodeError as fault:
+        except UnicodeDecodeError as error:
             raise ExchangeError(
                 f"{self.path}: the name at byte {self.place} is not UTF-8: rename the photograph"
-            ) from fault
+            ) from error
         self.place = end + 1
         return text
 

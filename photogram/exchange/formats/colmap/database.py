@@ -133,9 +133,9 @@ def read_colmap_database(path: Path) -> ColmapDatabase:
             tables.check()
             connection.set_authorizer(_read_only)
             return _read(tables)
-    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as fault:
-        reason = printable(str(fault))[:200]
-        raise ExchangeError(f"{path}: cannot be read as a database ({reason}): it is damaged: make it again") from fault
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+        reason = printable(str(error))[:200]
+        raise ExchangeError(f"{path}: cannot be read as a database ({reason}): it is damaged: make it again") from error
 
 
 def _checked_size(path: Path) -> int:
@@ -145,8 +145,8 @@ def _checked_size(path: Path) -> int:
             is_database = stream.read(len(_HEADER)) == _HEADER
         log = path.with_name(f"{path.name}-wal")
         has_log = log.exists() and log.stat().st_size > 0
-    except OSError as fault:
-        raise ExchangeError(f"{path}: cannot be read ({fault.strerror}): check its name and folder") from fault
+    except OSError as error:
+        raise ExchangeError(f"{path}: cannot be read ({error.strerror}): check its name and folder") from error
     if not is_database:
         raise ExchangeError(f"{path}: is no SQLite database: name the database.db of a project of COLMAP")
     if has_log:

@@ -163,8 +163,8 @@ def _wkt(path: Path, name: str) -> str:
     try:
         crs = written_crs(name)
         return _WGS_84 if crs is None else str(crs.to_wkt("WKT1_GDAL"))
-    except (PhotogramError, ValueError, RuntimeError) as fault:
-        raise ExchangeError(f"{path}: the CRS {shortened(name)} has no WKT ({shortened(str(fault))})") from fault
+    except (PhotogramError, ValueError, RuntimeError) as error:
+        raise ExchangeError(f"{path}: the CRS {shortened(name)} has no WKT ({shortened(str(error))})") from error
 
 
 def _geocentric_from(origin_lla: tuple[float, float, float]) -> Similarity:

@@ -51,10 +51,10 @@ class _Archive:
         try:
             regular_file_size(path)
             self._zip = zipfile.ZipFile(path)
-        except OSError as fault:
-            raise ExchangeError(f"{path}: cannot be read ({fault.strerror}): check its name and folder") from fault
-        except (zipfile.BadZipFile, ValueError, NotImplementedError) as fault:
-            raise ExchangeError(f"{path}: is no archive ({printable(shortened(str(fault)))}): {_REMEDY}") from fault
+        except OSError as error:
+            raise ExchangeError(f"{path}: cannot be read ({error.strerror}): check its name and folder") from error
+        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+            raise ExchangeError(f"{path}: is no archive ({printable(shortened(str(error)))}): {_REMEDY}") from error
 
     def close(self) -> None:
         self._zip.close()
@@ -67,10 +67,10 @@ class _Archive:
         try:
             with self._zip.open(name) as stream:  # its stated size may be untrue: no more is unpacked than may be
                 data = stream.read(most_bytes + 1)
-        except KeyError as fault:
-            raise ExchangeError(f"{place} is not in the archive: {_REMEDY}") from fault
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as fault:
-            raise ExchangeError(f"{place} is damaged ({printable(shortened(str(fault)))}): {_REMEDY}") from fault
+        except KeyError as error:
+            raise ExchangeError(f"{place} is not in the archive: {_REMEDY}") from error
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
+            raise ExchangeError(f"{place} is damaged ({printable(shortened(str(error)))}): {_REMEDY}") from error
         if len(data) > most_bytes:
             raise ExchangeError(f"{place} has more than the {most_bytes / 1e6:.1f} MB that are still read here")
         self._left -= len(data)
@@ -219,8 +219,8 @@ def _vertices(place: str, what: str, data: bytes, *names: str) -> NDArray[np.voi
     """Return the vertices of PLY data that have these properties. Raises ExchangeError where they are none."""
     try:
         vertices = vertices_of(data)
-    except ValueError as fault:
-        raise ExchangeError(f"{place}: the PLY file of {what} cannot be read: {fault}: {_REMEDY}") from fault
+    except ValueError as error:
+        raise ExchangeError(f"{place}: the PLY file of {what} cannot be read: {error}: {_REMEDY}") from error
     missing = [name for name in names if name not in (vertices.dtype.names or ())]
     if missing:
         raise ExchangeError(f"{place}: the PLY file of {what} has no property {missing[0]}: {_REMEDY}")

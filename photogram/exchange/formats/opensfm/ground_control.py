@@ -36,8 +36,8 @@ def read_ground_control(
     file is damaged or names no CRS."""
     try:
         held = read_points(path)
-    except ControlPointError as fault:
-        raise ExchangeError(str(fault)) from fault
+    except ControlPointError as error:
+        raise ExchangeError(str(error)) from error
     if held.crs is None:
         raise ExchangeError(f"{path}: the first line must name the CRS, EPSG:32617 for example: add it")
     numbers = {photograph.name: i for i, photograph in enumerate(photographs)}
@@ -69,8 +69,8 @@ def in_crs_of_control(
     given = np.array([photographs[i].measured for i in known])
     try:
         moved = given if is_geographic(crs) else map_from_crs(measured, crs, given)
-    except FrameError as fault:
-        raise ExchangeError(f"{path}: {fault}") from fault
+    except FrameError as error:
+        raise ExchangeError(f"{path}: {error}") from error
     places = dict(zip(known, moved, strict=True))
     return tuple(replace(p, measured=places[i]) if i in places else p for i, p in enumerate(photographs))
 
@@ -97,8 +97,8 @@ def write_ground_control(folder: Path, solution: ForeignSolution) -> tuple[str, 
     ]  # fmt: skip
     try:
         write_gcp_list(folder / FILE, solution.crs, rows, marks)
-    except ControlPointError as fault:
-        return (f"Ground points and their marks: {str(fault).removeprefix(f'{folder / FILE}: ')}.",)
+    except ControlPointError as error:
+        return (f"Ground points and their marks: {str(error).removeprefix(f'{folder / FILE}: ')}.",)
     said = [f"Standard deviations and roles of ground points: in {FILE} all of them are control points."]
     if len(held) < len(points):
         said.append(f"{things(len(points) - len(held), 'ground point')} without coordinates or marks.")

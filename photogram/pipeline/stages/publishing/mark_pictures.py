@@ -83,8 +83,8 @@ def _cut(run: Run, index: int, wanted: Sequence[_Wanted]) -> list[PhotographPatc
             run.photograph_fingerprints[index],
             run.stretch(index),
         )
-    except ImageError as fault:
-        return str(fault).removeprefix(f"photograph {source.path}: ")
+    except ImageError as error:
+        return str(error).removeprefix(f"photograph {source.path}: ")
     return [
         PhotographPatch(reduced(part, w.reduction), w.box[0], w.box[1], w.reduction, w.half_px)
         for part, w in zip(pixels, windows, strict=True)
