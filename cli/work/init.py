@@ -34,11 +34,11 @@ def _show(draft: ProjectDraft, project: Path) -> None:
         "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
     )
     for positions in draft.positions:
-        text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.fault}"
+        text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.error}"
         table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
     if draft.masks is not None:
         masks = draft.masks
-        text = f"not used: {masks.fault}" if masks.fault else f"of {things(masks.photographs, 'photograph')}"
+        text = f"not used: {masks.error}" if masks.error else f"of {things(masks.photographs, 'photograph')}"
         table.add_row("masks", f"{escape(masks.path)}: {escape(text)}")
     attitudes = sum(p.has_attitude for p in draft.photographs)
     table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")

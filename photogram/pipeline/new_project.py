@@ -93,7 +93,7 @@ class NewProject:
             ("cameras", ", ".join(f"{c.name} (f {c.focal_px:.0f} ± {c.sigmas[0]:.0f} px)" for c in draft.cameras)),
             ("map grid", f"{draft.crs} ({draft.crs_name})"),
             ("ground points", str(points)),
-            *([] if draft.masks is None else [("masks", draft.masks.fault or str(draft.masks.photographs))]),
+            *([] if draft.masks is None else [("masks", draft.masks.error or str(draft.masks.photographs))]),
             *(("warning", text) for text in (*draft.warnings, *map(str, self.warnings))),
         ]
 
@@ -228,11 +228,11 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
         written = _relative(path, project)
         try:
             matching = match_rows(read_mrk(path), beside or names)
-            files.append(DraftPositions(written, matching.rows, matching.fault))
+            files.append(DraftPositions(written, matching.rows, matching.error))
         except ProjectError as error:
             lines = str(error).splitlines()
             more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
-            files.append(DraftPositions(written, fault=lines[0].removeprefix(f"{path}:") + more))
+            files.append(DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more))
     return tuple(files)
 
 
@@ -245,7 +245,7 @@ def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
     try:
         return DraftMasks(_relative(found, project), len(find_masks(found, names).of_photograph))
     except ImageError as error:
-        return DraftMasks(_relative(found, project), fault=str(error).splitlines()[0])
+        return DraftMasks(_relative(found, project), error=str(error).splitlines()[0])
 
 
 # ---- the file --------------------------------------------------------------------------------------------------------

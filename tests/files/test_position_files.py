@@ -37,7 +37,7 @@ def read(tmp_path: Path, text: str, name: str) -> PositionFile:
     return read_positions(tmp_path / name)
 
 
-def faults(tmp_path: Path, text: str, name: str) -> list[str]:
+def errors(tmp_path: Path, text: str, name: str) -> list[str]:
     """The faults as ``line: message``."""
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
@@ -76,13 +76,13 @@ def test_every_fault_of_an_mrk_is_named_at_once(tmp_path: Path) -> None:
         good.replace("3\t5", "5\t5", 1).replace(",Lat", ""),
         "name,lat,lon",
     ]
-    found = faults(tmp_path, "\n".join(bad), "x.MRK")
+    found = errors(tmp_path, "\n".join(bad), "x.MRK")
     assert [f.split(":")[0] for f in found] == ["2", "2", "3", "4"]
     assert any("number 3 is given twice, first in line 1" in f for f in found)
     assert any("are impossible" in f for f in found)
     assert "is not a line of a DJI MRK file" in found[-1]
-    assert "the file is empty" in faults(tmp_path, "\n\n", "y.MRK")[0]
-    many = faults(tmp_path, "rubbish\n" * 50, "z.MRK")
+    assert "the file is empty" in errors(tmp_path, "\n\n", "y.MRK")[0]
+    many = errors(tmp_path, "rubbish\n" * 50, "z.MRK")
     assert len(many) == 21
     assert "30 more errors" in many[-1]
 
@@ -191,7 +191,7 @@ def test_faults_of_a_table_are_named_at_once(tmp_path: Path) -> None:
         "c.jpg,8.5,47.4,1,0.01,1,9,9\n"
         'd.jpg,"8,5",47.4,1,0.01,1\n'
     )
-    found = faults(tmp_path, text, "t.csv")
+    found = errors(tmp_path, text, "t.csv")
     assert [f.split(":")[0] for f in found] == ["2", "3", "4", "4", "4", "5", "6"]
     for part in (
         "'abc'",
@@ -206,10 +206,10 @@ def test_faults_of_a_table_are_named_at_once(tmp_path: Path) -> None:
 
 
 def test_columns_that_are_missing_are_all_named(tmp_path: Path) -> None:
-    found = faults(tmp_path, "when,where\n1,2\n", "t.csv")
+    found = errors(tmp_path, "when,where\n1,2\n", "t.csv")
     assert len(found) == 3
     assert "longitude and latitude, or easting and northing" in found[0] + found[1] + found[2]
-    assert "no rows" in faults(tmp_path, "photo,lon,lat,h\n", "t.csv")[0]
+    assert "no rows" in errors(tmp_path, "photo,lon,lat,h\n", "t.csv")[0]
 
 
 @given(
@@ -252,7 +252,7 @@ def test_rtklib_events(tmp_path: Path) -> None:
 
 def test_rtklib_in_other_coordinates_is_refused(tmp_path: Path) -> None:
     text = "%  GPST  x-ecef(m) y-ecef(m) z-ecef(m) Q\n2024/05/01 10:00:00 4 5 6 1\n"
-    assert "choose latitude, longitude and height" in faults(tmp_path, text, "e.pos")[0]
+    assert "choose latitude, longitude and height" in errors(tmp_path, text, "e.pos")[0]
 
 
 # ---- which photograph ------------------------------------------------------------------------------------------------
@@ -299,17 +299,17 @@ def test_names_match_whatever_their_folder_case_and_suffix_where_only_one_fits()
     assert {n: r.line for n, r in found.rows.items()} == {"a/IMG_1.JPG": 2, "IMG_2.JPG": 3}
     assert [row.photograph for row in found.unmatched] == ["IMG_3.DNG", "other.jpg"]
     # two folders have one of that name: the bare name says neither
-    assert "none of its 1 photographs" in match_rows(table_of("IMG_1.JPG"), ["a/IMG_1.JPG", "b/IMG_1.JPG"]).fault
+    assert "none of its 1 photographs" in match_rows(table_of("IMG_1.JPG"), ["a/IMG_1.JPG", "b/IMG_1.JPG"]).error
 
 
 def test_what_cannot_be_matched_says_which() -> None:
-    assert "100 to 101" in match_rows(mrk_of("x.MRK", 100, 101), ["DJI_0001.JPG"]).fault
-    assert "DJI_0001.JPG" in match_rows(mrk_of("x.MRK", 100, 101), ["DJI_0001.JPG"]).fault
-    assert "(a.jpg)" in match_rows(table_of("a.jpg"), ["DJI_0001.JPG"]).fault
-    assert "lines 2 and 3" in match_rows(table_of("a.jpg", "a.jpg"), ["a.jpg"]).fault
+    assert "100 to 101" in match_rows(mrk_of("x.MRK", 100, 101), ["DJI_0001.JPG"]).error
+    assert "DJI_0001.JPG" in match_rows(mrk_of("x.MRK", 100, 101), ["DJI_0001.JPG"]).error
+    assert "(a.jpg)" in match_rows(table_of("a.jpg"), ["DJI_0001.JPG"]).error
+    assert "lines 2 and 3" in match_rows(table_of("a.jpg", "a.jpg"), ["a.jpg"]).error
     pos = PositionFile(Path("e.pos"), "pos", True, tuple(PositionRow(k, (8.0, 47.0, 1.0)) for k in (5, 6)))
     assert {n: r.line for n, r in match_rows(pos, ["b.jpg", "a.jpg"]).rows.items()} == {"a.jpg": 5, "b.jpg": 6}
-    assert "2 positions for 1 photographs" in match_rows(pos, ["a.jpg"]).fault
+    assert "2 positions for 1 photographs" in match_rows(pos, ["a.jpg"]).error
 
 
 def test_formats_by_name() -> None:

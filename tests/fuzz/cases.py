@@ -162,11 +162,11 @@ def neighbours(case: Case) -> None:
     with ThreadPoolExecutor(1) as executor:
         headers = read_headers(paths, executor)
     tagged = [TaggedPhotograph(h.name, h.tags) for h in headers if h.tags is not None]
-    unreadable = [LeftOut(h.name, h.fault) for h in headers if h.tags is None]
+    unreadable = [LeftOut(h.name, h.error) for h in headers if h.tags is None]
     try:
         draft = draft_project(tagged, unreadable, Wishes())
-    except PhotogramError as fault:
-        raise AssertionError(f"one damaged photograph ends the draft: {fault}") from fault
+    except PhotogramError as error:
+        raise AssertionError(f"one damaged photograph ends the draft: {error}") from error
     text = project_text(draft, "photographs")
     sound_names = {p.name for p in paths[:3]}
     if not sound_names <= {p.name for p in draft.photographs}:
@@ -200,8 +200,8 @@ def arrays(case: Case) -> None:
     """Read the arrays of a stage."""
     try:
         read = read_npz(case.path)
-    except OSError as fault:
-        raise PhotogramError(str(fault)) from fault
+    except OSError as error:
+        raise PhotogramError(str(error)) from error
     if case.was_cut:
         raise SilenceError(f"arrays {sorted(read)} read from a file that was cut off")
 

@@ -548,7 +548,7 @@ def test_headers_and_equal_files(tmp_path: Path) -> None:
     assert read[0].tags == read_tags(paths[0])
     assert [h.name for h in read] == [p.name for p in paths]
     for header, word in zip(read[3:], ("truncated", "32-bit floating-point", "file not found"), strict=True):
-        assert word in header.fault
+        assert word in header.error
 
 
 # -- the command ------------------------------------------------------------------------------------------------------

@@ -125,10 +125,10 @@ def test_an_offset_alone_leaves_the_rotation_free(folder: Path) -> None:
 )
 def test_faults_of_a_rig_stand_at_their_line(folder: Path, old: str, new: str, said: str) -> None:
     assert old in RIG
-    with pytest.raises(ProjectError) as fault:
+    with pytest.raises(ProjectError) as error:
         read(folder, RIG.replace(old, new, 1) if old != "camera: red" else RIG.replace(old, new))
-    assert said in str(fault.value)
-    assert str(folder / "project.yaml") in str(fault.value)
+    assert said in str(error.value)
+    assert str(folder / "project.yaml") in str(error.value)
 
 
 def test_a_rig_needs_a_companion(folder: Path) -> None:
@@ -156,7 +156,7 @@ def test_exposures_by_the_identifier_in_the_tags() -> None:
     found = grouped([rig("capture", ("a", "b", "b", "b"))], taken)
     assert found.companions[0].exposures == (("b1", "a1"),)
     assert found.alone == (("b2", "b3"),)
-    assert found.faults == ()
+    assert found.errors == ()
 
 
 def test_exposures_by_name_are_those_of_one_folder() -> None:
@@ -177,7 +177,7 @@ def test_exposures_by_time_are_the_nearest_within_the_tolerance() -> None:
 def test_two_masters_of_one_exposure_are_a_fault_and_copies_none() -> None:
     taken = [Taken("a1", capture="x"), Taken("a2", capture="x"), Taken("b1", capture="x")]
     own = rig("capture", ("a", "a", "b"))
-    assert grouped([own], taken).faults == (
+    assert grouped([own], taken).errors == (
         "rig of a: 2 photographs of camera a are one exposure, a1, a2: check the identifiers in their tags, or leave "
         "all but one out",
     )

@@ -73,7 +73,7 @@ class Layout:
     """Of a pixel, transparency among them."""
     inverted: bool = False
     """Whether 0 is white."""
-    fault: str = ""
+    error: str = ""
     """Why photogram cannot use such pixels, or empty."""
 
     @property
@@ -111,7 +111,7 @@ def layout_of(picture: Image.Image, data: bytes) -> Layout:
     if picture.format != "PNG":
         return Layout(8, len(picture.getbands()))
     bits, channels = data[_PNG_DEPTH_AT], _PNG_CHANNELS.get(data[_PNG_COLOUR_AT], 0)
-    return Layout(bits, channels, fault=f"{channels} channels of {bits} bits" if bits > 8 and channels == 2 else "")
+    return Layout(bits, channels, error=f"{channels} channels of {bits} bits" if bits > 8 and channels == 2 else "")
 
 
 def _strips(data: bytes, layout: Layout) -> Iterator[tuple[int, Values]]:

@@ -18,11 +18,11 @@ _HEAD_BYTES = 65536
 
 @dataclass(frozen=True)
 class PhotographHeader:
-    """The tags of one photograph, or None and the ``fault`` that keeps them from being read."""
+    """The tags of one photograph, or None and the ``error`` that keeps them from being read."""
 
     name: str
     tags: PhotographTags | None
-    fault: str = ""
+    error: str = ""
 
 
 def _read_header(path: Path) -> PhotographHeader:

@@ -160,7 +160,7 @@ def open_picture(path: Path, data: bytes, first: Directory) -> Image.Image:
         with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
             picture = Image.open(io.BytesIO(data), formats=FORMATS)
     except UnidentifiedImageError as error:
-        unfit = tiff_layout(first).fault if first else ""
+        unfit = tiff_layout(first).error if first else ""
         if unfit:
             raise _unfit(path, unfit) from error
         raise damaged(path, f"{len(data)} bytes in no known image format") from error
@@ -206,8 +206,8 @@ def usable(path: Path, data: bytes, size_px: tuple[int, int] | None, sha256: str
     picture, layout = file.picture, file.layout
     if size_px is not None:
         check_pixels(path, picture.size, size_px)
-    if layout.fault if layout.is_deep else picture.mode not in _MODES:
-        raise _unfit(path, layout.fault or f"pixel type {picture.mode}")
+    if layout.error if layout.is_deep else picture.mode not in _MODES:
+        raise _unfit(path, layout.error or f"pixel type {picture.mode}")
     if picture.format in JPEGS and not jpeg_is_whole(file.data):
         raise damaged(path, "its image data is truncated")
     return file

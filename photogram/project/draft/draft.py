@@ -85,21 +85,21 @@ class DraftPhotograph:
 @dataclass(frozen=True)
 class DraftPositions:
     """A file of positions beside the photographs, as the project names it: its rows by the names of the photographs, or
-    the ``fault`` for which it is not used."""
+    the ``error`` for which it is not used."""
 
     path: str
     rows: Mapping[str, PositionRow] = field(default_factory=dict)
-    fault: str = ""
+    error: str = ""
 
 
 @dataclass(frozen=True)
 class DraftMasks:
     """The folder of masks beside the photographs, as the project names it: how many photographs have one, or the
-    ``fault`` for which it is not used."""
+    ``error`` for which it is not used."""
 
     path: str
     photographs: int = 0
-    fault: str = ""
+    error: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -430,7 +430,7 @@ def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositi
     for file in files:
         rows = {name: row for name, row in file.rows.items() if name in names}
         twice = sorted(name for name in rows if claims[name] > 1)
-        error = file.fault
+        error = file.error
         if twice:
             error = (
                 f"{twice[0]} and others also have a position in another such file: put each flight in its own folder"

@@ -91,7 +91,7 @@ def _gnss_comment(draft: ProjectDraft) -> list[str]:
 
 
 def _positions(draft: ProjectDraft) -> list[str]:
-    used = [file for file in draft.positions if not file.fault]
+    used = [file for file in draft.positions if not file.error]
     if not used:
         return []
     return [
@@ -110,8 +110,8 @@ def _masks(draft: ProjectDraft) -> list[str]:
     masks = draft.masks
     if masks is None:
         return []
-    if masks.fault:
-        return comment(f"{masks.path} is not used: {masks.fault}", 2)
+    if masks.error:
+        return comment(f"{masks.path} is not used: {masks.error}", 2)
     return [f"  masks: {scalar(masks.path)} # of {things(masks.photographs, 'photograph')}; black is left out"]
 
 

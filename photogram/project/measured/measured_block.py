@@ -218,8 +218,8 @@ def companions_of(project: Project, measured: MeasuredPhotographs) -> tuple[Comp
     if not project.rigs:
         return ()
     found = _grouped(project, measured)
-    if found.faults:
-        raise ProjectError("\n".join(f"{project.path}: {error}" for error in found.faults))
+    if found.errors:
+        raise ProjectError("\n".join(f"{project.path}: {error}" for error in found.errors))
     return found.companions
 
 

@@ -163,8 +163,8 @@ def _matched(
     document: Document, key: Key, entry: PositionFileEntry, read: PositionFile, names: Sequence[str]
 ) -> Matching:
     matching = match_rows(read, names)
-    if matching.fault:
-        document.add_error(key, f"{entry.path}: {matching.fault}")
+    if matching.error:
+        document.add_error(key, f"{entry.path}: {matching.error}")
     return matching
 
 
@@ -189,8 +189,8 @@ def _lever_arms(
     if read is None:
         return {}
     matching = match_rows(read, _scope(entry, read.path, photographs, folder))
-    if matching.fault:
-        document.add_error(place, f"{entry.lever_arms}: {matching.fault}")
+    if matching.error:
+        document.add_error(place, f"{entry.lever_arms}: {matching.error}")
     return {name: row.lever_arm_m for name, row in matching.rows.items() if row.lever_arm_m is not None}
 
 

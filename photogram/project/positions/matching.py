@@ -19,12 +19,12 @@ _MRK_STEM = re.compile(r"(.+?)_?timestamp", re.IGNORECASE)
 class Matching:
     """The rows of a file by the names of their photographs, and the rows that belong to none of them.
 
-    ``fault`` says why they cannot be matched at all, empty where they can.
+    ``error`` says why they cannot be matched at all, empty where they can.
     """
 
     rows: Mapping[str, PositionRow]
     unmatched: tuple[PositionRow, ...] = ()
-    fault: str = ""
+    error: str = ""
 
 
 def sequence_number(name: str) -> int | None:

@@ -43,7 +43,7 @@ class Grouped:
     """The companions with their exposures, rig after rig."""
     alone: tuple[tuple[str, ...], ...]
     """Names of the photographs of each that have no photograph of their master."""
-    faults: tuple[str, ...]
+    errors: tuple[str, ...]
     """What makes exposures ambiguous, or a rig none."""
 
 

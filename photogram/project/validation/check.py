@@ -54,7 +54,7 @@ def header_findings(
     a fisheye as camera, empty where there is no project.
     """
     unreadable = [h for h in headers if h.tags is None]
-    findings = [Finding("error", h.name, h.fault) for h in unreadable[:_MOST_LINES]]
+    findings = [Finding("error", h.name, h.error) for h in unreadable[:_MOST_LINES]]
     if len(unreadable) > _MOST_LINES:
         rest = [h.name for h in unreadable[_MOST_LINES:]]
         findings.append(Finding("error", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))

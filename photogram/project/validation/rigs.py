@@ -38,7 +38,7 @@ def rig_findings(
     ]
     found = grouped(project.rigs, tagged, {i for group in duplicates for i in group[1:]})
     findings = []
-    for error in found.faults:
+    for error in found.errors:
         where, _, text = error.partition(": ")
         findings.append(Finding("error", where, text))
     for companion, alone in zip(found.companions, found.alone, strict=True):
