@@ -16,13 +16,11 @@ freedom as coordinates, whose noncentrality is the root of the blunder's weighte
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from lib import study
 from scipy.stats import chi2, ncx2
 
 from photogram.adjustment.adjustment import adjust
@@ -154,28 +152,28 @@ def judged(seed: int) -> Judged:
     return Judged(bool(suspects(clean)), large, small)
 
 
-def every(count: int, workers: int) -> Iterator[Judged]:
-    """Judge so many surveys."""
-    with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(judged, range(count))
-
-
 def show_large(trials: list[Trial]) -> None:
     """Print one row for each kind of large blunder."""
-    print(f"\nlarge blunder  surveys   above {CERTAIN} MDB: found, named      below: found, named")
+    print()
+    parts = (f"above {CERTAIN} MDB", f"below {CERTAIN} MDB")
+    table = study.Table("large blunder", "surveys", *(title for part in parts for title in (part, "found", "named")))
     for kind in (*KINDS, "all"):
         mine = [t for t in trials if kind in {t.kind, "all"}]
-        row = f"{kind:<14}{len(mine):8d}"
+        cells = []
         for part in ([t for t in mine if t.times_mdb >= CERTAIN], [t for t in mine if t.times_mdb < CERTAIN]):
-            row += f"{len(part):9d}" + (
-                f"{np.mean([t.found for t in part]):8.1%}{np.mean([t.named for t in part]):8.1%}" if part else " " * 16
-            )
-        print(row)
+            shares = [
+                f"{sum(flags) / len(part):.1%}" if part else ""
+                for flags in ([t.found for t in part], [t.named for t in part])
+            ]
+            cells += [str(len(part)), *shares]
+        table.row(kind, len(mine), *cells)
 
 
 def show_small(trials: list[Trial]) -> None:
     """Print one row for each class of size of the small blunders, beside what theory expects to be found."""
-    print("\nsmall blunder  surveys   found (sd of chance)   expected   not found   named   of those found, named")
+    print()
+    titles = ("found (sd of chance)", "expected", "not found", "named", "of those found, named")
+    table = study.Table("small blunder  ", "surveys", *titles)
     rows = [
         (f"{low:g} to {high:g} MDB", [t for t in trials if low <= t.times_mdb < high])
         for low, high in pairwise(CLASSES)
@@ -184,34 +182,31 @@ def show_small(trials: list[Trial]) -> None:
     for title, part in rows:
         if not part:
             continue
-        p, found = np.array([t.expected for t in part]), [t for t in part if t.found]
-        spread, named = float(np.sqrt(np.sum(p * (1.0 - p)))) / len(part), sum(t.named for t in part)
-        of_found = f"{named / len(found):10.1%}" if found else ""
-        print(
-            f"{title:<16}{len(part):6d}{len(found) / len(part):11.1%} ({spread:.1%}){np.mean(p):16.1%}"
-            f"{len(part) - len(found):12d}{named / len(part):8.1%}{of_found}"
-        )
+        n, p, found = len(part), np.array([t.expected for t in part]), sum(t.found for t in part)
+        spread, named = float(np.sqrt(np.sum(p * (1.0 - p)))) / n, sum(t.named for t in part)
+        shares = (f"{found / n:.1%} ({spread:.1%})", f"{np.mean(p):.1%}")
+        of_found = f"{named / found:.1%}" if found else ""
+        table.row(title, n, *shares, n - found, f"{named / n:.1%}", of_found)
 
 
 def main() -> None:
     """Print what was found of the large blunders, and of the small ones."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("surveys", nargs="?", type=int, default=300)
-    parser.add_argument("--workers", type=int, default=2)
+    parser = study.parser(__doc__, 300)
     parser.add_argument("--show", action="store_true", help="print every blunder that was not named")
     given = parser.parse_args()
-    done = list(every(given.surveys, given.workers))
-    print(
-        f"simulated; {len(done)} surveys; false alarms without a blunder: {np.mean([j.false_alarm for j in done]):.1%}"
-    )
-    show_large([j.large for j in done])
-    show_small([j.small for j in done])
-    for seed, j in enumerate(done) if given.show else ():
-        if j.false_alarm:
-            print(f"{seed}: false alarm")
-        for t in (j.large, j.small):
-            if not t.named:
-                print(f"{seed}: {t.kind}, {t.times_mdb:.1f} MDB, expected to be found with {t.expected:.0%}: {t.what}")
+    with study.recorded(given.json):
+        done = study.run(judged, given.seeds, given.workers)
+        alarms = np.mean([j.false_alarm for j in done])
+        print(f"simulated; {len(done)} surveys; false alarms without a blunder: {alarms:.1%}")
+        show_large([j.large for j in done])
+        show_small([j.small for j in done])
+        for seed, j in enumerate(done) if given.show else ():
+            if j.false_alarm:
+                print(f"{seed}: false alarm")
+            for t in (j.large, j.small):
+                if not t.named:
+                    size = f"{t.times_mdb:.1f} MDB, expected to be found with {t.expected:.0%}"
+                    print(f"{seed}: {t.kind}, {size}: {t.what}")
 
 
 if __name__ == "__main__":

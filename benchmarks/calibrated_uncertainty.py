@@ -20,13 +20,12 @@ error. Whether predictions still hold is printed, not assumed.
 
 from __future__ import annotations
 
-import argparse
-import time
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from lib import study
 from lib.common_errors import COMMON_ERRORS
-from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -41,7 +40,7 @@ from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, si
 KNOWN = (0.0,) * 11
 LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
 FREE = (np.inf, np.inf, np.inf, np.inf, np.inf, 0.0, 0.0, np.inf, np.inf, 0.0, 0.0)
-LIMITS, EXPECTED, TOLERANCE = (1.0, 2.0, 3.0), (0.6827, 0.9545, 0.9973), 0.03
+TOLERANCE = 0.03
 JUDGED = tuple(f"check points, {axis}" for axis in AXES)
 
 
@@ -151,55 +150,50 @@ def trial(made: SimulatedBlock) -> Trial:
     return Trial(scores, achieved.p)
 
 
-def row(name: str, trials: list[Trial]) -> tuple[str, bool]:
-    """Return the line of the table, and whether its shares are as predicted."""
+def caught(common: str | None, seed: int) -> Trial | str:
+    """Return the trial of a survey, or why it is not determined."""
+    try:
+        return trial(survey(seed, common))
+    except AdjustmentError as fault:
+        return f"survey {seed}: {fault}"
+
+
+def row(name: str, trials: list[Trial]) -> tuple[list[object], bool]:
+    """Return the row of the table, and whether its shares are as predicted."""
     each = [t.scores[name] for t in trials if len(t.scores.get(name, ()))]
     z = np.concatenate(each)
-    line, good = f"{name:<30}{len(each):8d}{len(z):9d}{np.sqrt(np.mean(z**2)):7.3f}{np.mean(z):+8.3f}", True
-    for limit, expected in zip(LIMITS, EXPECTED, strict=True):
-        own = np.array([np.mean(np.abs(part) <= limit) for part in each])
-        share = float(np.mean(np.abs(z) <= limit))
-        spread = float(np.std(own)) / np.sqrt(len(own))
-        line += f"{100 * share:8.1f} ({100 * spread:.1f})"
-        good &= abs(share - expected) <= TOLERANCE
-    return line, good
+    shares = study.shares_within(z)
+    spread = np.std([study.shares_within(part) for part in each], axis=0) / np.sqrt(len(each))
+    texts = [f"{100 * share:.1f} ({100 * s:.1f})" for share, s in zip(shares, spread, strict=True)]
+    good = bool(np.all(np.abs(shares - study.EXPECTED_SHARES) <= TOLERANCE))
+    return [name, len(each), len(z), f"{study.rms(z):.3f}", f"{np.mean(z):+.3f}", *texts], good
 
 
 def main() -> None:
     """Print one row for each kind of error."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("surveys", nargs="?", type=int, default=200)
+    parser = study.parser(__doc__, 200)
     parser.add_argument("--common", choices=list(COMMON_ERRORS), help="an error that all photographs share")
-    given, start = parser.parse_args(), time.perf_counter()
-    count = given.surveys
-    trials, open_ones = [], []
-    for seed in range(count):
-        try:
-            trials.append(trial(survey(seed, given.common)))
-        except AdjustmentError as fault:
-            open_ones.append(f"survey {seed}: {fault}")
-    seconds = time.perf_counter() - start
-    title = "" if given.common is None else f", without control points, common error: {given.common}"
-    print(f"simulated{title}; {count} surveys of varied geometry in {seconds:.0f} s; {len(open_ones)} not determined")
-    print(f"{'errors':<30}{'surveys':>8}{'n':>9}{'RMS z':>7}{'mean z':>8}   within 1, 2, 3 sigma in % (± its sd)")
-    verdicts = {}
-    for name in dict.fromkeys(name for t in trials for name in t.scores):
-        line, verdicts[name] = row(name, trials)
-        print(line)
-    p = np.array([t.p for t in trials])
-    print(
-        f"joint chi² of check points: p below 1 %, 5 %, 50 % in {np.mean(p < 0.01):.1%}, {np.mean(p < 0.05):.1%}, ",
-        end="",
-    )
-    print(
-        f"{np.mean(p < 0.5):.1%} of the surveys; uniform by Kolmogorov–Smirnov: p = {kstest(p, 'uniform').pvalue:.3f}"
-    )
-    good = all(verdicts[name] for name in JUDGED)
-    print(
-        f"check points within {100 * TOLERANCE:.0f} points of the prediction on every axis: {'yes' if good else 'NO'}"
-    )
-    for left_open in open_ones:
-        print(left_open)
+    given = parser.parse_args()
+    with study.recorded(given.json):
+        done = study.run(partial(caught, given.common), given.seeds, given.workers)
+        trials = [t for t in done if isinstance(t, Trial)]
+        left_open = [t for t in done if isinstance(t, str)]
+        title = "" if given.common is None else f", without control points, common error: {given.common}"
+        print(f"simulated{title}; {len(done)} surveys of varied geometry; {len(left_open)} not determined")
+        limits = ("1 sigma, % (± its sd)", "2 sigma     ", "3 sigma     ")
+        table = study.Table(f"{'errors':<28}", "surveys", "n    ", "RMS z", "mean z", *(f"within {s}" for s in limits))
+        verdicts = {}
+        for name in dict.fromkeys(name for t in trials for name in t.scores):
+            cells, verdicts[name] = row(name, trials)
+            table.row(*cells)
+        p = np.array([t.p for t in trials])
+        below = ", ".join(f"{np.mean(p < limit):.1%}" for limit in (0.01, 0.05, 0.5))
+        uniform = study.kolmogorov_smirnov_p(p, "uniform")
+        print(f"joint chi² of check points: p below 1 %, 5 %, 50 % in {below} of the surveys")
+        print(f"the same, uniform by Kolmogorov–Smirnov: p = {uniform:.3f}")
+        good = "yes" if all(verdicts[name] for name in JUDGED) else "NO"
+        print(f"check points within {100 * TOLERANCE:.0f} points of the prediction on every axis: {good}")
+        print("\n".join(left_open))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Constraints between points against simulated truth: what they give, and whether a wrong one is named.
 
-    python benchmarks/constraints.py [--seeds 100]
+    python benchmarks/constraints.py [SEEDS]                 default: 100
 
 Scale bars: photographs around an object without any georeference, scaled by four bars of 2 mm between four marked
 points; a fifth bar is a check, a sixth length is compared with its truth. Each survey again with one bar in turn that
@@ -16,12 +16,14 @@ without them. The peer is the adjustment without constraints.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from lib import study
 from lib.simulated.close_range import CloseRange, simulate_close_range
+from lib.study import rms
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -42,11 +44,6 @@ PLAN = SurveyPlan(
 )  # fmt: skip
 
 
-def rms(values: Sequence[float]) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def length_m(survey: CloseRange, ends: tuple[str, str]) -> float:
     """Return the true distance of two marked points."""
     a, b = (NAMES.index(name) for name in ends)
@@ -64,34 +61,26 @@ def compared(survey: CloseRange, result: Adjustment) -> float:
     return (float(np.linalg.norm(apart)) - length_m(survey, COMPARED)) / sigma
 
 
-def scale_bars(seeds: int) -> None:
-    """Print what scale bars give to a free network, and whether a wrong one is named."""
-    scale, check, named, innocent, alarms = list[float](), list[float](), 0, 0, 0
-    for seed in range(seeds):
-        survey, rng = simulate_close_range(seed), np.random.default_rng([seed, 3])
-        measured = [length_m(survey, ends) + BAR_SIGMA_M * rng.standard_normal() for ends in (*BARS, CHECK)]
-        bars = [
-            Distance(ends=ends, length_m=length, sigma_m=BAR_SIGMA_M)
-            for ends, length in zip(BARS, measured, strict=False)
-        ]
-        tested = Distance(ends=CHECK, length_m=measured[-1], sigma_m=BAR_SIGMA_M, role="check")
-        result = adjust(replace(survey.block, constraints=(*bars, tested)), SETTINGS)
-        scale.append(compared(survey, result))
-        check.append(float(result.tests.constraints.z[-1]))
-        right = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
-        alarms += bool(right.blunders)
-        wrong = seed % len(bars)
-        redundancy = result.tests.constraints.redundancy[[wrong]]
-        off_m = TIMES_MDB * float(minimal_detectable_blunder(np.array([BAR_SIGMA_M]), redundancy)[0])
-        changed = replace(bars[wrong], length_m=bars[wrong].length_m + (off_m if seed % 2 else -off_m))
-        bars[wrong] = changed
-        verdict = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
-        accused = [blunder.points for blunder in verdict.blunders]
-        named += changed.ends in accused
-        innocent += sum(points != changed.ends for points in accused)
-    print(f"scale bars in a free network, {seeds} simulated surveys")
-    print(f"  z of a length between them {rms(scale):.2f}, of a check bar {rms(check):.2f}")
-    print(f"  a bar off by {TIMES_MDB} MDB: named {named / seeds:.0%}, innocent {innocent}, false alarms {alarms}")
+def scaled(seed: int) -> tuple[float, float, bool, bool, int]:
+    """Return z of a length and of a check bar, whether a right bar is accused, a wrong one named, and innocent ones."""
+    survey, rng = simulate_close_range(seed), np.random.default_rng([seed, 3])
+    measured = [length_m(survey, ends) + BAR_SIGMA_M * rng.standard_normal() for ends in (*BARS, CHECK)]
+    bars = [
+        Distance(ends=ends, length_m=length, sigma_m=BAR_SIGMA_M) for ends, length in zip(BARS, measured, strict=False)
+    ]
+    tested = Distance(ends=CHECK, length_m=measured[-1], sigma_m=BAR_SIGMA_M, role="check")
+    result = adjust(replace(survey.block, constraints=(*bars, tested)), SETTINGS)
+    right = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
+    wrong = seed % len(bars)
+    redundancy = result.tests.constraints.redundancy[[wrong]]
+    off_m = TIMES_MDB * float(minimal_detectable_blunder(np.array([BAR_SIGMA_M]), redundancy)[0])
+    changed = replace(bars[wrong], length_m=bars[wrong].length_m + (off_m if seed % 2 else -off_m))
+    bars[wrong] = changed
+    verdict = adjust_with_snooping(replace(survey.block, constraints=tuple(bars)), SETTINGS)
+    accused = [blunder.points for blunder in verdict.blunders]
+    innocent = sum(points != changed.ends for points in accused)
+    z = compared(survey, result), float(result.tests.constraints.z[-1])
+    return *z, bool(right.blunders), changed.ends in accused, innocent
 
 
 def unsurveyed(block: Block) -> tuple[Block, list[int]]:
@@ -121,48 +110,56 @@ def constraints_of(
     return (CommonSurface("s", "plane", tuple(names), sigmas),)
 
 
-def heights(kind: str, plan: SurveyPlan, seeds: int) -> None:
-    """Print the heights of unsurveyed points with and without constraints of a kind."""
-    z: dict[bool, list[float]] = {True: [], False: []}
-    sigma: dict[bool, list[float]] = {True: [], False: []}
-    check = list[float]()
-    for seed in range(seeds):
-        made = simulate_block(
-            plan, seed, tie_points=80, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05,
-            start_point_sigma_m=0.05,
-        )  # fmt: skip
-        block, free = unsurveyed(made.block)
-        frame, points = block.frame, block.control_points
-        height_m = frame.map_from_world(made.truth.control_position_world_m)[:, 2]
-        up = frame.rotation_world_from_map(np.zeros(3))[:, 2]
-        on = [next(g for g, role in enumerate(points.role) if role == "control"), *free]
-        rng = np.random.default_rng([seed, 9])
-        constraints = constraints_of(kind, [points.name[g] for g in on], height_m[on], rng)
-        for constrained in (False, True):
-            own = constraints if constrained else tuple(replace(c, role="check") for c in constraints)
-            result = adjust(replace(block, constraints=own), SETTINGS)
-            found = frame.map_from_world(result.estimates.ground_world_m[free])[:, 2]
-            spread = [float(np.sqrt(up @ result.covariances.ground_m2[g] @ up)) for g in free]
-            z[constrained] += ((found - height_m[free]) / spread).tolist()
-            sigma[constrained] += spread
-            if not constrained:
-                check += result.tests.constraints.z[np.isfinite(result.tests.constraints.z)].tolist()
-    (before, after) = (1000.0 * float(np.median(sigma[c])) for c in (False, True))
-    print(f"  {kind:<20}{rms(z[False]):6.2f}{before:8.1f}{rms(z[True]):8.2f}{after:8.1f}{rms(check):10.2f}", flush=True)
+@dataclass(frozen=True)
+class Heights:
+    """Errors of unsurveyed heights over their sigmas, and these, m, without and with constraints; z of checks."""
+
+    z: tuple[list[float], list[float]]
+    sigma_m: tuple[list[float], list[float]]
+    check_z: list[float]
+
+
+def heights(kind: str, plan: SurveyPlan, seed: int) -> Heights:
+    """Return the heights of unsurveyed points with and without constraints of a kind."""
+    made = simulate_block(
+        plan, seed, tie_points=80, start_position_sigma_m=0.05, start_attitude_sigma_deg=0.05, start_point_sigma_m=0.05
+    )
+    block, free = unsurveyed(made.block)
+    frame, points = block.frame, block.control_points
+    height_m = frame.map_from_world(made.truth.control_position_world_m)[:, 2]
+    up = frame.rotation_world_from_map(np.zeros(3))[:, 2]
+    on = [next(g for g, role in enumerate(points.role) if role == "control"), *free]
+    rng = np.random.default_rng([seed, 9])
+    constraints = constraints_of(kind, [points.name[g] for g in on], height_m[on], rng)
+    as_checks = tuple(replace(c, role="check") for c in constraints)
+    results = [adjust(replace(block, constraints=own), SETTINGS) for own in (as_checks, constraints)]
+    sigmas = [[float(np.sqrt(up @ r.covariances.ground_m2[g] @ up)) for g in free] for r in results]
+    error_m = [frame.map_from_world(r.estimates.ground_world_m[free])[:, 2] - height_m[free] for r in results]
+    without, constrained = ((e / s).tolist() for e, s in zip(error_m, sigmas, strict=True))
+    check = results[0].tests.constraints.z
+    return Heights((without, constrained), (sigmas[0], sigmas[1]), check[np.isfinite(check)].tolist())
 
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=100)
-    seeds = parser.parse_args().seeds
-    scale_bars(seeds)
-    print(f"\nheights of unsurveyed points, {seeds} simulated surveys")
-    print("                       without:        with:             as checks:")
-    print("                           z   sigma       z   sigma    check z")
-    heights("height differences", PLAN, seeds)
-    for kind in ("level surface", "plane"):
-        heights(kind, replace(PLAN, relief_m=0.0), seeds)
+    given = study.parser(__doc__, 100).parse_args()
+    count = len(given.seeds)
+    with study.recorded(given.json):
+        z, check_z, alarms, named, innocent = zip(*study.run(scaled, given.seeds, given.workers), strict=True)
+        print(f"scale bars in a free network, {count} simulated surveys")
+        print(f"  z of a length between them {rms(z):.2f}, of a check bar {rms(check_z):.2f}")
+        accused = f"innocent {sum(innocent)}, false alarms {sum(alarms)}"
+        print(f"  a bar off by {TIMES_MDB} MDB: named {sum(named) / count:.0%}, {accused}")
+        print(f"\nheights of unsurveyed points, {count} simulated surveys")
+        table = study.Table("constraint        ", "without: z", "sigma", "with: z", "sigma", "as checks: z")
+        flat = replace(PLAN, relief_m=0.0)
+        for kind, plan in (("height differences", PLAN), ("level surface", flat), ("plane", flat)):
+            done = study.run(partial(heights, kind, plan), given.seeds, given.workers)
+            cells = []
+            for k in (0, 1):
+                sigma_mm = 1000.0 * float(np.median([s for h in done for s in h.sigma_m[k]]))
+                cells += [f"{rms([z for h in done for z in h.z[k]]):.2f}", f"{sigma_mm:.1f}"]
+            table.row(kind, *cells, f"{rms([z for h in done for z in h.check_z]):.2f}")
 
 
 if __name__ == "__main__":

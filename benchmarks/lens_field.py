@@ -20,12 +20,12 @@ z          heights of tie points, adjusted minus true, over their predicted stan
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from lib import study
 from model_errors import normalised, pattern_px
 
 from photogram.adjustment.problem import AdjustmentSettings
@@ -138,34 +138,30 @@ def trial(form: str, kind: str, seed: int) -> Outcome:
     return Outcome(decision.estimated, (dome, dome_after), (height, height_after), squares, decision.why)
 
 
-def row(form: str, kind: str, found: list[Outcome]) -> str:
-    """Return the line of the table."""
-
-    def rms(values: list[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(values))))
-
-    figures = f"{form:<12}{kind:<8}{len(found):6d}{sum(o.on for o in found):6d}"
-    for name, factor in (("dome_m", 1e3), ("height_m", 1e3)):
-        before, after = (factor * rms([getattr(o, name)[k] for o in found]) for k in (0, 1))
-        figures += f"{before:10.1f}{after:8.1f}"
-    before, after = (float(np.sqrt(np.mean([o.squares[k] for o in found]))) for k in (0, 1))
-    return f"{figures}{before:10.2f}{after:8.2f}"
+def row(outcomes: list[Outcome]) -> list[str]:
+    """Return the figures of a row of the table."""
+    pairs = [
+        [f"{1e3 * study.rms([getattr(o, name)[k] for o in outcomes]):.1f}" for k in (0, 1)]
+        for name in ("dome_m", "height_m")
+    ]
+    pairs.append([f"{np.sqrt(np.mean([o.squares[k] for o in outcomes])):.2f}" for k in (0, 1)])
+    return [str(len(outcomes)), str(sum(o.on for o in outcomes)), *(", ".join(pair) for pair in pairs)]
 
 
 def main() -> None:
     """Print a line for each size of block, with and without the pattern."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("blocks", type=int, nargs="?", default=100)
-    blocks = parser.parse_args().blocks
-    began = time.monotonic()
-    print("photographs pattern blocks    on      dome before, after    height before, after    z before, after")
-    for form in FORMS:
-        for kind in ("none", "lens"):
-            found = [trial(form, kind, seed) for seed in range(1, blocks + 1)]
-            print(row(form, kind, found), flush=True)
-            for why in sorted({o.why for o in found if not o.on}):
-                print(f"  off in {sum(o.why == why for o in found)}: {why}")
-    print(f"{time.monotonic() - began:.0f} s")
+    given = study.parser(__doc__, 100, first=1).parse_args()
+    with study.recorded(given.json):
+        reasons = []
+        pairs = (f"{name} before, after" for name in ("dome", "height", "z"))
+        table = study.Table("photographs", "pattern", "blocks", "on ", *pairs)
+        for form in FORMS:
+            for kind in ("none", "lens"):
+                outcomes = study.run(partial(trial, form, kind), given.seeds, given.workers)
+                table.row(form, kind, *row(outcomes))
+                off = [o.why for o in outcomes if not o.on]
+                reasons += [f"{form}, {kind}: off in {off.count(why)}: {why}" for why in sorted(set(off))]
+        print("\n".join(reasons))
 
 
 if __name__ == "__main__":

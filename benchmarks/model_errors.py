@@ -20,11 +20,11 @@ points, so the number beside it is that of blocks beyond 2.
 
 from __future__ import annotations
 
-import argparse
-import time
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
+from lib import study
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
@@ -127,33 +127,33 @@ def trial(kind: str, ground: str, seed: int) -> Outcome:
     return Outcome(without, counted, gsd, bool(verdict.focal_lengths))
 
 
-def row(ground: str, kind: str, found: list[Outcome]) -> str:
-    """Return the line of the table."""
-    without, counted = (np.array([getattr(o, name) for o in found]) for name in ("without", "counted"))
-    figures = "".join(
-        f"{np.sqrt(np.mean(square)):9.2f} {np.mean(square > BEYOND**2):6.0%}" for square in (without, counted)
-    )
-    gsd, settled = np.sqrt(np.mean([o.gsd**2 for o in found])), sum(o.settled for o in found)
-    return f"{ground:<9}{kind:<9}{len(found):6d}{gsd:10.2f}{settled:9d}{figures}"
+def caught(case: tuple[str, str, int]) -> Outcome | str:
+    """Return the outcome of a trial, or why there is none."""
+    ground, kind, seed = case
+    try:
+        return trial(kind, ground, seed)
+    except AdjustmentError as fault:
+        return f"{ground}, {kind}, seed {seed}: {fault}"
 
 
 def main() -> None:
     """Print a line for each error and kind of ground control."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("blocks", type=int, nargs="?", default=50)
-    blocks = parser.parse_args().blocks
-    began = time.monotonic()
-    print("ground   error    blocks  RMS GSD  settled  without    >2     with    >2")
-    for ground in GROUND:
-        for kind in KINDS:
-            found = []
-            for seed in range(1, blocks + 1):
-                try:
-                    found.append(trial(kind, ground, seed))
-                except AdjustmentError as fault:
-                    print(f"{ground}, {kind}, seed {seed}: {fault}")
-            print(row(ground, kind, found), flush=True)
-    print(f"{time.monotonic() - began:.0f} s")
+    given = study.parser(__doc__, 50, first=1).parse_args()
+    with study.recorded(given.json):
+        rows = list(product(GROUND, KINDS))
+        cases = [(*row, seed) for row in rows for seed in given.seeds]
+        outcomes = iter(study.run(caught, cases, given.workers))
+        table = study.Table("ground ", "error  ", "blocks", "RMS GSD", "settled", "without", ">2 ", "with", ">2 ")
+        for row in rows:
+            own = [next(outcomes) for _ in given.seeds]
+            good = [outcome for outcome in own if isinstance(outcome, Outcome)]
+            cells = [f"{study.rms([o.gsd for o in good]):.2f}", f"{sum(o.settled for o in good)}"]
+            for squares in (np.array([o.without for o in good]), np.array([o.counted for o in good])):
+                cells += [f"{np.sqrt(np.mean(squares)):.2f}", f"{np.mean(squares > BEYOND**2):.0%}"]
+            table.row(*row, len(good), *cells)
+            for failure in own:
+                if isinstance(failure, str):
+                    print(f"\n{failure}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Flights as `photogram plan` predicts them, against the same flights simulated with all errors and adjusted.
 
-    python benchmarks/planned_flights.py [SEEDS]
+    python benchmarks/planned_flights.py [SEEDS]                           default: 40
 
 Every survey flies the plan over another terrain, with other errors of every kind, drawn with their stated sigmas. RMS
 errors of check points all over the site are divided by what was predicted: 1 is a prediction that came true.
@@ -8,13 +8,15 @@ errors of check points all over the site are divided by what was predicted: 1 is
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from lib import study
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.arrays import FloatArray
 from photogram.simulation.planning.flight_plan import FlightPlan, survey_of
 from photogram.simulation.planning.prediction import predict_accuracy
 
@@ -29,25 +31,30 @@ PLANS = {
 }
 
 
-def main(seeds: int) -> None:
+def trial(plan: FlightPlan, place_m: FloatArray, seed: int) -> FloatArray:
+    """Return the errors (N, 3) at the check points of a survey of a plan, those at ``place_m`` among them."""
+    survey = survey_of(plan, seed, errors=True, extra=place_m)
+    result = adjust(survey.block, AdjustmentSettings(tie_point_sigma_px=plan.tie_point_sigma_px))
+    return np.asarray((result.estimates.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
+
+
+def main() -> None:
     """Predict, simulate, adjust, compare."""
-    print(f"{seeds} simulated surveys of each plan; RMS errors of check points over what was predicted")
-    print(f"{'plan':<36}{'photographs':>12}{'predicted, cm':>16}{'plan':>8}{'height':>8}")
-    for name, plan in PLANS.items():
-        found = predict_accuracy(plan)
-        seen = found.rays >= 2
-        errors = []
-        for seed in range(100, 100 + seeds):
-            survey = survey_of(plan, seed, errors=True, extra=found.place_m[seen])
-            result = adjust(survey.block, AdjustmentSettings(tie_point_sigma_px=plan.tie_point_sigma_px))
-            errors.append((result.estimates.ground_world_m - survey.truth.control_position_world_m)[plan.control :])
-        rms = np.sqrt(np.nanmean(np.array(errors) ** 2, axis=(0, 1)))
-        predicted = np.sqrt(np.mean(found.sigma_m[seen] ** 2, axis=0))
-        in_plan = np.hypot(*predicted[:2])
-        figures = f"{100 * in_plan:.1f}, {100 * predicted[2]:.1f}"
-        ratio = np.hypot(*rms[:2]) / in_plan, rms[2] / predicted[2]
-        print(f"{name:<36}{len(found.position_m):>12}{figures:>16}{ratio[0]:>8.2f}{ratio[1]:>8.2f}")
+    given = study.parser(__doc__, 40, first=100).parse_args()
+    with study.recorded(given.json):
+        print(f"{len(given.seeds)} simulated surveys of each plan; RMS errors of check points over what was predicted")
+        table = study.Table(f"{'plan':<34}", "photographs", "predicted, cm", "plan", "height")
+        for name, plan in PLANS.items():
+            prediction = predict_accuracy(plan)
+            seen = prediction.rays >= 2
+            errors = study.run(partial(trial, plan, prediction.place_m[seen]), given.seeds, given.workers)
+            rms = np.sqrt(np.nanmean(np.array(errors) ** 2, axis=(0, 1)))
+            predicted = np.sqrt(np.mean(prediction.sigma_m[seen] ** 2, axis=0))
+            in_plan = np.hypot(*predicted[:2])
+            figures = f"{100 * in_plan:.1f}, {100 * predicted[2]:.1f}"
+            ratios = np.hypot(*rms[:2]) / in_plan, rms[2] / predicted[2]
+            table.row(name, len(prediction.position_m), figures, *(f"{ratio:.2f}" for ratio in ratios))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40)
+    main()

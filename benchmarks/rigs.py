@@ -19,12 +19,12 @@ of the focal length 0.5 px), once as makers state them (5 px).
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from lib.simulated.bands import simulate_bands
 from lib.simulated.two_cameras import simulate_two_cameras
+from lib.study import rms
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
@@ -42,11 +42,6 @@ GIVEN = np.array([np.radians(0.1)] * 3 + [0.01] * 3)
 TIE_POINTS, LATE_M = 500, 0.3
 LABORATORY = (0.5, 0.5, 0.5, 5e-4, 5e-4, 0.0, 0.0, 5e-5, 5e-5, 0.0, 0.0)
 MAKER = PLAN.calibration_sigmas
-
-
-def rms(values: Sequence[float] | np.ndarray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def relative_poses(seeds: int, given: np.ndarray | None) -> str:

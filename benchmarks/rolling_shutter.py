@@ -37,6 +37,7 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from lib.study import rms
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -110,11 +111,6 @@ def run(row: str, plan: SurveyPlan, seed: int, ties: int) -> Outcome:
         1e3 * float(result.decisions.readout_sigma_s[0]) if len(result.decisions.readout_sigma_s) else float("nan"),
         result.block.cameras[0].readout_s != 0.0, seconds,
     )  # fmt: skip
-
-
-def rms(values: np.ndarray) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def table(title: str, control: int, seeds: range, ties: int) -> None:

@@ -15,13 +15,11 @@ Check points: adjusted minus surveyed, the share within 1, 2 and 3 predicted sig
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from lib import study
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -37,7 +35,6 @@ ASSUMED_M, TRUE_M = (2.0, 2.0, 3.0), (0.3, 1.5)
 LABORATORY = (5.0, 3.0, 3.0, 0.004, 0.004, 0.0, 0.0, 0.0002, 0.0002, 0.0, 0.0)
 CORRELATED = 0.4
 WAYS = ("estimated", "stated", "true")
-LIMITS, EXPECTED = (1.0, 2.0, 3.0), (68.3, 95.4, 99.7)
 
 
 def plan_of(receiver: str, rng: np.random.Generator) -> SurveyPlan:
@@ -182,15 +179,6 @@ def trial(seed: int) -> Trial:
     return Trial(given.receiver, ratio, sigma0, squares, scores, int(known.sum()), z, seconds)
 
 
-def trials(count: int, workers: int) -> Iterator[Trial]:
-    """Adjust so many surveys."""
-    if workers == 1:
-        yield from map(trial, range(count))
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(trial, range(count))
-
-
 def show(done: list[Trial]) -> None:
     """Print the figures of surveys."""
     for kind in ("key_points", "transferred", "gnss_plan", "gnss_height"):
@@ -201,37 +189,37 @@ def show(done: list[Trial]) -> None:
                 f"{ratio.min():.3f} to {ratio.max():.3f}; within 5 %: {np.mean(np.abs(ratio - 1) <= 0.05):.1%}"
             )
     total = sum(t.count for t in done)
-    print(f"  {'sigmas':<11}{'sigma0':>15}{'error/prediction':>20}{'RMS, m':>20}{'against the truth':>20}{'s':>7}")
+    table = study.Table("sigmas   ", "sigma0   ", "error/prediction", "RMS, m        ", "against the truth", "s    ")
     for way in WAYS:
         score, square, true = (
             np.sqrt(sum(getattr(t, name)[which] for t in done) / total)
             for name, which in (("scores", way), ("squares", way), ("squares", "true"))
         )
         sigma0 = np.array([t.sigma0[way] for t in done])
-        print(
-            f"  {way:<11}{sigma0.min():8.2f}–{sigma0.max():5.2f} "
-            f"{f'{score[0]:.2f}, {score[1]:.2f}':>20}{f'{square[0]:.4f}, {square[1]:.4f}':>20}"
-            f"{f'{square[0] / true[0]:.3f}, {square[1] / true[1]:.3f}':>20}"
-            f"{sum(t.seconds[way] for t in done):7.1f}"
+        table.row(
+            way,
+            f"{sigma0.min():.2f}–{sigma0.max():.2f}",
+            f"{score[0]:.2f}, {score[1]:.2f}",
+            f"{square[0]:.4f}, {square[1]:.4f}",
+            f"{square[0] / true[0]:.3f}, {square[1] / true[1]:.3f}",
+            f"{sum(t.seconds[way] for t in done):.1f}",
         )
-    z = np.abs(np.concatenate([t.z["estimated"] for t in done]))
-    shares = ", ".join(f"{100 * np.mean(z <= limit):.1f}" for limit in LIMITS)
-    expected = ", ".join(str(e) for e in EXPECTED)
+    z = np.concatenate([t.z["estimated"] for t in done])
+    shares = ", ".join(f"{100 * share:.1f}" for share in study.shares_within(z))
+    expected = ", ".join(f"{100 * share:.1f}" for share in study.EXPECTED_SHARES)
     print(f"  check points within 1, 2, 3 sigma: {shares} % of {z.size} (expected {expected})")
 
 
 def main() -> None:
     """Print one table for each receiver, and one for all."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("surveys", nargs="?", type=int, default=200)
-    parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
-    done = list(trials(given.surveys, given.workers))
-    for receiver in (*RECEIVERS, "all"):
-        mine = [t for t in done if receiver in (t.receiver, "all")]
-        if mine:
-            print(f"{receiver}: {len(mine)} simulated surveys; plan, height")
-            show(mine)
+    given = study.parser(__doc__, 200, workers=1).parse_args()
+    with study.recorded(given.json):
+        done = study.run(trial, given.seeds, given.workers)
+        for receiver in (*RECEIVERS, "all"):
+            mine = [t for t in done if receiver in (t.receiver, "all")]
+            if mine:
+                print(f"{receiver}: {len(mine)} simulated surveys; plan, height")
+                show(mine)
 
 
 if __name__ == "__main__":
