@@ -106,7 +106,7 @@ def _moved(apart: FloatArray, parts: int) -> FloatArray:
     return np.concatenate([shift, turns, apart[:, :, None]], axis=2)[:, :, :parts]
 
 
-def _object_datum(problem: Problem, state: State, found: Covariances) -> _ObjectDatum:
+def _object_datum(problem: Problem, state: State, covariances: Covariances) -> _ObjectDatum:
     """Return the datum of the object."""
     parts = 6 if is_scaled(problem.block) else 7
     spread = np.einsum("pii->p", ray_covariances(problem, state))
@@ -116,28 +116,28 @@ def _object_datum(problem: Problem, state: State, found: Covariances) -> _Object
     size = np.sqrt(np.einsum("pik,pik->k", D, D))
     normal = np.einsum("pik,pil->kl", D, D) / np.outer(size, size)
     a = (D / size) @ np.linalg.inv(normal) / size
-    of_all = functions_of_tie_points(problem, state, found.layout, np.arange(len(a)), a)
-    with_cameras = found.solve(of_all.columns)
+    of_all = functions_of_tie_points(problem, state, covariances.layout, np.arange(len(a)), a)
+    with_cameras = covariances.solve(of_all.columns)
     return _ObjectDatum(centre, a, of_all.columns.T @ with_cameras + of_all.own, with_cameras)
 
 
 def relative_covariances(
-    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray, ground: FloatArray
+    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray, ground: FloatArray
 ) -> RelativeCovariances:
-    """Return the covariances ``found`` of a free network, and the joint one ``ground`` (3 G, 3 G) of its ground points
+    """Return the ``covariances`` of a free network, and the joint one ``ground`` (3 G, 3 G) of its ground points
     at ``ground_world_m`` (G, 3), in the datum of the object. A measured distance keeps the scale. Every tie point needs
     two rays."""
-    datum = _object_datum(problem, state, found)
+    datum = _object_datum(problem, state, covariances)
     parts = len(datum.own)
-    rows = 6 * found.layout.place[:, None] + np.arange(6)
+    rows = 6 * covariances.layout.place[:, None] + np.arange(6)
     into = state.rotation.transpose(0, 2, 1)
     moved = np.zeros((len(into), 6, parts))
     moved[:, :3, 3:6] = into
     moved[:, 3:] = into @ datum.moved(state.position)
-    poses = datum.transformed(found.poses, moved, datum.with_cameras[rows])
-    with_ties = _with_tie_points(problem, state, found, datum)
-    tie = datum.transformed(found.tie_point, datum.moved(state.tie_point), with_ties)
-    known, turned = columns_of_ground(problem, state, found, ground_world_m)
+    poses = datum.transformed(covariances.poses, moved, datum.with_cameras[rows])
+    with_ties = _with_tie_points(problem, state, covariances, datum)
+    tie = datum.transformed(covariances.tie_point, datum.moved(state.tie_point), with_ties)
+    known, turned = columns_of_ground(problem, state, covariances, ground_world_m)
     joint = np.full_like(ground, np.nan)
     if len(known):
         at = (3 * known[:, None] + np.arange(3)).ravel()
@@ -147,10 +147,10 @@ def relative_covariances(
     return RelativeCovariances(poses, tie, joint)
 
 
-def _with_tie_points(problem: Problem, state: State, found: Covariances, datum: _ObjectDatum) -> FloatArray:
+def _with_tie_points(problem: Problem, state: State, covariances: Covariances, datum: _ObjectDatum) -> FloatArray:
     """Return the covariances (P, 3, k) of tie points with the open parts: V⁻¹ (a − Wᵀ z), z those of the cameras,
     observations with their robust weights."""
-    layout, z = found.layout, datum.with_cameras
+    layout, z = covariances.layout, datum.with_cameras
     owner, parameter = layout.free_parameters
     poses = z[: layout.columns].reshape(-1, 6, z.shape[1])[layout.place]
     cameras = np.zeros((*state.parameters.shape, z.shape[1]))

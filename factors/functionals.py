@@ -74,14 +74,14 @@ class Functions:
     columns: FloatArray
     own: FloatArray
 
-    def shared(self, found: Solvable) -> FloatArray:
+    def shared(self, solvable: Solvable) -> FloatArray:
         """Return the joint covariance (K, K) of the functions that comes from the cameras."""
-        covariance = self.columns.T @ found.solve(self.columns)
+        covariance = self.columns.T @ solvable.solve(self.columns)
         return np.asarray(0.5 * (covariance + covariance.T))
 
-    def covariance(self, found: Solvable) -> FloatArray:
+    def covariance(self, solvable: Solvable) -> FloatArray:
         """Return the joint covariance (K, K) of the functions."""
-        return self.own + self.shared(found)
+        return self.own + self.shared(solvable)
 
 
 def joined(parts: Sequence[Functions]) -> Functions:
@@ -149,15 +149,17 @@ def functions_of_tie_points(
     return Functions(columns, np.einsum("pik,pil->kl", a, b))
 
 
-def responses_to_pixels(problem: Problem, state: State, found: Solvable, points: IntArray, a: FloatArray) -> FloatArray:
+def responses_to_pixels(
+    problem: Problem, state: State, solvable: Solvable, points: IntArray, a: FloatArray
+) -> FloatArray:
     """Return by how much the functions Σ aᵀX of ``functions_of_tie_points`` change when the measurements of all tie
     points (N, 2) move by a pixel along u or v: (N, 2, K), in m per pixel.
 
     With all Jacobians J and the normal matrix JᵀJ the change is (J (JᵀJ)⁻¹ a)ᵀ times that of the whitened pixels:
     influences of measurements, as external reliability has them (Baarda 1968).
     """
-    layout, tie, functions = found.layout, problem.tie, a.shape[2]
-    solved = found.solve(functions_of_tie_points(problem, state, layout, points, a).columns)
+    layout, tie, functions = solvable.layout, problem.tie, a.shape[2]
+    solved = solvable.solve(functions_of_tie_points(problem, state, layout, points, a).columns)
     of_point = np.zeros((len(state.tie_point), 3, functions))
     of_point[points] = a
     order = np.argsort(tie.point, kind="stable")
@@ -235,11 +237,11 @@ def functions_of_border(layout: Layout) -> Functions:
 
 
 def intersected_covariances(
-    observations: Observations, points_world_m: FloatArray, state: State, found: Solvable
+    observations: Observations, points_world_m: FloatArray, state: State, solvable: Solvable
 ) -> FloatArray:
     """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
     took no part in the adjustment; infinite where the rays do not fix a point."""
-    count, layout = len(points_world_m), found.layout
+    count, layout = len(points_world_m), solvable.layout
     linear = linearise(observations, state.cameras, points_world_m)
     V = _normal(observations, linear, count)
     known = np.bincount(observations.point, minlength=count) >= 2
@@ -256,6 +258,6 @@ def intersected_covariances(
         end = min(count, start + POINTS_AT_ONCE)
         columns = W[:, 3 * start : 3 * end].toarray()
         each = columns.shape[0], end - start, 3
-        shared = np.einsum("cpi,cpj->pij", columns.reshape(each), found.solve(columns).reshape(each))
+        shared = np.einsum("cpi,cpj->pij", columns.reshape(each), solvable.solve(columns).reshape(each))
         covariance[start:end] = np.where(known[start:end, None, None], inverse[start:end] + shared, np.inf)
     return covariance

@@ -26,38 +26,38 @@ SINGULAR = 1e-18  # determinant over the cube of the trace, below which rays det
 
 
 def joint_ground_covariance(
-    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray
 ) -> FloatArray:
     """Return the joint covariance (3 G, 3 G) of all ground points at ``ground_world_m`` (G, 3) in the world, m².
 
     Control points as adjusted, check points as intersected from their marks; NaN for points without a position.
     """
-    known, inverse, turned = ground_columns(problem, state, found, ground_world_m)
+    known, inverse, turned = ground_columns(problem, state, covariances, ground_world_m)
     joint = np.full((3 * len(ground_world_m), 3 * len(ground_world_m)), np.nan)
     if len(known):
         rows = (3 * known[:, None] + np.arange(3)).ravel()
-        joint[np.ix_(rows, rows)] = joint_points(found, inverse, turned)
+        joint[np.ix_(rows, rows)] = joint_points(covariances, inverse, turned)
     return joint
 
 
 def columns_of_ground(
-    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the numbers (K,) of the ground points that have a position, and W V⁻¹ (6 free + border, K, 3), by which
     they follow the cameras, see ``point_columns``."""
-    known, _, turned = ground_columns(problem, state, found, ground_world_m)
+    known, _, turned = ground_columns(problem, state, covariances, ground_world_m)
     return known, turned
 
 
 def ground_columns(
-    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray
+    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the numbers (K,) of the ground points that have a position, V⁻¹ (K, 3, 3) and W V⁻¹ (6 free + border, K,
     3) of ``point_columns``."""
     points = problem.block.control_points
     known = np.flatnonzero(np.isfinite(ground_world_m).all(axis=1))
     if not len(known):
-        return known, np.zeros((0, 3, 3)), np.zeros((found.layout.columns + found.layout.border, 0, 3))
+        return known, np.zeros((0, 3, 3)), np.zeros((covariances.layout.columns + covariances.layout.border, 0, 3))
     marks = np.isin(points.mark_point, known) & np.isfinite(points.mark_sigma_px)
     number = np.searchsorted(known, points.mark_point[marks]).astype(np.int64)
     observations = replace(observed_marks(points, marks), point=number)
@@ -65,10 +65,10 @@ def ground_columns(
     V = np.zeros((len(known), 3, 3))
     np.add.at(V, observations.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
     controls = np.flatnonzero(np.array(points.role) == "control")
-    V[np.searchsorted(known, controls)] += GroundTerms(problem, found.layout).linearise(state).control
+    V[np.searchsorted(known, controls)] += GroundTerms(problem, covariances.layout).linearise(state).control
     number = np.full(len(known), -1)
     number[np.searchsorted(known, controls)] = np.arange(len(controls))
-    return known, *point_columns(observations, linear, V, found.layout, number)[1:]
+    return known, *point_columns(observations, linear, V, covariances.layout, number)[1:]
 
 
 def parts_of(observations: Observations, count: int) -> Iterator[tuple[int, int, Observations]]:

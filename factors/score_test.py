@@ -31,10 +31,10 @@ class Step(NamedTuple):
     sigma: float
 
 
-def one_step(problem: Problem, state: State, found: Covariances, camera: int, parameter: int) -> Step:
+def one_step(problem: Problem, state: State, covariances: Covariances, camera: int, parameter: int) -> Step:
     """Return what one step would give to a ``parameter`` of a camera that is held, at the solution ``state`` with its
-    covariances ``found``; in its own unit. The velocities that a read-out time needs are those of ``state``."""
-    layout = found.layout
+    ``covariances``; in its own unit. The velocities that a read-out time needs are those of ``state``."""
+    layout = covariances.layout
     L = np.zeros(layout.columns + layout.border)
     information, score = 0.0, 0.0
     surveyed = GroundTerms(problem, layout).linearise(state).control
@@ -53,7 +53,7 @@ def one_step(problem: Problem, state: State, found: Covariances, camera: int, pa
             known, own, parameter, layout.place, layout.free_of, layout.unit, layout.columns, loss, threshold, L,
         )  # fmt: skip
         information, score = information + more[0], score + more[1]
-    left = information - float(L @ found.solve(L[:, None])[:, 0])
+    left = information - float(L @ covariances.solve(L[:, None])[:, 0])
     if not left > 1e-12 * max(information, 1e-300):
         return Step(float("nan"), float("nan"))
     return Step(score / left, float(1.0 / np.sqrt(left)))

@@ -331,11 +331,11 @@ def _judged(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         raise undetermined(ended.whole, error) from error
 
 
-def _field_covariances(found: Covariances, cameras: int) -> FloatArray:
+def _field_covariances(covariances: Covariances, cameras: int) -> FloatArray:
     """Return the covariances (cameras, K, K) of the coefficients of lens fields, (0, 0, 0) without any."""
-    if found.layout.unit.shape[1] == PARAMETERS:
+    if covariances.layout.unit.shape[1] == PARAMETERS:
         return np.zeros((0, 0, 0))
-    return np.array([found.lens(c)[PARAMETERS:, PARAMETERS:] for c in range(cameras)])
+    return np.array([covariances.lens(c)[PARAMETERS:, PARAMETERS:] for c in range(cameras)])
 
 
 def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:

@@ -117,11 +117,11 @@ def with_attitude_errors(block: Block) -> Block:
 
 
 def score(
-    problem: Problem, state: State, found: Covariances, design: FloatArray, least_share: float = LEAST_SHARE
+    problem: Problem, state: State, covariances: Covariances, design: FloatArray, least_share: float = LEAST_SHARE
 ) -> Score:
     """Return what one step would give to an error that moves positions by ``design`` (N, 3, d) in the world, NaN for
-    those that do not have it, at the solution ``state`` with its covariances ``found``."""
-    layout, photographs, d = found.layout, problem.block.photographs, design.shape[2]
+    those that do not have it, at the solution ``state`` with its ``covariances``."""
+    layout, photographs, d = covariances.layout, problem.block.photographs, design.shape[2]
     positions = list(measured_positions(problem, state, layout))
     flights = [] if problem.flights else sorted({photographs[p.photograph].flight for p in positions})
     own = 3 * len(flights)
@@ -138,7 +138,7 @@ def score(
         N += rows.T @ weighted
         s += weighted.T @ position.misfit
         L[position.columns] += position.jacobian.T @ weighted
-    return _solved(N, N - found.between(L, L), s, own, least_share)
+    return _solved(N, N - covariances.between(L, L), s, own, least_share)
 
 
 def _solved(N: FloatArray, K: FloatArray, s: FloatArray, own: int, least_share: float) -> Score:
@@ -168,9 +168,9 @@ def _known_components(basis: FloatArray) -> FloatArray:
     return np.where(np.sum(basis**2, axis=1) > 0.99, 1.0, np.nan)
 
 
-def residual_lever_arm(problem: Problem, state: State, found: Covariances) -> ResidualLeverArm:
-    """Return the lever arm that is left at the solution ``state`` with its covariances ``found``."""
-    told = score(problem, state, found, state.rotation)
+def residual_lever_arm(problem: Problem, state: State, covariances: Covariances) -> ResidualLeverArm:
+    """Return the lever arm that is left at the solution ``state`` with its ``covariances``."""
+    told = score(problem, state, covariances, state.rotation)
     if not len(told.value):
         return ResidualLeverArm(np.full(3, np.nan), np.full(3, np.nan), float("nan"))
     known = _known_components(told.basis)
@@ -241,7 +241,7 @@ def _variance_factor(r: Reliability, own: BoolArray, statistic: float, degrees: 
 
 
 def _candidates(
-    problem: Problem, state: State, found: Covariances, tested: Reliability, barred: Sequence[object]
+    problem: Problem, state: State, covariances: Covariances, tested: Reliability, barred: Sequence[object]
 ) -> Iterator[_Candidate]:
     photographs = problem.block.photographs
     taken = {_what(error) for error in problem.block.common_errors}
@@ -255,7 +255,7 @@ def _candidates(
             continue  # the velocity or the time of some is not known: they would be in error by what others are rid of
         if error.kind == "lever_arm":
             design = np.where(own[:, None, None], state.rotation, np.nan)
-        told = score(problem, state, found, design, ADOPTED_SHARE)
+        told = score(problem, state, covariances, design, ADOPTED_SHARE)
         if len(told.value):
             factor = _variance_factor(tested, own, told.statistic, len(told.value))
             yield _Candidate(error, told, told.statistic / factor)
@@ -291,17 +291,17 @@ def _chosen(significant: list[_Candidate]) -> tuple[_Candidate, _Candidate | Non
     return (arm, time) if arm.size <= LONGEST_ARM_M else (time, arm)
 
 
-def _test(problem: Problem, state: State, found: Covariances, k: int) -> tuple[float, int, float]:
+def _test(problem: Problem, state: State, covariances: Covariances, k: int) -> tuple[float, int, float]:
     """Return statistic, degrees of freedom and p of a common error against zero; NaN where only its prior is known."""
     error, part = problem.block.common_errors[k], parts(problem.block.common_errors)[k]
-    test = estimated_offset_test(state.common[part], found.common(k), error.sigma)
+    test = estimated_offset_test(state.common[part], covariances.common(k), error.sigma)
     return test.chi2, test.degrees, test.p
 
 
 def next_change(
     problem: Problem,
     state: State,
-    found: Covariances,
+    covariances: Covariances,
     tested: Reliability,
     barred: Sequence[What] = (),
 ) -> Change | None:
@@ -314,11 +314,11 @@ def next_change(
     errors = problem.block.common_errors
     of_positions = [k for k, error in enumerate(errors) if error.kind != "attitude"]
     if len(of_positions) > 1:
-        p = [_test(problem, state, found, k)[2] for k in of_positions]
+        p = [_test(problem, state, covariances, k)[2] for k in of_positions]
         worst = of_positions[int(np.argmax(np.nan_to_num(p, nan=1.0)))]
         if not max(np.nan_to_num(p, nan=1.0)) < SIGNIFICANCE:
             return Change(tuple(e for k, e in enumerate(errors) if k != worst), {}, _what(errors[worst]))
-    candidates = list(_candidates(problem, state, found, tested, barred))
+    candidates = list(_candidates(problem, state, covariances, tested, barred))
     of_kind = Counter(c.error.kind for c in candidates)
     significant = [c for c in candidates if c.log_chance < np.log(SIGNIFICANCE / of_kind[c.error.kind])]
     if not significant:

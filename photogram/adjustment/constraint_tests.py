@@ -83,11 +83,11 @@ def _known(block: Block, ground_world_m: FloatArray, centre_world_m: FloatArray)
 
 
 def _spread(
-    problem: Problem, state: State, found: Covariances, ground_world_m: FloatArray, known: Sequence[_Known]
+    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray, known: Sequence[_Known]
 ) -> list[FloatArray]:
     """Return the covariances (m, m), m², of what every constraint observes, as the points have them."""
-    numbers, inverse, turned = ground_columns(problem, state, found, ground_world_m)
-    layout, spreads = found.layout, []
+    numbers, inverse, turned = ground_columns(problem, state, covariances, ground_world_m)
+    layout, spreads = covariances.layout, []
     for k in known:
         J = k.rows.jacobian
         if k.of_photographs:
@@ -99,7 +99,7 @@ def _spread(
             at = np.searchsorted(numbers, k.index)
             columns = -np.einsum("mni,cni->cm", J, turned[:, at])
             own = np.einsum("mni,nij,lnj->ml", J, inverse[at], J)
-        spreads.append(own + found.between(columns, columns))
+        spreads.append(own + covariances.between(columns, columns))
     return spreads
 
 

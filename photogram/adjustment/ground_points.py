@@ -48,7 +48,7 @@ def unmet(block: Block, ground_world_m: FloatArray) -> list[str]:
 
 
 def _check_points(
-    problem: Problem, state: State, found: Covariances, ground: FloatArray, covariance: FloatArray
+    problem: Problem, state: State, covariances: Covariances, ground: FloatArray, covariance: FloatArray
 ) -> None:
     """Intersect the check points from their marks with the adjusted cameras; fill ``ground`` and ``covariance`` in
     place."""
@@ -68,18 +68,18 @@ def _check_points(
         if not np.isfinite(X[n]).all():
             continue
         rays = slice(int(first[n]), int(first[n + 1]))
-        ground[g], covariance[g] = X[n], _intersection_covariance(observations, linear, rays, found)
+        ground[g], covariance[g] = X[n], _intersection_covariance(observations, linear, rays, covariances)
 
 
 def _intersection_covariance(
-    observations: Observations, linear: Linearisation, rays: slice, found: Covariances
+    observations: Observations, linear: Linearisation, rays: slice, covariances: Covariances
 ) -> FloatArray:
     """Return the covariance (3, 3) of a point intersected from its marks with uncertain cameras."""
     J_point = linear.point[rays].reshape(-1, 3)
     photographs, number = np.unique(observations.photograph[rays], return_inverse=True)
     border = 6 * len(photographs)
-    cameras = found.joint(photographs)
-    owner, parameter = found.layout.free_parameters
+    cameras = covariances.joint(photographs)
+    owner, parameter = covariances.layout.free_parameters
     J = np.zeros((len(number), 2, len(cameras)))
     for n, (i, camera) in enumerate(zip(number.tolist(), linear.camera[rays].tolist(), strict=True)):
         J[n, :, 6 * i : 6 * i + 6] = linear.pose[rays][n]
@@ -127,15 +127,15 @@ def intersect_weighted(
     return np.where(met[:, None], X, np.nan)
 
 
-def ground_points(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
+def ground_points(problem: Problem, state: State, covariances: Covariances) -> tuple[FloatArray, FloatArray]:
     """Return the adjusted positions (G, 3) and covariances (G, 3, 3) of all ground points, control and check, in the
     world, m; NaN for check points with fewer than two marks, or whose marks do not meet."""
     points = problem.block.control_points
     ground = np.full((len(points), 3), np.nan)
     covariance = np.full((len(points), 3, 3), np.nan)
     for i, g in enumerate(g for g, role in enumerate(points.role) if role == "control"):
-        ground[g], covariance[g] = state.control[i], found.control(i)
-    _check_points(problem, state, found, ground, covariance)
+        ground[g], covariance[g] = state.control[i], covariances.control(i)
+    _check_points(problem, state, covariances, ground, covariance)
     return ground, covariance
 
 

@@ -133,7 +133,7 @@ def _attitudes(problem: Problem, state: State, known: _Known) -> tuple[FloatArra
     return turned, covariance
 
 
-def _focal_lengths(problem: Problem, state: State, found: Covariances) -> tuple[FloatArray, FloatArray]:
+def _focal_lengths(problem: Problem, state: State, covariances: Covariances) -> tuple[FloatArray, FloatArray]:
     """Return by how much everything else wants other focal lengths than were given (cameras,), px, and the standard
     deviations of that; NaN where they are held or nothing was known of them."""
     cameras = problem.block.cameras
@@ -143,7 +143,7 @@ def _focal_lengths(problem: Problem, state: State, found: Covariances) -> tuple[
         if not (0.0 < prior < np.inf):
             continue
         whitened = np.array([[(state.parameters[c, 0] - camera.focal_px) / prior]])
-        residual, spread = left_out(whitened, found.calibration(c)[None, :1, :1] / prior**2)
+        residual, spread = left_out(whitened, covariances.calibration(c)[None, :1, :1] / prior**2)
         off[c], sigma[c] = residual[0, 0] * prior, np.sqrt(spread[0, 0, 0]) * prior
     return off, sigma
 

@@ -246,16 +246,16 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     return sentences
 
 
-def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
+def weak_parts(problem: Problem, state: State, covariances: Covariances) -> list[str]:
     """Return a sentence for what the measurements hold badly: the block as a whole, where its datum is weak; single
     photographs, beyond what they share with the block; focal lengths."""
     block, distance = problem.block, reach_m(problem, state)
-    poses = found.poses
+    poses = covariances.poses
     axes = block.frame.rotation_world_from_map(np.zeros(3))
-    whole = datum_of(found.layout, state, distance, weights_of(poses, distance))
+    whole = datum_of(covariances.layout, state, distance, weights_of(poses, distance))
     sentences = []
     if len(poses) > 1:
-        sentences += _weak_datum(found.between(whole.fit, whole.fit), axes, distance)
+        sentences += _weak_datum(covariances.between(whole.fit, whole.fit), axes, distance)
     attitude = np.sqrt(np.einsum("naa->na", poses)[:, :3].max(axis=1, initial=0.0))
     position = np.sqrt(np.einsum("naa->na", poses)[:, 3:].max(axis=1, initial=0.0))
     ratio = np.maximum(attitude / WEAK_RAD, position / (WEAK_SHIFT * distance))
@@ -265,9 +265,9 @@ def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
     for i in np.argsort(-ratio, kind="stable")[: 4 * MOST_NAMED].tolist():
         if ratio[i] <= 1.0 or named == MOST_NAMED:
             break
-        at = 6 * int(found.layout.place[i])
+        at = 6 * int(covariances.layout.place[i])
         own = whole.own(slice(at, at + 6)) if len(poses) > 1 else np.eye(len(whole.fit), 6)
-        covariance = found.between(own, own)
+        covariance = covariances.between(own, own)
         turn = float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
         shift = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
         if turn <= WEAK_RAD and shift <= WEAK_SHIFT * distance:
@@ -279,14 +279,14 @@ def weak_parts(problem: Problem, state: State, found: Covariances) -> list[str]:
             f"of control points: its attitude is known to {np.rad2deg(attitude[i]):.1f}°, its position to "
             f"{position[i]:.3g} m (1 sigma); more overlap or marks would fix it"
         )
-    return sentences + _weak_cameras(problem, found)
+    return sentences + _weak_cameras(problem, covariances)
 
 
-def _weak_cameras(problem: Problem, found: Covariances) -> list[str]:
+def _weak_cameras(problem: Problem, covariances: Covariances) -> list[str]:
     """Return what is weak of focal lengths and principal points."""
     sentences = []
     for c, camera in enumerate(problem.block.cameras):
-        sigma = np.sqrt(np.diag(found.calibration(c)))
+        sigma = np.sqrt(np.diag(covariances.calibration(c)))
         for k, name, size, of in (
             (0, "focal length", camera.focal_px, ""),
             (1, "principal point in x", float(camera.width_px), " of the width"),

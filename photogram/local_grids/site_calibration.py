@@ -169,12 +169,12 @@ def _pairs(
     return SitePairs(table.name, position[:, :2], position[:, 2], local_m, sigma, in_plan, in_height)
 
 
-def _closure_m(crs: str, wkt: str, found: SiteCalibration) -> float:
+def _closure_m(crs: str, wkt: str, calibration: SiteCalibration) -> float:
     """Return how far PROJ takes the pairs from where the estimated parameters take them, in plan, and back."""
-    pairs = found.pairs
+    pairs = calibration.pairs
     flat = np.column_stack([pairs.place_deg, np.zeros(len(pairs))])
     through = map_from_crs(degrees_of(crs), plan_of(wkt), flat)
-    expected = pairs.local_m[:, :2] + found.residual_m[:, :2]
+    expected = pairs.local_m[:, :2] + calibration.residual_m[:, :2]
     known = np.isfinite(expected).all(axis=1)
     off = np.abs(through[known, :2] - expected[known]).max(initial=0.0)
     back = geodetic_of(plan_of(wkt), through / np.array([*[map_units(wkt).plan_m] * 2, 1.0]), geographic=False)
@@ -182,14 +182,14 @@ def _closure_m(crs: str, wkt: str, found: SiteCalibration) -> float:
     return float(max(off, np.deg2rad(degrees) * _SEMI_MAJOR_M))
 
 
-def _height_m(found: SiteCalibration) -> float:
+def _height_m(calibration: SiteCalibration) -> float:
     """Return the mean ellipsoidal height of the pairs, 0 where none is known."""
-    known = np.isfinite(found.used.height_m)
-    return float(found.used.height_m[known].mean()) if known.any() else 0.0
+    known = np.isfinite(calibration.used.height_m)
+    return float(calibration.used.height_m[known].mean()) if known.any() else 0.0
 
 
-def _scale(wkt: str, found: SiteCalibration) -> CombinedScale:
+def _scale(wkt: str, calibration: SiteCalibration) -> CombinedScale:
     """Return the scale at the middle of the pairs in plan, at their mean height."""
-    easting, northing = found.used.local_m[found.used.in_plan, :2].mean(axis=0).tolist()
-    height = _height_m(found)
+    easting, northing = calibration.used.local_m[calibration.used.in_plan, :2].mean(axis=0).tolist()
+    height = _height_m(calibration)
     return LocalFrame(plan_of(wkt), (easting, northing, height)).combined_scale(np.array([easting, northing, height]))

@@ -67,9 +67,9 @@ def _plain(value: float) -> str:
     return "" if not np.isfinite(value) else f"{value:.3f}"
 
 
-def _rows(found: SiteCalibration) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _rows(calibration: SiteCalibration) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return redundancy numbers, w and minimal detectable blunders (N, 3) of all pairs, NaN of what does not serve."""
-    used = found.used
+    used = calibration.used
     redundancy, w, mdb = (np.full((len(used), 3), np.nan) for _ in range(3))
 
     def put(serving: FloatArray, axes: slice, fit: TestedFit, size: int) -> None:
@@ -78,27 +78,27 @@ def _rows(found: SiteCalibration) -> tuple[FloatArray, FloatArray, FloatArray]:
         for table, values in ((redundancy, fit.redundancy), (w, fit.w), (mdb, least)):
             table[rows, axes] = values.reshape(-1, size)
 
-    put(np.asarray(used.in_plan, dtype=np.float64), slice(0, 2), found.plan.fit, 2)
-    if found.height is not None:
-        put(np.asarray(used.in_height, dtype=np.float64), slice(2, 3), found.height.fit, 1)
+    put(np.asarray(used.in_plan, dtype=np.float64), slice(0, 2), calibration.plan.fit, 2)
+    if calibration.height is not None:
+        put(np.asarray(used.in_height, dtype=np.float64), slice(2, 3), calibration.height.fit, 1)
     return redundancy, w, mdb
 
 
-def _use(found: SiteCalibration, i: int) -> str:
-    plan, high = bool(found.used.in_plan[i]), bool(found.used.in_height[i])
+def _use(calibration: SiteCalibration, i: int) -> str:
+    plan, high = bool(calibration.used.in_plan[i]), bool(calibration.used.in_height[i])
     return {(True, True): "both", (True, False): "plan", (False, True): "height"}.get((plan, high), "check")
 
 
-def _residuals(found: CalibratedSite) -> Table:
+def _residuals(site: CalibratedSite) -> Table:
     table = Table(title="Residuals, fitted minus given, m; redundancy r; w; least blunder found (MDB), m")
     for title in ("pair", "use", "E", "N", "H", "r plan", "r H", "w E", "w N", "w H", "MDB plan", "MDB H"):
         table.add_column(title, justify="left" if title in ("pair", "use") else "right")
-    redundancy, w, mdb = _rows(found.calibration)
-    for i, name in enumerate(found.calibration.pairs.name):
+    redundancy, w, mdb = _rows(site.calibration)
+    for i, name in enumerate(site.calibration.pairs.name):
         table.add_row(
             escape(name),
-            _use(found.calibration, i),
-            *(_m(value) for value in found.calibration.residual_m[i]),
+            _use(site.calibration, i),
+            *(_m(value) for value in site.calibration.residual_m[i]),
             *(_plain(value)[:-1] for value in (redundancy[i, :2].mean(), redundancy[i, 2])),
             *(_m(value, 1) for value in w[i]),
             *(_plain(value) for value in (mdb[i, :2].max(), mdb[i, 2])),
@@ -106,18 +106,18 @@ def _residuals(found: CalibratedSite) -> Table:
     return table
 
 
-def _left_out(found: CalibratedSite) -> Table:
+def _left_out(site: CalibratedSite) -> Table:
     table = Table(title="Each pair left out: predicted by the others minus given, m, with standard deviations")
     for title in ("pair", "E", "N", "H", "sigma E", "sigma N", "sigma H"):
         table.add_column(title, justify="left" if title == "pair" else "right")
-    for i, name in enumerate(found.calibration.pairs.name):
-        values = (_m(value) for value in found.predicted_m[i])
-        table.add_row(escape(name), *values, *(_plain(value) for value in found.predicted_sigma_m[i]))
+    for i, name in enumerate(site.calibration.pairs.name):
+        values = (_m(value) for value in site.predicted_m[i])
+        table.add_row(escape(name), *values, *(_plain(value) for value in site.predicted_sigma_m[i]))
     return table
 
 
-def _parameters(found: CalibratedSite) -> Table:
-    plan, height, units = found.calibration.plan, found.calibration.height, found.units
+def _parameters(site: CalibratedSite) -> Table:
+    plan, height, units = site.calibration.plan, site.calibration.height, site.units
     table = Table(title="Parameters")
     for title in ("parameter", "value", "standard deviation"):
         table.add_column(title, justify="left" if title == "parameter" else "right")
@@ -142,13 +142,13 @@ def _parameters(found: CalibratedSite) -> Table:
             factor = np.sqrt(fit.weighted_square / fit.degrees_of_freedom)
             degrees = fit.degrees_of_freedom
             table.add_row(f"residuals in {name} over stated sigmas", f"{factor:.2f}", f"{degrees} degrees of freedom")
-    scale = found.scale
+    scale = site.scale
     table.add_row("grid factor at the middle", f"{scale.grid:.9f} ({(scale.grid - 1) * 1e6:+.2f} ppm)", "")
-    above = f"ellipsoidal height {found.height_m:.2f} m"
+    above = f"ellipsoidal height {site.height_m:.2f} m"
     table.add_row("height factor there", f"{scale.height:.9f} ({(scale.height - 1) * 1e6:+.2f} ppm)", above)
     combined = f"{scale.combined:.9f} ({(scale.combined - 1) * 1e6:+.2f} ppm)"
     table.add_row("combined scale factor, grid over ground", combined, "")
-    table.add_row("closed loop through PROJ", f"{found.closure_m * 1000:.6f} mm", "")
+    table.add_row("closed loop through PROJ", f"{site.closure_m * 1000:.6f} mm", "")
     return table
 
 
@@ -156,8 +156,8 @@ def _length(value: float, units: MapUnits) -> str:
     return f"{value:.4f} {units.plan_symbol}"
 
 
-def _words(found: SiteCalibration, suspicion: Suspicion) -> str:
-    names = [found.pairs.name[i] for i in suspicion.pairs]
+def _words(calibration: SiteCalibration, suspicion: Suspicion) -> str:
+    names = [calibration.pairs.name[i] for i in suspicion.pairs]
     unit = "m in plan" if suspicion.part == "plan" else "m in height"
     chance = f"p = {suspicion.probability:.1e}"
     if len(names) > 1:

@@ -158,10 +158,10 @@ def blunders(difference_m: FloatArray, names: Sequence[str], settings: ReportSet
     return found
 
 
-def systematic(found: Accuracy, settings: ReportSettings) -> list[str]:
+def systematic(accuracy: Accuracy, settings: ReportSettings) -> list[str]:
     """Return a sentence for every axis whose mean difference is beyond a quarter of its target."""
     sentences = []
-    for name, axis, target_m in zip(AXES, found.axes, axis_targets_m(settings), strict=True):
+    for name, axis, target_m in zip(AXES, accuracy.axes, axis_targets_m(settings), strict=True):
         if target_m is not None and abs(axis.mean_m) > SYSTEMATIC_SHARE * target_m:
             sentences.append(
                 f"{name}: the mean difference of {axis.mean_m:+.3f} m ({axis.n} check points) is beyond 25 % of the "
@@ -170,11 +170,11 @@ def systematic(found: Accuracy, settings: ReportSettings) -> list[str]:
     return sentences
 
 
-def coarse_survey(found: Accuracy, settings: ReportSettings) -> list[str]:
+def coarse_survey(accuracy: Accuracy, settings: ReportSettings) -> list[str]:
     """Return a sentence where the check points are not surveyed twice as accurately as the target (sec. 7.12)."""
     rows = (
-        ("in plan", found.survey_h_m, settings.target_rmse_h_m),
-        ("in height", found.survey_v_m, settings.target_rmse_v_m),
+        ("in plan", accuracy.survey_h_m, settings.target_rmse_h_m),
+        ("in height", accuracy.survey_v_m, settings.target_rmse_v_m),
     )
     return [
         f"the check points are surveyed to {sigma_m:.3f} m {where}: the standard requires half the target "
@@ -201,15 +201,15 @@ def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, 
     )
 
 
-def statement_h(found: Accuracy, target_m: float) -> str | None:
+def statement_h(accuracy: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of horizontal accuracy (sec. 7.16), None where it cannot be made: without check
     points, or where the class is not met."""
-    return stated_h(found.n_h, found.rmse_h_m, target_m)
+    return stated_h(accuracy.n_h, accuracy.rmse_h_m, target_m)
 
 
-def statement_v(found: Accuracy, target_m: float) -> str | None:
+def statement_v(accuracy: Accuracy, target_m: float) -> str | None:
     """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16), None where it cannot be made."""
-    return stated_v(found.n_v, found.rmse_v_m, target_m)
+    return stated_v(accuracy.n_v, accuracy.rmse_v_m, target_m)
 
 
 def stated_h(n: int, rmse_h_m: float, target_m: float) -> str | None:

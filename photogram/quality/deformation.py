@@ -180,9 +180,9 @@ class Stiffness:
         return np.sqrt([variance[8], np.mean(variance[6 + len(self.own) :]), variance[DOME]])
 
 
-def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -> Stiffness:
+def stiffness(problem: Problem, state: State, solvable: Solvable, places: Places) -> Stiffness:
     """Return the joint covariances of the modes of a block."""
-    layout, cameras = found.layout, len(problem.block.cameras)
+    layout, cameras = solvable.layout, len(problem.block.cameras)
     ground = functions_of_tie_points(problem, state, layout, places.points, _ground_weights(state, places))
     count, singled = ground.columns.shape[1], slice(6, 9 + 3 * len(places.corners))
     camera_of = problem.block.camera_of
@@ -194,7 +194,7 @@ def stiffness(problem: Problem, state: State, found: Solvable, places: Places) -
     ]
     parts += [functions_of_attitudes(layout, weight) for weight in use]
     functions = joined([*parts, functions_of_border(layout)])
-    shared = functions.shared(found)
+    shared = functions.shared(solvable)
     kept = np.concatenate([np.arange(6), np.arange(count, len(shared))])
     modes = (shared + functions.own)[np.ix_(kept, kept)]
     return Stiffness(modes, shared[:count, :count], ground.own[singled, singled])
@@ -234,14 +234,14 @@ def deformation(problem: Problem, state: State, stiff: Stiffness, places: Places
     )
 
 
-def shape_covariances(problem: Problem, state: State, found: Solvable, places: Places) -> FloatArray:
+def shape_covariances(problem: Problem, state: State, solvable: Solvable, places: Places) -> FloatArray:
     """Return what the cameras add to the errors of the places' points relative to the mean error of all of them: their
     covariances (P, 3, 3) in the world, m².
 
     A point follows the cameras as x = uᵀ δ, the mean as mᵀ δ: (u − m)ᵀ S⁻¹ (u − m). The difference is taken before it
     is solved for, since a datum known to metres and a shape known to millimetres would cancel out afterwards.
     """
-    layout, points, count = found.layout, places.points, len(places.points)
+    layout, points, count = solvable.layout, places.points, len(places.points)
     alike = np.broadcast_to(np.eye(3) / count, (count, 3, 3))
     mean = functions_of_tie_points(problem, state, layout, points, alike).columns
     covariance = np.empty((count, 3, 3))
@@ -251,7 +251,7 @@ def shape_covariances(problem: Problem, state: State, found: Solvable, places: P
         for axis in range(3):
             each[np.arange(len(some)), axis, 3 * np.arange(len(some)) + axis] = 1.0
         columns = functions_of_tie_points(problem, state, layout, some, each).columns - np.tile(mean, len(some))
-        u, v = (c.reshape(-1, len(some), 3) for c in (columns, found.solve(columns)))
+        u, v = (c.reshape(-1, len(some), 3) for c in (columns, solvable.solve(columns)))
         covariance[first : first + len(some)] = np.einsum("cpi,cpj->pij", u, v)
     return np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1)))
 

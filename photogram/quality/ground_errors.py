@@ -21,7 +21,7 @@ _NEGLIGIBLE = 0.03  # of a variance: one and a half per cent of a standard devia
 
 
 def ground_errors(
-    problem: Problem, state: State, found: Solvable, places: Places, cells: int = CELLS
+    problem: Problem, state: State, solvable: Solvable, places: Places, cells: int = CELLS
 ) -> tuple[FloatArray, FloatArray]:
     """Return places (Q, 3) over a block, m in the world, and the joint covariance (3 Q, 3 Q), m², of the ground there:
     what the errors of photographs and calibration do to it, without what its points scatter by themselves.
@@ -34,8 +34,8 @@ def ground_errors(
     _, cell, count = np.unique(row * cells + column, return_inverse=True, return_counts=True)
     share = (cell[:, None] == np.arange(len(count))) / count
     weights = np.einsum("pq,ij->piqj", share, np.eye(3)).reshape(len(position), 3, -1)
-    functions = functions_of_tie_points(problem, state, found.layout, places.points, weights)
-    return share.T @ position, functions.shared(found)
+    functions = functions_of_tie_points(problem, state, solvable.layout, places.points, weights)
+    return share.T @ position, functions.shared(solvable)
 
 
 def factor_of_differences(covariance_m2: FloatArray, negligible_m: float = 1e-4) -> FloatArray:

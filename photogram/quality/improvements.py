@@ -240,7 +240,7 @@ def block_deformation(
     return found if places is None else with_pattern(found, pattern_m2, state.tie_point[places.points], places)
 
 
-def deformation_and_remedies(problem: Problem, state: State, found: Solvable) -> Deformation:
+def deformation_and_remedies(problem: Problem, state: State, solvable: Solvable) -> Deformation:
     """Return how a block may be deformed as a whole, and what would help.
 
     Control points in the middle, and in the corners and the middle, are always tried; strips and better GNSS, each the
@@ -249,11 +249,11 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
     places = places_of(problem, state)
     if places is None:
         return Deformation.unknown(given_parameters(problem))
-    stiff = stiffness(problem, state, found, places)
+    stiff = stiffness(problem, state, solvable, places)
     known = replace(
         deformation(problem, state, stiff, places),
         place_world_m=state.tie_point[places.points],
-        shape_covariance_m2=shape_covariances(problem, state, found, places),
+        shape_covariance_m2=shape_covariances(problem, state, solvable, places),
     )
     stated = problem.control_sigma_m[np.isfinite(problem.control_sigma_m).all(axis=1)]
     sigma = np.median(stated, axis=0) if len(stated) else CONTROL_SIGMA_M
@@ -268,7 +268,7 @@ def deformation_and_remedies(problem: Problem, state: State, found: Solvable) ->
         better = with_rtk(problem, state)
         tried["rtk"] = None if better is None else _predicted(better, state, places)
     after = {name: s.summary for name, s in tried.items() if s is not None}
-    ground_place_world_m, ground_covariance_m2 = ground_errors(problem, state, found, places)
+    ground_place_world_m, ground_covariance_m2 = ground_errors(problem, state, solvable, places)
     return replace(
         with_held_freed(known, problem, state, places),
         remedy=np.array(list(after), dtype=np.str_),

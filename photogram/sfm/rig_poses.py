@@ -11,20 +11,20 @@ from photogram.sfm.orientation import Orientation
 from photogram.survey import Block
 
 
-def carried_by_masters(block: Block, found: Orientation) -> Orientation:
+def carried_by_masters(block: Block, orientation: Orientation) -> Orientation:
     """Return an orientation in which the companions without a pose have that of their master with the relative pose
     that is given; where offset or rotation is free there is nothing to place them by, and they stay without."""
     numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)}
-    poses, component, reason = list(found.poses), found.component.copy(), list(found.reason)
+    poses, component, reason = list(orientation.poses), orientation.component.copy(), list(orientation.reason)
     for rig in block.rigs:
         given = rig.pose
         if given is None:
             continue
         for companion, master in rig.exposures:
-            i, pose = numbers.get(companion, -1), found.poses[numbers[master]] if master in numbers else None
+            i, pose = numbers.get(companion, -1), orientation.poses[numbers[master]] if master in numbers else None
             if i < 0 or poses[i] is not None or pose is None:
                 continue
             R, X = given.companions(pose.rotation_world_from_camera[None], pose.position_world_m[None])
             poses[i] = Pose(np.asarray(R[0]), np.asarray(X[0]))
-            component[i], reason[i] = found.component[numbers[master]], ""
-    return replace(found, poses=tuple(poses), component=component, reason=tuple(reason))
+            component[i], reason[i] = orientation.component[numbers[master]], ""
+    return replace(orientation, poses=tuple(poses), component=component, reason=tuple(reason))

@@ -20,13 +20,13 @@ from photogram.factors.rigs.exposures import estimated, linearised, misfits, tak
 from photogram.results import Adjustment, ExposureTests
 
 
-def _adjusted(problem: Problem, state: State, found: Covariances) -> FloatArray:
+def _adjusted(problem: Problem, state: State, covariances: Covariances) -> FloatArray:
     """Return the covariances (E, 6, 6) of the adjusted exposures that take part, in units of their stated sigmas."""
-    every, layout = taking_part(problem.block), found.layout
+    every, layout = taking_part(problem.block), covariances.layout
     linear = linearised(every, state.rotation, state.position, values_by_rig(problem.block, state.common))
     covariance = np.empty((len(every), 6, 6))
     for n, (pair, rig) in enumerate(zip(every.pairs, every.rig.tolist(), strict=True)):
-        joint = found.joint(pair)
+        joint = covariances.joint(pair)
         at = np.concatenate([np.arange(12), 12 + layout.columns_of_rig(rig)])
         A = linear.jacobian[n]
         covariance[n] = A @ joint[np.ix_(at, at)] @ A.T

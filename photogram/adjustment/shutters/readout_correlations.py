@@ -70,29 +70,29 @@ class Correlations:
         return tuple(said)
 
 
-def correlations(problem: Problem, state: State, found: Covariances) -> Correlations:
+def correlations(problem: Problem, state: State, covariances: Covariances) -> Correlations:
     """Return the correlations of the read-out times that are free, at a solution with its covariances."""
     cameras = len(problem.block.cameras)
     focal, time = np.full(cameras, np.nan), np.full(cameras, np.nan)
     for c in range(cameras):
-        covariance = found.calibration(c)
+        covariance = covariances.calibration(c)
         if not covariance[READOUT, READOUT] > 0.0:
             continue
-        time[c] = _with_time_offset(problem, state, found, c)
+        time[c] = _with_time_offset(problem, state, covariances, c)
         if covariance[FOCAL, FOCAL] > 0.0:
             focal[c] = covariance[FOCAL, READOUT] / np.sqrt(covariance[FOCAL, FOCAL] * covariance[READOUT, READOUT])
     return Correlations(focal, time)
 
 
-def _with_time_offset(problem: Problem, state: State, found: Covariances, camera: int) -> float:
-    layout = found.layout
+def _with_time_offset(problem: Problem, state: State, covariances: Covariances, camera: int) -> float:
+    layout = covariances.layout
     owner, parameter = layout.free_parameters
     column = int(np.flatnonzero((owner == camera) & (parameter == READOUT))[0])
-    variance = float(found.border[column, column])
+    variance = float(covariances.border[column, column])
     for k, error in enumerate(problem.block.common_errors):
         if error.kind == "time_offset" and error.camera in (None, camera):
             own = int(layout.columns_of_common(k)[0])
-            return float(found.border[column, own] / np.sqrt(variance * found.border[own, own]))
+            return float(covariances.border[column, own] / np.sqrt(variance * covariances.border[own, own]))
     photographs, velocity = problem.block.photographs, state.cameras.velocity
     information, L = 0.0, np.zeros((layout.columns + layout.border, 1))
     for position in measured_positions(problem, state, layout):
@@ -100,7 +100,7 @@ def _with_time_offset(problem: Problem, state: State, found: Covariances, camera
             weighted = position.weight @ velocity[position.photograph]
             information += float(velocity[position.photograph] @ weighted)
             L[position.columns, 0] += position.jacobian.T @ weighted
-    moved = found.solve(L)
+    moved = covariances.solve(L)
     left = information - float(L[:, 0] @ moved[:, 0])
     if not left > LEAST_SHARE * information:
         return float("nan")

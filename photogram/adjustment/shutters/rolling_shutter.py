@@ -164,13 +164,15 @@ def requested(cameras: Sequence[Camera]) -> BoolArray:
     return np.array([c.readout_s == 0.0 and c.sigmas[READOUT] > 0.0 for c in cameras], dtype=bool)
 
 
-def is_significant(problem: Problem, state: State, found: Covariances, asked: BoolArray) -> tuple[BoolArray, Readouts]:
+def is_significant(
+    problem: Problem, state: State, covariances: Covariances, asked: BoolArray
+) -> tuple[BoolArray, Readouts]:
     """Return for which of the cameras ``asked`` (C,), whose read-out times are held at zero, the photographs show one,
     and what one step would make of them."""
     moved = replace(state, cameras=moving(problem.block, state.cameras))
     estimate, sigma = np.full(len(asked), np.nan), np.full(len(asked), np.nan)
     for c in np.flatnonzero(asked).tolist():
-        estimate[c], sigma[c] = one_step(problem, moved, found, c, READOUT)
+        estimate[c], sigma[c] = one_step(problem, moved, covariances, c, READOUT)
     significant = _significant(estimate, sigma)
     return significant, Readouts(estimate, sigma, significant, np.ones(len(asked)))
 
@@ -235,20 +237,20 @@ class Shutters:
 
 
 def readout_estimates(
-    problem: Problem, state: State, found: Covariances, counted: Covariances, before: Shutters
+    problem: Problem, state: State, covariances: Covariances, counted: Covariances, before: Shutters
 ) -> Shutters:
     """Return the read-out times that are free, and those that were ``before`` and are held at zero since; at a solution
-    with its covariances ``found``, and those ``counted`` with what is considered."""
+    with its ``covariances``, and those ``counted`` with what is considered."""
     free = free_readouts(problem.block.cameras)
     if not free.any():
         return before
-    now = readouts(problem, state, found)
+    now = readouts(problem, state, covariances)
     return Shutters(
         now.beside(before.found, ~free), correlations(problem, state, counted).beside(before.correlations, ~free)
     )
 
 
-def inflation(problem: Problem, state: State, found: Covariances, camera: int) -> float:
+def inflation(problem: Problem, state: State, covariances: Covariances, camera: int) -> float:
     """Return by how much the standard deviation of a camera's read-out time is larger than its covariance says, 1 at
     least, because photographs flew at another velocity than their neighbours tell.
 
@@ -258,12 +260,12 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     clusters: Cameron & Miller 2015, eq. 11). Residuals are those by the neighbours' velocities: what photographs were
     given of their own takes the scatter out of the residuals, and leaves what it does to the read-out time.
     """
-    layout, tie = found.layout, problem.tie
+    layout, tie = covariances.layout, problem.tie
     owner, parameter = layout.free_parameters
     column = layout.columns + int(np.flatnonzero((owner == camera) & (parameter == READOUT))[0])
     unit = np.zeros((layout.columns + layout.border, 1))
     unit[column] = 1.0
-    change = found.solve(unit)[:, 0]
+    change = covariances.solve(unit)[:, 0]
     change /= change[column]
     linear = linearise(tie, moving(problem.block, state.cameras), state.tie_point)
     pose, lens = np.zeros((len(layout.place), 6)), np.zeros_like(layout.unit)
@@ -280,7 +282,7 @@ def inflation(problem: Problem, state: State, found: Covariances, camera: int) -
     return max(1.0, float(np.sqrt(np.sum(sums**2) * len(sums) / (max(len(sums) - 1, 1) * expected))))
 
 
-def readouts(problem: Problem, state: State, found: Covariances) -> Readouts:
+def readouts(problem: Problem, state: State, covariances: Covariances) -> Readouts:
     """Return the read-out times of the cameras that are free, at a solution with its covariances.
 
     One counts where it is significant, and still is once its prior has the weight that it deserves beside photographs
@@ -292,13 +294,13 @@ def readouts(problem: Problem, state: State, found: Covariances) -> Readouts:
     joint = None if own is None else own.readout_sigmas(problem, state)
     prior = np.array([(camera.readout_s, camera.sigmas[READOUT]) for camera in cameras]).reshape(-1, 2)
     free = prior[:, 1] > 0.0
-    formal = np.array([np.sqrt(found.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))])
+    formal = np.array([np.sqrt(covariances.calibration(c)[READOUT, READOUT]) for c in range(len(cameras))])
     estimate = np.where(free, state.parameters[:, READOUT], np.nan)
     if joint is not None:
         sigma = np.where(free, joint, np.nan)
         inflated = np.where(free, sigma / np.where(free, formal, 1.0), 1.0)
         return Readouts(estimate, sigma, free & _significant(estimate, sigma), inflated)
-    larger = np.array([inflation(problem, state, found, c) if free[c] else 1.0 for c in range(len(cameras))])
+    larger = np.array([inflation(problem, state, covariances, c) if free[c] else 1.0 for c in range(len(cameras))])
     weighed, weighed_sigma = weighed_anew(estimate, np.where(free, formal, np.nan), larger, prior)
     sigma = np.where(free, larger * formal, np.nan)
     counts = free & _significant(estimate, sigma) & _significant(weighed, weighed_sigma)

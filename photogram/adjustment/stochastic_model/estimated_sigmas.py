@@ -203,14 +203,14 @@ def tie_scatter(
     return found
 
 
-def _blurred(found: TieScatter, now: Factors, groups: TieGroups) -> BoolArray:
+def _blurred(scatter: TieScatter, now: Factors, groups: TieGroups) -> BoolArray:
     """Return which photographs (F,) scatter significantly more than most of their camera's.
 
     Each is compared with the median of its camera's photographs, so that a few do not raise what they are compared
     with; ``now`` are the factors at which the scatter was taken.
     """
     count = len(groups.camera_of)
-    factor, redundancy = found.factor(found.photograph, count)
+    factor, redundancy = scatter.factor(scatter.photograph, count)
     factor, known = factor * now.photograph, redundancy >= LEAST_OF_PHOTOGRAPH
     blurred = np.zeros(count, dtype=bool)
     for camera in np.unique(groups.camera_of).tolist():
@@ -225,45 +225,45 @@ def _blurred(found: TieScatter, now: Factors, groups: TieGroups) -> BoolArray:
     return blurred
 
 
-def improved(found: TieScatter, now: Factors, groups: TieGroups) -> Factors:
+def improved(scatter: TieScatter, now: Factors, groups: TieGroups) -> Factors:
     """Return the factors that the scatter at the factors ``now`` asks for.
 
     A group with less redundancy than LEAST_REDUNDANCY keeps its stated sigma, and none falls below FLOOR_PX, by the
     median of its observations.
     """
     kinds, count = len(groups.kind), len(groups.camera_of)
-    blurred = _blurred(found, now, groups)
-    sharp = ~blurred[found.photograph]
+    blurred = _blurred(scatter, now, groups)
+    sharp = ~blurred[scatter.photograph]
     # the factors of photographs are taken out where they go, before those of groups are estimated
-    plain = replace(found, square=found.square * now.photograph[found.photograph] ** 2)
-    change, redundancy = plain.factor(found.group, kinds, sharp)
+    plain = replace(scatter, square=scatter.square * now.photograph[scatter.photograph] ** 2)
+    change, redundancy = plain.factor(scatter.group, kinds, sharp)
     stated_px = np.array([np.median(groups.stated_px[groups.group == k]) for k in range(kinds)])
     floor = np.minimum(FLOOR_PX / stated_px, 1.0)
     group = np.where(redundancy >= LEAST_REDUNDANCY, np.maximum(now.group * change, floor), 1.0)
-    at_group = replace(plain, square=plain.square * ((now.group / group)[found.group]) ** 2)
-    photograph, _ = at_group.factor(found.photograph, count)
+    at_group = replace(plain, square=plain.square * ((now.group / group)[scatter.group]) ** 2)
+    photograph, _ = at_group.factor(scatter.photograph, count)
     return Factors(group, np.where(blurred, np.maximum(photograph, 1.0), 1.0))
 
 
-def table(stated: Block, groups: TieGroups, factors: Factors, found: TieScatter | None) -> EstimatedSigmas:
-    """Return the sigmas of tie points as stated, as their scatter ``found`` at ``factors`` says, and as used; none
+def table(stated: Block, groups: TieGroups, factors: Factors, scatter: TieScatter | None) -> EstimatedSigmas:
+    """Return the sigmas of tie points as stated, as their scatter ``scatter`` at ``factors`` says, and as used; none
     where nothing could be said."""
-    if found is None:
+    if scatter is None:
         return EstimatedSigmas.none()
     rows = list[tuple[str, str, int, float, float, float, float, float]]()
-    change, redundancy = found.factor(found.group, len(groups.kind), factors.photograph[found.photograph] == 1.0)
+    change, redundancy = scatter.factor(scatter.group, len(groups.kind), factors.photograph[scatter.photograph] == 1.0)
     for k, (camera, kind) in enumerate(zip(groups.camera, groups.kind, strict=True)):
-        mine = found.group == k
+        mine = scatter.group == k
         if mine.any():
             median = float(np.median(groups.stated_px[mine]))
             used, known = median * float(factors.group[k]), redundancy[k] >= LEAST_REDUNDANCY
             says = used * float(change[k]) if known else float("nan")
             n = 2 * int(np.count_nonzero(mine))
             rows.append((kind, camera, n, float(redundancy[k]), median, says, used, float(factors.group[k])))
-    own, of_photograph = found.factor(found.photograph, len(groups.camera_of))
+    own, of_photograph = scatter.factor(scatter.photograph, len(groups.camera_of))
     at_group_px = groups.stated_px * factors.group[groups.group]
     for i in np.flatnonzero(factors.photograph > 1.0).tolist():
-        mine, times = found.photograph == i, float(factors.photograph[i])
+        mine, times = scatter.photograph == i, float(factors.photograph[i])
         median, sharp_px = float(np.median(groups.stated_px[mine])), float(np.median(at_group_px[mine]))
         used, n = sharp_px * times, 2 * int(np.count_nonzero(mine))
         says, name = used * float(own[i]), stated.photographs[i].name

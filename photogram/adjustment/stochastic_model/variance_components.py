@@ -63,27 +63,27 @@ def _tested(name: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray)
 
 
 def _attitude_errors(
-    problem: Problem, state: State, found: Covariances, index: IntArray, measured: FloatArray
+    problem: Problem, state: State, covariances: Covariances, index: IntArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residuals (n, 3) of the attitudes ``measured`` (n, 3, 3) of photographs (n,), rad, and the covariances
     (n, 3, 3) of the adjusted ones, their common errors among them."""
     block = problem.block
     own, where = attitude_errors(block), parts(block.common_errors)
     error, covariance = np.zeros((len(index), 3)), np.zeros((len(index), 3, 3))
-    poses = found.poses
+    poses = covariances.poses
     for n, i in enumerate(index.tolist()):
         if own[i] < 0:
             error[n], J, _ = attitude_residual(measured[n], state.rotation[i], np.zeros(0))
             covariance[n] = J @ poses[i, :3, :3] @ J.T
             continue
         error[n], J, of_bias = attitude_residual(measured[n], state.rotation[i], state.common[where[own[i]]])
-        joint, columns = found.joint(np.array([i])), 6 + found.layout.columns_of_common(own[i])
+        joint, columns = covariances.joint(np.array([i])), 6 + covariances.layout.columns_of_common(own[i])
         A, at = np.hstack([J, of_bias]), np.concatenate([np.arange(3), columns])
         covariance[n] = A @ joint[np.ix_(at, at)] @ A.T
     return error, covariance
 
 
-def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+def _attitudes(problem: Problem, state: State, covariances: Covariances) -> list[_Group]:
     """Return the measured attitudes, and apart from them the headings that are not known."""
     photographs = problem.block.photographs
     stated = [
@@ -96,7 +96,7 @@ def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Grou
     index = np.array([i for i, *_ in stated])
     measured, sigma = np.array([R for _, R, *_ in stated]), np.array([s for *_, s, _ in stated])
     unknown = np.array([not known for *_, known in stated])
-    error, covariance = _attitude_errors(problem, state, found, index, measured)
+    error, covariance = _attitude_errors(problem, state, covariances, index, measured)
     vertical = measured[:, 2] * unknown[:, None]  # the world's up axis in the camera frame
     kept = np.eye(3) - vertical[:, :, None] * vertical[:, None, :]
     counted = 3 - unknown
@@ -113,12 +113,12 @@ def _attitudes(problem: Problem, state: State, found: Covariances) -> list[_Grou
     return groups
 
 
-def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray) -> list[_Group]:
+def _priors(problem: Problem, state: State, covariances: Covariances, axes: FloatArray) -> list[_Group]:
     """Return what was known beforehand of common errors, calibrations and lens fields."""
     groups = []
     if problem.flights:
         sigma = np.maximum(problem.block.gnss_offset_sigma_m, 1e-6)
-        spread = np.array([np.diag(axes.T @ found.offset(f) @ axes) for f in range(len(problem.flights))])
+        spread = np.array([np.diag(axes.T @ covariances.offset(f) @ axes) for f in range(len(problem.flights))])
         redundancy, residual = 1.0 - spread / sigma**2, state.offset @ axes / sigma
         groups.append(
             _Group("gnss_offset", residual.size, float(redundancy.sum()), float(np.sum(residual**2)),
@@ -126,13 +126,13 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
         )  # fmt: skip
     if errors := problem.block.common_errors:
         sigma = np.concatenate([error.sigma for error in errors])
-        spread = np.concatenate([np.diag(found.common(k)) for k in range(len(errors))])
+        spread = np.concatenate([np.diag(covariances.common(k)) for k in range(len(errors))])
         redundancy, residual = 1.0 - spread / sigma**2, state.common[: len(sigma)] / sigma
         groups.append(_Group(COMMON_ERRORS, len(sigma), float(redundancy.sum()), float(residual @ residual), sigma))
     sigmas = calibration_sigmas(problem.block.cameras)
     interior = np.arange(sigmas.shape[1]) < PARAMETERS
     given = calibrations(problem.block.cameras)
-    spread = np.array([np.diag(found.lens(c)) for c in range(len(sigmas))])
+    spread = np.array([np.diag(covariances.lens(c)) for c in range(len(sigmas))])
     for name, part in (("calibration", interior), (LENS_FIELDS, ~interior)):
         stated = (sigmas > 0) & np.isfinite(sigmas) & part
         if stated.any():
@@ -142,10 +142,10 @@ def _priors(problem: Problem, state: State, found: Covariances, axes: FloatArray
     return groups
 
 
-def _constraints(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+def _constraints(problem: Problem, state: State, covariances: Covariances) -> list[_Group]:
     """Return the constraints between points, a group for each kind."""
     constraints = problem.block.constraints
-    tests = constraint_tests(problem, state, found, problem, found, of_control(problem, state))
+    tests = constraint_tests(problem, state, covariances, problem, covariances, of_control(problem, state))
     kind = np.array([o.kind for o in observations(constraints)], dtype=np.str_)
     sigma = np.array([sigma for constraint in constraints for sigma in constraint.sigmas_m])
     return [
@@ -154,12 +154,12 @@ def _constraints(problem: Problem, state: State, found: Covariances) -> list[_Gr
     ]
 
 
-def _rigs(problem: Problem, state: State, found: Covariances) -> list[_Group]:
+def _rigs(problem: Problem, state: State, covariances: Covariances) -> list[_Group]:
     """Return the exposures of cameras on one body, turns and shifts apart, and the relative poses that are given."""
     block = problem.block
     if not block.rigs:
         return []
-    tests, sigma = exposure_tests(problem, state, found, problem, found), exposure_sigmas(block.rigs)
+    tests, sigma = exposure_tests(problem, state, covariances, problem, covariances), exposure_sigmas(block.rigs)
     values, own = values_by_rig(block, state.common), estimated(block)
     prior = np.array([rig.sigma for rig in block.rigs])
     given = np.isfinite(prior) & np.isin(np.arange(len(prior)), own)[:, None]
@@ -177,7 +177,7 @@ def _rigs(problem: Problem, state: State, found: Covariances) -> list[_Group]:
 def variance_components(
     problem: Problem,
     state: State,
-    found: Covariances,
+    covariances: Covariances,
     tested: Reliability,
     redundancy: int,
     stated_sigma: Mapping[str, float] | None = None,
@@ -203,10 +203,10 @@ def variance_components(
             )
             for part, axis in (("plan", plan), ("height", height))
         ),
-        *_attitudes(problem, state, found),
-        *_priors(problem, state, found, axes),
-        *_constraints(problem, state, found),
-        *_rigs(problem, state, found),
+        *_attitudes(problem, state, covariances),
+        *_priors(problem, state, covariances, axes),
+        *_constraints(problem, state, covariances),
+        *_rigs(problem, state, covariances),
     ]
     whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)

@@ -101,17 +101,17 @@ MOST_POSES = 60
 """Photographs that the page shows; audit.json has all of them."""
 
 
-def audit_page(found: AuditTables, version: str) -> str:
+def audit_page(tables: AuditTables, version: str) -> str:
     """Return the page of an audit, made by photogram ``version``."""
     environment = templates(StrictUndefined)
     environment.globals.update(page_font=PAGE_FONT)
     template = environment.get_template("audit.html.jinja")
-    shown = dict.fromkeys(dict.fromkeys(row.photograph for row in found.poses))
+    shown = dict.fromkeys(dict.fromkeys(row.photograph for row in tables.poses))
     most = set(list(shown)[:MOST_POSES])
     return template.render(
-        found=found,
-        poses=[(name, [row for row in found.poses if row.photograph == name]) for name in shown if name in most],
+        found=tables,
+        poses=[(name, [row for row in tables.poses if row.photograph == name]) for name in shown if name in most],
         photographs=len(shown),
-        precision=found.precision[: 2 * MOST_POSES],
+        precision=tables.precision[: 2 * MOST_POSES],
         version=version,
     )

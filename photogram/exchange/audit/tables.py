@@ -109,10 +109,10 @@ def _number(value: float | None, digits: int) -> str:
     return NOTHING if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
 
 
-def _accuracy(found: CheckAccuracy | None) -> str:
-    if found is None or not found.n:
+def _accuracy(accuracy: CheckAccuracy | None) -> str:
+    if accuracy is None or not accuracy.n:
         return NOTHING
-    return f"{found.rmse_h_m:.3f}, {found.rmse_v_m:.3f} m ({found.n})"
+    return f"{accuracy.rmse_h_m:.3f}, {accuracy.rmse_v_m:.3f} m ({accuracy.n})"
 
 
 def _row(name: str, theirs: str, beside: list[str], same: str, ours: str) -> FigureRow:

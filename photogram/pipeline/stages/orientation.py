@@ -76,17 +76,17 @@ class IntersectionSummary(TypedDict):
     """Number of points from three views."""
 
 
-def _with_copies(found: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
+def _with_copies(orientation: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
     """Return the orientation of the photographs ``kept`` as one of all; the others are ``copies`` of those named."""
     place = {i: k for k, i in enumerate(kept)}
     rows = [place.get(i) for i in range(len(copies))]
     return replace(
-        found,
-        poses=tuple(None if k is None else found.poses[k] for k in rows),
-        resections=tuple(None if k is None else found.resections[k] for k in rows),
-        component=np.array([-1 if k is None else found.component[k] for k in rows], dtype=np.int64),
+        orientation,
+        poses=tuple(None if k is None else orientation.poses[k] for k in rows),
+        resections=tuple(None if k is None else orientation.resections[k] for k in rows),
+        component=np.array([-1 if k is None else orientation.component[k] for k in rows], dtype=np.int64),
         reason=tuple(
-            f"the same photograph as {copy}" if k is None else found.reason[k]
+            f"the same photograph as {copy}" if k is None else orientation.reason[k]
             for k, copy in zip(rows, copies, strict=True)
         ),
     )

@@ -188,15 +188,15 @@ def _axis(axis: AxisAccuracy) -> AxisAccuracyRecord:
     return {"n": axis.n, "rmse_m": axis.rmse_m, "mean_m": axis.mean_m, "sd_m": axis.sd_m}
 
 
-def _stated(found: Accuracy, settings: ReportSettings) -> tuple[list[str], list[str]]:
+def _stated(accuracy: Accuracy, settings: ReportSettings) -> tuple[list[str], list[str]]:
     """Return the standard's statements, and for each that cannot be made a sentence that says why."""
     statements, missing = list[str](), list[str]()
     rows = (
-        ("horizontal", "h", found.n_h, found.rmse_h_m, settings.target_rmse_h_m, statement_h),
-        ("vertical", "v", found.n_v, found.rmse_v_m, settings.target_rmse_v_m, statement_v),
+        ("horizontal", "h", accuracy.n_h, accuracy.rmse_h_m, settings.target_rmse_h_m, statement_h),
+        ("vertical", "v", accuracy.n_v, accuracy.rmse_v_m, settings.target_rmse_v_m, statement_v),
     )
     for name, letter, n, rmse_m, target_m, statement in rows:
-        text = None if target_m is None else statement(found, target_m)
+        text = None if target_m is None else statement(accuracy, target_m)
         if text is not None:
             statements.append(text)
         elif not n:

@@ -28,7 +28,7 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _cameras(result: Adjustment, found: Diagnosis) -> dict[str, CalibrationRecord]:
+def _cameras(result: Adjustment, diagnosis: Diagnosis) -> dict[str, CalibrationRecord]:
     """Return the free parameters of every camera with their sigmas and correlations."""
     numbers: dict[str, CalibrationRecord] = {}
     for c, camera in enumerate(result.block.cameras):
@@ -38,7 +38,7 @@ def _cameras(result: Adjustment, found: Diagnosis) -> dict[str, CalibrationRecor
             "parameters": [PARAMETER_NAMES[k] for k in free],
             "value": camera.parameters[free].tolist(),
             "sigma": sigma[free].tolist(),
-            "correlation": found.correlation[camera.name][np.ix_(free, free)].tolist(),
+            "correlation": diagnosis.correlation[camera.name][np.ix_(free, free)].tolist(),
         }
     return numbers
 

@@ -82,47 +82,47 @@ class PredictionRecord(FlightFigures):
     """Single changes, what helps the heights most first."""
 
 
-def _both(found: Prediction, values: FloatArray) -> TypicalRecord:
-    median, worst = found.typical_m(values)
+def _both(prediction: Prediction, values: FloatArray) -> TypicalRecord:
+    median, worst = prediction.typical_m(values)
     return {"median": median, "worst": worst}
 
 
-def _numbers(found: Prediction) -> FlightFigures:
-    known = np.isfinite(found.control_mdb_m)
+def _numbers(prediction: Prediction) -> FlightFigures:
+    known = np.isfinite(prediction.control_mdb_m)
     mdb = [
         [v if k else None for v, k in zip(*row, strict=True)]
-        for row in zip(found.control_mdb_m.tolist(), known, strict=True)
+        for row in zip(prediction.control_mdb_m.tolist(), known, strict=True)
     ]
     return {
-        "photographs": len(found.position_m),
-        "strips": found.strips,
-        "flying_height_m": found.plan.height_m,
-        "gsd_m": found.plan.ground_sampling_m,
-        "base_m": found.plan.base_m,
-        "strip_distance_m": found.plan.strip_distance_m,
-        "ground_covered_m2": found.ground_covered_m2,
-        "covered": found.covered,
-        "tie_points": found.tie_points,
-        "observations": found.observations,
-        "sigma_plan_m": _both(found, found.plan_sigma_m),
-        "sigma_height_m": _both(found, found.sigma_m[:, 2]),
-        "sigma": {n: s for n, s in found.parameter_sigma.items() if found.prior_sigma[n] > 0},
-        "mean_height_sigma_m": found.mean_height_sigma_m,
-        "dome_sigma_m": found.dome_sigma_m,
-        "dome_radius_m": found.radius_m,
-        "control_m": found.control_m.tolist(),
+        "photographs": len(prediction.position_m),
+        "strips": prediction.strips,
+        "flying_height_m": prediction.plan.height_m,
+        "gsd_m": prediction.plan.ground_sampling_m,
+        "base_m": prediction.plan.base_m,
+        "strip_distance_m": prediction.plan.strip_distance_m,
+        "ground_covered_m2": prediction.ground_covered_m2,
+        "covered": prediction.covered,
+        "tie_points": prediction.tie_points,
+        "observations": prediction.observations,
+        "sigma_plan_m": _both(prediction, prediction.plan_sigma_m),
+        "sigma_height_m": _both(prediction, prediction.sigma_m[:, 2]),
+        "sigma": {n: s for n, s in prediction.parameter_sigma.items() if prediction.prior_sigma[n] > 0},
+        "mean_height_sigma_m": prediction.mean_height_sigma_m,
+        "dome_sigma_m": prediction.dome_sigma_m,
+        "dome_radius_m": prediction.radius_m,
+        "control_m": prediction.control_m.tolist(),
         "control_mdb_m": mdb,
-        "warnings": list(found.warnings),
+        "warnings": list(prediction.warnings),
     }
 
 
-def prediction_numbers(found: Prediction, changes: Sequence[Alternative]) -> PredictionRecord:
+def prediction_numbers(prediction: Prediction, changes: Sequence[Alternative]) -> PredictionRecord:
     """Return a prediction and what single changes would bring."""
-    plan = asdict(found.plan)
+    plan = asdict(prediction.plan)
     plan["calibration"] = {n: s if np.isfinite(s) else "free" for n, s in plan["calibration"].items()}
     return {
         "simulated": True,
         "plan": plan,
-        **_numbers(found),
+        **_numbers(prediction),
         "changes": [{"what": c.what, **_numbers(c.prediction)} for c in changes],
     }

@@ -55,47 +55,48 @@ def _centimetres(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{100 * value:.1f} cm"
 
 
-def _both(found: Prediction, values: FloatArray) -> str:
-    median, worst = found.typical_m(values)
+def _both(prediction: Prediction, values: FloatArray) -> str:
+    median, worst = prediction.typical_m(values)
     return f"{_centimetres(median)}, {_centimetres(worst)} at worst"
 
 
-def _facts(found: Prediction) -> Table:
-    plan = found.plan
+def _facts(prediction: Prediction) -> Table:
+    plan = prediction.plan
     table = Table("figure", "value", title="Flight", show_header=False)
     table.add_row("site", f"{plan.width_m:g} × {plan.length_m:g} m, relief {plan.relief_m:g} m")
     table.add_row(
         "ground sampling distance, flying height", f"{_centimetres(plan.ground_sampling_m)}, {plan.height_m:.0f} m"
     )
-    table.add_row("photographs, strips", f"{len(found.position_m)}, {found.strips}")
+    table.add_row("photographs, strips", f"{len(prediction.position_m)}, {prediction.strips}")
     table.add_row("base, distance of strips", f"{plan.base_m:.1f} m, {plan.strip_distance_m:.1f} m")
     table.add_row(
-        "ground covered", f"{found.ground_covered_m2 / 1e4:.1f} ha, {found.covered:.0%} of the site twice or more"
+        "ground covered",
+        f"{prediction.ground_covered_m2 / 1e4:.1f} ha, {prediction.covered:.0%} of the site twice or more",
     )
-    table.add_row("tie points, observations assumed", f"{found.tie_points}, {found.observations}")
+    table.add_row("tie points, observations assumed", f"{prediction.tie_points}, {prediction.observations}")
     sigma = plan.gnss_sigmas_m
     table.add_row("GNSS", "none" if sigma is None else f"{plan.gnss}, {', '.join(f'{s:g}' for s in sigma)} m")
     table.add_row("control points", f"{plan.control}")
     return table
 
 
-def _accuracy(found: Prediction) -> Table:
+def _accuracy(prediction: Prediction) -> Table:
     table = Table("figure", "value", title="Predicted accuracy (standard deviations)", show_header=False)
-    table.add_row("ground points in plan", _both(found, found.plan_sigma_m))
-    table.add_row("ground points in height", _both(found, found.sigma_m[:, 2]))
-    survey = math.hypot(*found.plan.control_sigma_m[:2]), found.plan.control_sigma_m[2]
+    table.add_row("ground points in plan", _both(prediction, prediction.plan_sigma_m))
+    table.add_row("ground points in height", _both(prediction, prediction.sigma_m[:, 2]))
+    survey = math.hypot(*prediction.plan.control_sigma_m[:2]), prediction.plan.control_sigma_m[2]
     plan, height = (
-        math.hypot(found.typical_m(v)[0], s)
-        for v, s in ((found.plan_sigma_m, survey[0]), (found.sigma_m[:, 2], survey[1]))
+        math.hypot(prediction.typical_m(v)[0], s)
+        for v, s in ((prediction.plan_sigma_m, survey[0]), (prediction.sigma_m[:, 2], survey[1]))
     )
     table.add_row("RMSE to be expected at check points", f"plan {_centimetres(plan)}, height {_centimetres(height)}")
-    focal, prior = found.parameter_sigma["focal_px"], found.prior_sigma["focal_px"]
+    focal, prior = prediction.parameter_sigma["focal_px"], prediction.prior_sigma["focal_px"]
     before = f"{prior:g} px" if math.isfinite(prior) else "free"
     table.add_row("focal length", f"{focal:.2f} px, {before} a priori" if prior > 0 else "fixed")
-    table.add_row("all heights together", _centimetres(found.mean_height_sigma_m))
-    table.add_row(f"dome over {found.radius_m:.0f} m", _centimetres(found.dome_sigma_m))
-    if len(found.control_mdb_m):
-        worst = found.control_mdb_m.max(axis=0)
+    table.add_row("all heights together", _centimetres(prediction.mean_height_sigma_m))
+    table.add_row(f"dome over {prediction.radius_m:.0f} m", _centimetres(prediction.dome_sigma_m))
+    if len(prediction.control_mdb_m):
+        worst = prediction.control_mdb_m.max(axis=0)
         table.add_row(
             "smallest detectable blunder of a control point",
             f"plan {_centimetres(max(worst[:2]))}, height {_centimetres(worst[2])}"
@@ -105,9 +106,9 @@ def _accuracy(found: Prediction) -> Table:
     return table
 
 
-def _changes(found: Prediction, changes: Sequence[Alternative]) -> Table:
+def _changes(prediction: Prediction, changes: Sequence[Alternative]) -> Table:
     table = Table("change", "photographs", "plan", "height", "worst height", "dome", title="Effect of single changes")
-    rows = [("as planned", found), *((c.what, c.prediction) for c in changes)]
+    rows = [("as planned", prediction), *((c.what, c.prediction) for c in changes)]
     for what, p in rows:
         height, worst = p.typical_m(p.sigma_m[:, 2])
         figures = (p.typical_m(p.plan_sigma_m)[0], height, worst, p.dome_sigma_m)

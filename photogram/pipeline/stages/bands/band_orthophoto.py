@@ -99,12 +99,12 @@ def make_bands(
     write_json(folder / REGISTRATION_FILE, {name: _record(own) for name, own in found.items()})
 
 
-def _record(found: Registration) -> BandRecord:
-    known = found.patches > 0
+def _record(registration: Registration) -> BandRecord:
+    known = registration.patches > 0
     return {
-        "patches": found.patches,
-        "mean_px": list(found.mean_cells) if known else None,
-        "rms_px": found.rms_cells if known else None,
+        "patches": registration.patches,
+        "mean_px": list(registration.mean_cells) if known else None,
+        "rms_px": registration.rms_cells if known else None,
     }
 
 
