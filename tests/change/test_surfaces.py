@@ -21,7 +21,7 @@ from photogram.change.surfaces import (
     surface_cells,
     surface_path,
 )
-from photogram.errors import ProjectError
+from photogram.errors import ProjectError, SettingError
 from photogram.files.maps.rasters import write_raster
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
@@ -129,7 +129,7 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:
     assert (
         open_surface(tmp_path / "site.tif", None, 3.0).sigma_source == "site_sigma.tif, the whole of it taken as common"
     )
-    with pytest.raises(ProjectError, match="correlation -1 m"):
+    with pytest.raises(SettingError, match="correlation: must be a positive length, found -1 m"):
         open_surface(tmp_path / "site.tif", None, -1.0)
     write_raster(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)
     with pytest.raises(ProjectError, match=r"site_sigma\.tif: its cells are not those of site\.tif"):

@@ -107,7 +107,7 @@ def ground_point(name: str, role: Any, position: np.ndarray[Any, np.dtype[np.flo
         np.full(3, 0.02),
         np.array(seen),
         np.array([pixels[i] for i in seen]),
-        np.ones(len(seen)),
+        np.tile(np.eye(2), (len(seen), 1, 1)),
         "ellipsoidal",
     )
 

@@ -190,7 +190,7 @@ def test_points_intersected_with_uncertain_cameras_are_check_points() -> None:
     rows = rows[np.argsort(points.mark_point[rows], kind="stable")]
     marks = Observations(
         points.mark_photograph[rows], np.searchsorted(check, points.mark_point[rows]), points.mark_pixel[rows],
-        points.mark_covariance_px2[rows],
+        np.sqrt(points.mark_covariance_px2[rows, 0, 0]),
     )  # fmt: skip
     intersected = intersected_covariances(marks, position[check], state, found)
     np.testing.assert_allclose(intersected, expected[check], rtol=1e-6, atol=1e-9)
