@@ -17,22 +17,24 @@ covariance, uniform where the prediction is right.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
+from functools import partial
+from typing import Literal
 
 import numpy as np
+from lib import study
 from scipy.spatial.transform import Rotation
-from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 
 SETTINGS = AdjustmentSettings()
+Mode = Literal["auto", "none"]
+MODES: tuple[Mode, ...] = ("auto", "none")
 HEADING = SurveyPlan(
     strips=8, photographs_per_strip=12, focal_px=1500.0, flying_height_m=100.0, control_points=0, check_points=4,
     gnss_offset_sigma_m=(1.0, 1.0, 2.0), attitude_sigma_deg=2.0,
@@ -76,84 +78,93 @@ def turn_deg(found: Adjustment, made: SimulatedBlock) -> tuple[float, float]:
     return float(np.degrees(turn.mean())), float(np.degrees(np.sqrt(np.median(variance))))
 
 
-def heading(surveys: int) -> None:
+def turned(plan: SurveyPlan, mode: Mode, seed: int) -> tuple[float, float]:
+    """Return the turn of a block, see turn_deg."""
+    made = survey(plan, seed)
+    return turn_deg(adjust(made.block, replace(SETTINGS, common_errors=mode)), made)
+
+
+def heading(seeds: range, workers: int) -> None:
     """Print by how much a block turns with its compass."""
-    print(f"\nCompass off, 96 photographs, {surveys} surveys each: turn of the block, °")
-    print(
-        f"{'GNSS':>8} {'compass':>8} {'common_errors':>14} {'RMS':>7} {'largest':>8} {'sigma':>7} {'RMS / sigma':>12}"
-    )
+    print(f"\nCompass off, 96 photographs, {len(seeds)} surveys each: turn of the block, °")
+    table = study.Table("GNSS ", "compass", "common_errors", "RMS  ", "largest", "sigma", "RMS / sigma")
     for gnss_m in (0.5, 2.0):
         for error_deg in (0.0, 3.0, 6.0):
             plan = replace(HEADING, heading_error_deg=error_deg, gnss_sigma_m=(gnss_m, gnss_m, 1.5 * gnss_m))
-            for mode in ("auto", "none"):
-                rows = []
-                for seed in range(surveys):
-                    made = survey(plan, seed)
-                    rows.append(turn_deg(adjust(made.block, replace(SETTINGS, common_errors=mode)), made))
-                turn, sigma = np.array(rows).T
-                rms, over = np.sqrt(np.mean(turn**2)), np.sqrt(np.mean((turn / sigma) ** 2))
-                print(
-                    f"{gnss_m:6.1f} m {error_deg:7.0f}° {mode:>14} {rms:7.3f} {np.abs(turn).max():8.3f} "
-                    f"{np.median(sigma):7.3f} {over:12.2f}"
-                )
+            for mode in MODES:
+                turn, sigma = np.array(study.run(partial(turned, plan, mode), seeds, workers)).T
+                figures = study.rms(turn), np.abs(turn).max(), np.median(sigma)
+                over = f"{study.rms(turn / sigma):.2f}"
+                table.row(f"{gnss_m:.1f} m", f"{error_deg:.0f}°", mode, *(f"{f:.3f}" for f in figures), over)
 
 
-def positions(surveys: int) -> None:
+def recovered(name: str, seed: int) -> tuple[bool, bool, bool, bool, bool]:
+    """Return whether the error of a case is found as such, as another, which is said, not at all, within 3 sigma."""
+    kind, plan, truth = CASES[name]
+    estimated = {e.error.kind: e for e in adjust(survey(plan, seed).block, SETTINGS).decisions.common_errors}
+    estimated.pop("attitude", None)
+    if kind not in estimated:
+        return False, bool(estimated), any(e.as_well for e in estimated.values()), not estimated, False
+    own = estimated[kind]
+    off = own.estimate[: len(truth)] - truth
+    sigma = np.sqrt(np.diag(own.covariance))[: len(truth)]
+    return True, False, False, False, bool(np.all(np.abs(off) < 3.0 * sigma))
+
+
+def positions(seeds: range, workers: int) -> None:
     """Print how often an error of the positions is recovered."""
-    print(f"\nRTK without control, {surveys} surveys each")
+    print(f"\nRTK without control, {len(seeds)} surveys each")
     titles = ("found as such", "as another", "said", "not at all", "within 3 sigma")
-    print(f"{'truth':<38} " + " ".join(f"{title:>14}" for title in titles))
-    for name, (kind, plan, truth) in CASES.items():
-        rows = []
-        for seed in range(surveys):
-            found = {e.error.kind: e for e in adjust(survey(plan, seed).block, SETTINGS).decisions.common_errors}
-            found.pop("attitude", None)
-            if kind not in found:
-                rows.append((False, bool(found), any(e.as_well for e in found.values()), not found, False))
-                continue
-            own = found[kind]
-            off = own.estimate[: len(truth)] - truth
-            sigma = np.sqrt(np.diag(own.covariance))[: len(truth)]
-            rows.append((True, False, False, False, bool(np.all(np.abs(off) < 3.0 * sigma))))
-        print(f"{name:<38} " + " ".join(f"{share:14.0%}" for share in np.mean(rows, axis=0)), flush=True)
+    table = study.Table(f"{'truth':<35}", *titles)
+    for name in CASES:
+        shares = np.mean(study.run(partial(recovered, name), seeds, workers), axis=0)
+        table.row(name, *(f"{share:.0%}" for share in shares))
 
 
-def nothing(surveys: int) -> None:
+def invented(seed: int) -> list[str]:
+    """Return the kinds of errors that are estimated, an attitude's if significant, where there are none."""
+    decided = adjust(survey(WIND, seed).block, SETTINGS).decisions.common_errors
+    return [e.error.kind for e in decided if e.significant or e.error.kind != "attitude"]
+
+
+def nothing(seeds: range, workers: int) -> None:
     """Print how often an error is invented."""
-    print(f"\nRTK without any common error but the offset, {surveys} surveys: share with a significant one")
-    count: dict[str, int] = {}
-    for seed in range(surveys):
-        for e in adjust(survey(WIND, seed).block, SETTINGS).decisions.common_errors:
-            count[e.error.kind] = count.get(e.error.kind, 0) + (e.significant or e.error.kind != "attitude")
+    print(f"\nRTK without any common error but the offset, {len(seeds)} surveys: share with a significant one")
+    kinds = [kind for own in study.run(invented, seeds, workers) for kind in own]
+    table = study.Table("common error", "share")
     for kind in ("attitude", "lever_arm", "time_offset", "drift"):
-        print(f"  {kind:<12} {count.get(kind, 0) / surveys:5.1%}")
+        table.row(kind, f"{kinds.count(kind) / len(seeds):.1%}")
 
 
-def datum(surveys: int) -> None:
+def check_points_p(prior_m: tuple[float, float, float], seed: int) -> float | None:
+    """Return p of the check points with a prior of the datum, None without check points."""
+    block = replace(survey(RTK, seed).block, gnss_offset_sigma_m=np.array(prior_m))
+    tested = predicted_against_achieved(adjust(block, SETTINGS))
+    return None if tested is None else tested.p
+
+
+def datum(seeds: range, workers: int) -> None:
     """Print whether p of check points is uniform where a base station is off."""
-    print(f"\nRTK with a common error of 2, 2, 3 cm, {surveys} surveys: p of the check points")
+    print(f"\nRTK with a common error of 2, 2, 3 cm, {len(seeds)} surveys: p of the check points")
+    table = study.Table(f"{'prior':<22}", "median p", "below 0.05", "KS p   ")
     for name, prior_m in (("prior of init and plan", RTK_OFFSET_SIGMA_M), ("prior of 0", (0.0, 0.0, 0.0))):
-        p: list[float] = []
-        for seed in range(surveys):
-            block = replace(survey(RTK, seed).block, gnss_offset_sigma_m=np.array(prior_m))
-            tested = predicted_against_achieved(adjust(block, SETTINGS))
-            p += [] if tested is None else [tested.p]
-        values: FloatArray = np.array(p)
-        print(
-            f"  {name:<24} median p {np.median(values):.3f}, below 0.05: {np.mean(values < 0.05):.0%}, "
-            f"KS p {kstest(values, 'uniform').pvalue:.3g}"
-        )
+        p = np.array([p for p in study.run(partial(check_points_p, prior_m), seeds, workers) if p is not None])
+        uniform = study.kolmogorov_smirnov_p(p, "uniform")
+        table.row(name, f"{np.median(p):.3f}", f"{np.mean(p < 0.05):.0%}", f"{uniform:.3g}")
+
+
+PARTS = {"heading": heading, "positions": positions, "nothing": nothing, "datum": datum}
 
 
 def main() -> None:
     """Run the parts that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("surveys", nargs="?", type=int, default=100)
-    parser.add_argument("--part", default="heading,positions,nothing,datum")
-    wishes = parser.parse_args()
-    for part in wishes.part.split(","):
-        run = {"heading": heading, "positions": positions, "nothing": nothing, "datum": datum}[part]
-        run(max(1, wishes.surveys // 5) if part == "heading" else wishes.surveys)
+    parser = study.parser(__doc__, 100)
+    parser.add_argument("--part", default=",".join(PARTS))
+    given = parser.parse_args()
+    with study.recorded(given.json):
+        for part in given.part.split(","):
+            few = given.seeds[: max(1, len(given.seeds) // 5)]
+            PARTS[part](few if part == "heading" else given.seeds, given.workers)
 
 
 if __name__ == "__main__":

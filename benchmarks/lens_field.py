@@ -26,17 +26,17 @@ from functools import partial
 
 import numpy as np
 from lib import study
-from model_errors import normalised, pattern_px
+from model_errors import height_errors_m, normalised, observed, with_pattern
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import FloatArray
 from photogram.projection import CAMERA_PARAMETERS, READOUT
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
-from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
+from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
 from photogram.simulation.survey_plan import whole_survey_plan
 from photogram.survey import Block
 
@@ -59,19 +59,7 @@ def plan_of(form: str) -> SurveyPlan:
 
 def survey(form: str, kind: str, seed: int) -> SimulatedBlock:
     """Simulate a block with or without the pattern; noise is the same."""
-    plan = plan_of(form)
-    made = simulate_block(
-        plan, seed, tie_points=FORMS[form][2], sigma_px=0.3, detection=0.8,
-        start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
-    )  # fmt: skip
-    ties, points = made.block.tie_points, made.block.control_points
-    marks = points.mark_pixel + pattern_px(plan, kind, seed, points.mark_pixel)
-    block = replace(
-        made.block,
-        tie_points=replace(ties, pixel=ties.pixel + pattern_px(plan, kind, seed, ties.pixel)),
-        control_points=replace(points, mark_pixel=marks),
-    )
-    return replace(made, block=block)
+    return with_pattern(observed(plan_of(form), seed, FORMS[form][2]), kind, seed)
 
 
 def adjusted(block: Block) -> tuple[Adjustment, Adjustment]:
@@ -90,16 +78,6 @@ def _counted(result: Adjustment) -> Adjustment:
     return with_model_error(
         replace(result, covariances=replace(result.covariances, deformation=block_deformation(result, SETTINGS, known)))
     )
-
-
-def height_errors_m(made: SimulatedBlock, result: Adjustment) -> tuple[IntArray, FloatArray]:
-    """Return the numbers (P,) of the tie points of a result in the simulation, and their errors in height (P,)."""
-    tie, kept = made.block.tie_points, result.block.tie_points
-    number = {(i, f): n for n, (i, f) in enumerate(zip(tie.photograph.tolist(), tie.feature.tolist(), strict=True))}
-    first = kept.first_observation[:-1]
-    keys = zip(kept.photograph[first].tolist(), kept.feature[first].tolist(), strict=True)
-    point = tie.point[[number[key] for key in keys]]
-    return point, (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
 
 
 def effect_m(made: SimulatedBlock, result: Adjustment, clean: Adjustment) -> tuple[float, float]:

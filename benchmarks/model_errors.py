@@ -27,7 +27,7 @@ import numpy as np
 from lib import study
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.projection import CAMERA_PARAMETERS, FOCAL, READOUT
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
@@ -70,6 +70,26 @@ def pattern_px(plan: SurveyPlan, kind: str, seed: int, pixel: FloatArray) -> Flo
     return np.asarray(PATTERN_PX[kind] * field[len(grid) :] / rms)
 
 
+def with_pattern(made: SimulatedBlock, kind: str, seed: int) -> SimulatedBlock:
+    """Return a block with a model error in the pixels of its tie points and marks."""
+    ties, points = made.block.tie_points, made.block.control_points
+    marks = points.mark_pixel + pattern_px(made.plan, kind, seed, points.mark_pixel)
+    block = replace(
+        made.block,
+        tie_points=replace(ties, pixel=ties.pixel + pattern_px(made.plan, kind, seed, ties.pixel)),
+        control_points=replace(points, mark_pixel=marks),
+    )
+    return replace(made, block=block)
+
+
+def observed(plan: SurveyPlan, seed: int, tie_points: int) -> SimulatedBlock:
+    """Simulate the observations of a plan."""
+    return simulate_block(
+        plan, seed, tie_points=tie_points, sigma_px=0.3, detection=0.8,
+        start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
+    )  # fmt: skip
+
+
 def survey(kind: str, ground: str, seed: int) -> SimulatedBlock:
     """Simulate a block with a model error."""
     whole = whole_survey_plan()
@@ -77,29 +97,24 @@ def survey(kind: str, ground: str, seed: int) -> SimulatedBlock:
     if kind == "tag":
         sigmas[FOCAL] = 0.002 * whole.focal_px
     plan = replace(whole, attitude_sigma_deg=2.0, calibration_sigmas=tuple(sigmas), **GROUND[ground])  # type: ignore[arg-type]
-    made = simulate_block(
-        plan, seed, tie_points=800, sigma_px=0.3, detection=0.8,
-        start_position_sigma_m=0.3, start_attitude_sigma_deg=0.3, start_point_sigma_m=0.5,
-    )  # fmt: skip
-    ties, points = made.block.tie_points, made.block.control_points
-    block = replace(
-        made.block,
-        tie_points=replace(ties, pixel=ties.pixel + pattern_px(plan, kind, seed, ties.pixel)),
-        control_points=replace(points, mark_pixel=points.mark_pixel + pattern_px(plan, kind, seed, points.mark_pixel)),
-    )
-    return replace(made, block=block)
+    return with_pattern(observed(plan, seed, 800), kind, seed)
 
 
-def normalised(made: SimulatedBlock, result: Adjustment) -> tuple[float, float]:
-    """Return the mean square of heights over their sigmas, and their RMS in GSD."""
+def height_errors_m(made: SimulatedBlock, result: Adjustment) -> tuple[IntArray, FloatArray]:
+    """Return the numbers (P,) of the tie points of a result in the simulation, and their errors in height (P,)."""
     tie, kept = made.block.tie_points, result.block.tie_points
     number = {(i, f): n for n, (i, f) in enumerate(zip(tie.photograph.tolist(), tie.feature.tolist(), strict=True))}
     first = kept.first_observation[:-1]
     keys = zip(kept.photograph[first].tolist(), kept.feature[first].tolist(), strict=True)
     point = tie.point[[number[key] for key in keys]]
-    error = (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
+    return point, (kept.position_world_m - made.tie_point_position_world_m[point])[:, 2]
+
+
+def normalised(made: SimulatedBlock, result: Adjustment) -> tuple[float, float]:
+    """Return the mean square of heights over their sigmas, and their RMS in GSD."""
+    _, error = height_errors_m(made, result)
     sigma = np.sqrt(result.covariances.tie_point_m2[:, 2, 2])
-    return float(np.mean((error / sigma) ** 2)), float(np.sqrt(np.mean(error**2)) / made.plan.gsd_m)
+    return float(np.mean((error / sigma) ** 2)), study.rms(error) / made.plan.gsd_m
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Site calibrations of simulated pairs: whose error is named, who is accused wrongly, and whether the sigmas hold.
 
-    python benchmarks/site_calibration.py [--count 200] [--seed 0]
+    python benchmarks/site_calibration.py [SITES] [--seed 0]                 default: 200
 
 Each site has 5 to 12 pairs at random places, 1 to 6 km wide, in a local grid that is turned by any angle, scaled by up
 to 300 ppm and inclined by up to 100 mm per kilometre; sigmas of a pair are 12 mm along each axis and 20 mm in height.
@@ -14,10 +14,10 @@ a point of a site comes off on its way through PROJ to the local grid and back, 
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
 import numpy as np
+from lib import study
 from pyproj import Transformer
 
 from photogram.geodesy.frames import map_from_crs
@@ -128,15 +128,20 @@ def outcome(found: SiteCalibration, index: int | None, part: str) -> str:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--count", type=int, default=200, help="simulated sites")
+    parser = study.parser(__doc__, 200)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
+    with study.recorded(given.json):
+        show(given.seeds, given.seed)
+
+
+def show(numbers: range, seed: int) -> None:
+    """Print the tables of sites."""
     said = ("nobody", "it alone", "it among others", "an innocent")
     table = {part: dict.fromkeys(said, 0) for part in ("none", "plan", "height")}
     errors, loops = [], []
-    for number in range(given.count):
-        rng = np.random.default_rng([given.seed, number])
+    for number in numbers:
+        rng = np.random.default_rng([seed, number])
         site = Site(rng)
         good = site.calibrated(site.pairs)
         table["none"][outcome(good, None, "none")] += 1
@@ -145,18 +150,16 @@ def main() -> None:
         for part in ("plan", "height"):
             pairs, index = moved(site, rng, part)
             table[part][outcome(site.calibrated(pairs), index, part)] += 1
-    print("| wrong pair | accuses " + " | ".join(said) + " |")
-    print("|---|" + "---|" * len(said))
+    rows = study.Table("wrong pair     ", "accuses nobody", *said[1:])
     for part, row in table.items():
         name = "none" if part == "none" else f"{BLUNDER_M:g} m in {part}"
-        print(f"| {name} | " + " | ".join(str(row[word]) for word in said) + " |")
+        rows.row(name, *(row[word] for word in said))
     print()
     z = np.array(errors)
-    print("| parameter | error over sigma: standard deviation | within 2 sigma |")
-    print("|---|---|---|")
+    rows = study.Table("parameter    ", "error over sigma: standard deviation", "within 2 sigma")
     names = ("easting", "northing", "rotation", "scale", "height offset", "slope north", "slope east")
     for name, column in zip(names, z.T, strict=True):
-        print(f"| {name} | {np.sqrt(np.mean(column**2)):.2f} | {np.mean(np.abs(column) < 2.0):.1%} |")
+        rows.row(name, f"{study.rms(column):.2f}", f"{study.shares_within(column)[1]:.1%}")
     print()
     back, off = np.array(loops).max(axis=0)
     print(f"Through PROJ and back: {back * 1e6:.3f} µm at most; from the parameters: {off * 1e6:.3f} µm.")
