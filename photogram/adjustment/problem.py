@@ -49,7 +49,7 @@ class AdjustmentSettings(Settings):
     maximum_iterations: Annotated[int, Within(1, 100_000), "Iterations in each round."] = 200
     relative_tolerance: Annotated[
         float,
-        Within(1e-16, 0.1, or_zero=True),
+        Within(1e-18, 0.1, or_zero=True),
         "Change of the cost between accepted steps at which it has settled; 1e-3 before the last round.",
     ] = 1e-9
     common_errors: Annotated[

@@ -28,7 +28,7 @@ EVERYTHING = SurveyPlan(
     strips=2, photographs_per_strip=3, control_points=5, check_points=2, flights=2, gnss_offset_sigma_m=(0.3, 0.3, 0.5),
     calibration_sigmas=(5.0, 3.0, 3.0, 0.004, 0.002, 0.0, 0.0, 0.0002, np.inf, 0.0, 0.0),
 )  # fmt: skip
-TIGHT = AdjustmentSettings(relative_tolerance=1e-16, maximum_iterations=300)
+TIGHT = AdjustmentSettings(relative_tolerance=1e-18, maximum_iterations=300)
 
 
 def block(seed: int, plan: SurveyPlan = EVERYTHING, tie_points: int = 80) -> tuple[Problem, State]:
