@@ -122,8 +122,12 @@ class Covariances:
         return np.asarray(first.T @ self.solve(second))
 
     def solve(self, columns: FloatArray) -> FloatArray:
-        """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S."""
-        return self.factor.solve_scaled(columns, self.scale)
+        """Return S⁻¹ times columns (6 free + border, k) in the order of the reduced system S.
+
+        Its bits do not depend on the number of cores.
+        """
+        with limited_threads(0):
+            return self.factor.solve_scaled(columns, self.scale)
 
     def _inverse(self, row: IntArray, column: IntArray) -> FloatArray:
         low, high = np.minimum(row, column), np.maximum(row, column)
