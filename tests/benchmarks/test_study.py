@@ -3,27 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from lib import study
-
-
-def late_first(seed: int) -> tuple[int, str]:
-    """Return a seed and its process's number of threads, the first one last."""
-    time.sleep(0.5 if seed == 0 else 0.0)
-    return seed**2, os.environ["OPENBLAS_NUM_THREADS"]
-
-
-def spoilt(seed: int) -> int:
-    """Return a seed, but not 1."""
-    if seed == 1:
-        raise ValueError("no survey with the seed 1")
-    return seed
+from study_trials import late_first, spoilt
 
 
 def test_statistics_of_known_numbers() -> None:

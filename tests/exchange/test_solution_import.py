@@ -85,7 +85,7 @@ def test_what_is_there_stays(adjusted_survey: Path, tmp_path: Path) -> None:
                 tmp_path / "out", photographs=adjusted_survey, project=tmp_path / "project.yaml", force=True
             )
             continue
-        with pytest.raises(ProjectError, match=r"positions.csv: is there already: .*--force"):
+        with pytest.raises(ProjectError, match=r"positions.csv: already exists; .*--force"):
             import_solution(tmp_path / "out", photographs=adjusted_survey, project=tmp_path / "project.yaml")
         assert not (tmp_path / "project.yaml").exists()
     listed = yaml.safe_load((tmp_path / "project.yaml").read_text(encoding="utf-8"))["photographs"]["list"]

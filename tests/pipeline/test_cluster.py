@@ -91,7 +91,7 @@ def test_a_scheduler_that_gives_up_or_is_lost_is_said() -> None:
     assert not workers.was_lost(ValueError("of the piece"))
     with pytest.raises(WorkspaceError, match="the connection to the scheduler is lost"):
         workers.was_lost(CancelledError())
-    with pytest.raises(WorkspaceError, match="start fewer workers on each machine; what is done is kept"):
+    with pytest.raises(WorkspaceError, match="start fewer workers on each machine; finished work is kept"):
         workers.was_lost(distributed.KilledWorker("piece", None, 3))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -175,7 +176,8 @@ def test_a_copy_of_a_photograph_gives_it_the_kinds_of_its_marks(
         object.__setattr__(run.project, "control_points", (other,))
         original = np.arange(len(run.names))
         original[i] = j  # the first photograph is a copy of the second, which has a mark of its own
-        monkeypatch.setattr("photogram.pipeline.store.run.read_arrays", lambda _: {"original": original})
+        stored = SimpleNamespace(original=original)
+        monkeypatch.setattr("photogram.pipeline.store.run.read_record", lambda *_: stored)
         assert run.mark_kinds()[first.name, run.names[j]] == "circle"
         assert (first.name, run.names[i]) not in run.mark_kinds()
         alone = replace(

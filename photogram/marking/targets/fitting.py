@@ -99,7 +99,7 @@ class Fit:
         """Covariance (2, 2) of the centre."""
         outside = _outside(self.pattern, self.theta, self.place.astype(np.float64))
         covariance = centre_covariance(self.place, self.jacobian, self.residual, self.weight, outside)
-        return MODEL_ERROR.get(self.pattern, 1.0) ** 2 * covariance
+        return MODEL_ERROR.get(self.pattern, 1.0) ** 2 * 0.5 * (covariance + covariance.T)
 
     @property
     def explained(self) -> float:
