@@ -12,7 +12,13 @@ from pathlib import Path
 import pytest
 from test_house import ROOT, WINGS
 
-CALL = "from photogram.cli.main import main; main()"
+CALL = """
+import sys
+# an editable installation would find the wings where they are
+sys.meta_path = [finder for finder in sys.meta_path if "Editable" not in getattr(finder, "__name__", "")]
+from photogram.cli.main import main
+main()
+"""
 
 
 @pytest.fixture(scope="module")
