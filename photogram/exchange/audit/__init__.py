@@ -1,5 +1,5 @@
-"""Finished solutions of other programs, adjusted again from their own measurements, and both beside each other.
+"""Finished solutions of other programs, adjusted again from their own measurements, and both side by side.
 
-Knows no file format and no page: `photogram.exchange.formats` reads, `photogram.cli` and `photogram.report` show.
+Knows no file format and prints nothing: `photogram.exchange.formats` reads, `photogram.exchange.work` shows.
 `foreign_block.foreign_block` and `audit.audited`.
 """
