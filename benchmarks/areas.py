@@ -9,8 +9,6 @@ down. Memory is the most that the process holds in a stage; `cells` are those of
 which more photographs show each the larger the survey: the last line has the exponents over cells of the orthophoto.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import sys

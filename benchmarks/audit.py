@@ -11,8 +11,6 @@ not is compared: the calibration's, the rotation of every photograph relative to
 own rays. Ceres counts a turn by half its angle (the vector part of a quaternion), which is taken out.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -9,8 +9,6 @@ Prints ½ Σ r² at the start and at the end; for the default file the reference
 values are 850 912.46 and 13 344.24.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path

@@ -10,8 +10,6 @@ of its patches in pixels of the orthophoto; `true` how far the adjusted cameras 
 the terrain from where the master's put theirs, in the same pixels, to the edges of all photographs.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

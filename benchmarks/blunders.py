@@ -14,8 +14,6 @@ tests, and photogram keeps the false alarms of all together at 0.2 %, so that on
 freedom as coordinates, whose noncentrality is the root of the blunder's weighted square.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

@@ -23,8 +23,6 @@ to 1e-4 and projection centres, after a similarity, to a twentieth of the GSD. W
 measured apart.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

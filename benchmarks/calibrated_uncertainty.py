@@ -18,8 +18,6 @@ positions of 2 to 3 m with a compass that is off by 3°; `nothing` is RTK withou
 error. Whether predictions still hold is printed, not assumed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 

@@ -14,8 +14,6 @@ The second table is of heaps and pits, each surveyed --draws times anew: errors 
 `mean` is that of the error over sigma, `rms` its root mean square: 1 where sigma is neither too small nor too large.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -10,8 +10,6 @@ is killed in every stage that works in pieces. Compiled kernels are there after 
 Every product and every intermediate file is compared, but for what a run says of its own time and memory.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import os

@@ -15,8 +15,6 @@ datum: RTK without control whose positions have a common error of 2, 2, 3 cm: p 
 covariance, uniform where the prediction is right.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Literal

@@ -14,8 +14,6 @@ on level ground). z is the error of their heights over the predicted standard de
 without them. The peer is the adjustment without constraints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -19,8 +19,6 @@ with another program's cloud, not accuracy.
 (benchmarks/lib/canopy_scores.py), those of a FOLDER made by that plan too.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import shutil

@@ -7,8 +7,6 @@ or shared/data/dtu_phantom4. What the scores are: benchmarks/lib/dense_scores.py
 of ground stand below, by level with --source (benchmarks/lib/canopy_scores.py).
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

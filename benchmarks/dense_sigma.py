@@ -12,8 +12,6 @@ adjusted block must find it, over the standard deviation of the matching alone. 
 the share beyond stands beside.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from dataclasses import replace

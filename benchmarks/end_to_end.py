@@ -11,8 +11,6 @@ estimated) but for where it looks for key points: `pycolmap -1`, its default, be
 not counted: COLMAP's mapper makes none of them.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

@@ -14,8 +14,6 @@ pycolmap is installed it reads what photogram has written and writes it anew, an
 hold the same numbers, and pycolmap's mean reprojection error be that of photogram's own projection.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import tempfile

@@ -11,8 +11,6 @@ those of them in connected patches (no steps) of fewer than SMALL_CELLS cells. C
 photographs see.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from dataclasses import dataclass, replace

@@ -12,8 +12,6 @@ detectors take turns, the median over the photographs (N of them, spread over th
 seconds of the stages, all cores at work. Tie points are those of the adjustment, with those measured by correlation.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

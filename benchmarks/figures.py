@@ -10,8 +10,6 @@ docs/figures.json, with the seconds that it took, from which the next call says 
 as they are: commands that print other figures than in docs/figures.json are listed with the pages to correct.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

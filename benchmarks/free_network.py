@@ -7,8 +7,6 @@ Errors are those after the best similarity (with a distance, the best motion), d
 mean square is 1 where the prediction is right, in brackets its standard deviation over the surveys.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

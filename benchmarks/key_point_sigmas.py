@@ -12,8 +12,6 @@ smallest key points. Surveys are adjusted with adjustment.estimate_sigmas: false
 sigmas is judged as stated.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

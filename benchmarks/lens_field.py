@@ -18,8 +18,6 @@ z          heights of tie points, adjusted minus true, over their predicted stan
            the blocks of those of each
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -13,8 +13,6 @@ of points exchanged. A mistake is named where the page says of that mark, or of 
 else it says is wrong is an innocent.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import time

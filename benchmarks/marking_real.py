@@ -20,8 +20,6 @@ anew, with a texture that has no targets). None of the points is a target, so no
 --pictures: a sheet for each point, the mark as a cross in a ring where the others put it or what was measured.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

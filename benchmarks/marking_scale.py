@@ -29,8 +29,6 @@ with many photographs at most 150 MB above that with few, which the factors of t
 pictures, 256 MB, does not grow with the number of photographs.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

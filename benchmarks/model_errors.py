@@ -18,8 +18,6 @@ mean square in each, `without` and `with` the share of the residuals' pattern. E
 points, so the number beside it is that of blocks beyond 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 

@@ -19,8 +19,6 @@ PROJECT has a surface already; its orthophoto is made into a folder that is remo
 transparent pixels are told. Nothing in PROJECT is changed.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import tempfile

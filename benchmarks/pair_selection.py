@@ -7,8 +7,6 @@ pairs between strips over those at right heights; before that the same without l
 simulated; two photographs count as verified where they truly share ground (benchmarks/lib/pair_blocks.py).
 """
 
-from __future__ import annotations
-
 import sys
 
 from lib.pair_blocks import BLOCKS, selected, sharing

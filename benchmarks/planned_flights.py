@@ -6,8 +6,6 @@ Every survey flies the plan over another terrain, with other errors of every kin
 errors of check points all over the site are divided by what was predicted: 1 is a prediction that came true.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

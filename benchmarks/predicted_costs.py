@@ -14,8 +14,6 @@ of all threads, on a machine as fast as the one where the rates were measured an
 `disk` by stage is what the stage left in the working folder, for the report what lies among the results.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

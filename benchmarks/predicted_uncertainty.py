@@ -6,8 +6,6 @@ The normalised squared error of a position is eᵀ Σ⁻¹ e / 3; its expectatio
 check point of each block are taken, since those of one block share errors. Bounds are the 99 % bounds of χ².
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

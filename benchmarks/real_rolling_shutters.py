@@ -19,8 +19,6 @@ is photogrammetric itself: agreement is not accuracy. `dome` is the mean rise of
 block to its rim. `--dense` makes the surface model of the first survey too, with none and with 33 ms held.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -8,8 +8,6 @@ photogrammetric itself: agreement with it is not accuracy. Of dbat_sxb (five aer
 points) the tie points and marks of another program are adjusted as they are, beside its published result.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -14,8 +14,6 @@ RMS at check points, plan and height, mm, with the base's error. z: heights of t
 sigma, with the base's error, RMS of those within 5.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -15,8 +15,6 @@ what is promised; beyond 0.7 to 1.5 a prediction does not cover its errors, or i
 survey are correlated: with few seeds figures scatter. `m` is the root mean square of the errors themselves.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from collections import defaultdict

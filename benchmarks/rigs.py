@@ -16,8 +16,6 @@ ground, in pixels per axis: root mean square of all bands, and of the worst; onc
 of the focal length 0.5 px), once as makers state them (5 px).
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 

@@ -30,8 +30,6 @@ tags) and as the estimates of all surveys have them: with the focal length in on
 with a time offset of the positions, which is 0 and estimated, in two strips with a third that looks 25° forward.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from dataclasses import dataclass, replace

@@ -14,8 +14,6 @@ process, that before the task (program and block alone) in the column before it.
 projection centres after a similarity: of a start in the first two tasks, of the result in the third.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

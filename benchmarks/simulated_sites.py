@@ -3,8 +3,6 @@
 python benchmarks/simulated_sites.py [SEEDS]      about 30 s each on two cores
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

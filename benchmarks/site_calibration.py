@@ -12,8 +12,6 @@ which have a standard deviation of 1 where the sigmas are right, and the share w
 a point of a site comes off on its way through PROJ to the local grid and back, and from the estimated parameters.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

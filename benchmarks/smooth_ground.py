@@ -13,8 +13,6 @@ measured height, by level; below it the share within that the cloud covers, of a
 leaves open (squares of SQUARE_CELLS cells with a point in them), and the transparent share of the orthophoto.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

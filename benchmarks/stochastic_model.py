@@ -13,8 +13,6 @@ predicted sigmas. Against the truth: root mean square of the errors over that of
 Check points: adjusted minus surveyed, the share within 1, 2 and 3 predicted sigmas.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 

@@ -20,8 +20,6 @@ Times are those of one processor: of `snap` for each target above, of `propose` 
 targets on each kind of ground. At the end stands what is asked of all this, and whether it is held.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

@@ -13,8 +13,6 @@ without and with `masks: {auto: [water]}`. Judged are cells that three photograp
     filled       RMS error of `dsm_filled.tif` over the pond, m, and how much of the pond has a height, without and with
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ GSD; z is the error over its predicted standard deviation, root mean square. Wit
 and the height of the block is what is tested.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import subprocess

@@ -4,8 +4,6 @@ This module and those of the commands' arguments import nothing that computes: h
 typing error come at once. Each command imports its work (``run_<command>.py``) when it is called.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

@@ -1,7 +1,5 @@
 """The command `photogram`: runs the application and turns what it raises into messages and exit codes."""
 
-from __future__ import annotations
-
 import sys
 
 from photogram.cli.app import CommandError, app

@@ -3,8 +3,6 @@
 A wing brings its commands with it: where a wing is not installed, its commands are not there, and all others are.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.util import find_spec
 

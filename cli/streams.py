@@ -1,7 +1,5 @@
 """What reaches the terminal: photogram's own words, in whatever characters the terminal has."""
 
-from __future__ import annotations
-
 import io
 import logging
 import os
@@ -82,7 +80,7 @@ def _log_exception(_kind: type[BaseException], raised: BaseException, _trace: Tr
     logging.getLogger("photogram").warning("compiled code raised %r", raised)
 
 
-def _log_unraisable(ignored: sys.UnraisableHookArgs) -> None:
+def _log_unraisable(ignored: "sys.UnraisableHookArgs") -> None:
     logging.getLogger("photogram").warning("%r is ignored in %r", ignored.exc_value, ignored.object)
 
 

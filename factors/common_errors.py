@@ -10,8 +10,6 @@ about the vertical z. Where all photographs look straight down (or are tilted al
 and only the priors separate the two: what is common to them is determined, and never singular.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -7,8 +7,6 @@ D⁻¹ − P⁻¹ is added to their normal equations: information is taken away 
 know. So one factorisation serves every covariance, of points, poses and functions alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

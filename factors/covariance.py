@@ -5,8 +5,6 @@ and the border's covariance C = (E − Bᵀ T)⁻¹, two poses have the covarian
 within the band of A is computed, where all photographs that share a point are.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -6,8 +6,6 @@ projection centres. Their least-squares fit to any change of the poses, a turn w
 takes the datum out of it (an S-transformation, Baarda 1973); what is left belongs to single photographs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

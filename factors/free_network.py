@@ -12,8 +12,6 @@ D the open directions and F the functions that fit them to a change of the tie p
 known much worse than most, far behind the object, say nothing of it and have no weight in the fit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import gtsam

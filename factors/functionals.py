@@ -5,8 +5,6 @@ of its own. The function Σ aᵀX of points hence has the column u = −Σ W V�
 the covariance Σ aᵀ V⁻¹ b + uᵀ S⁻¹ v (Förstner & Wrobel 2016, sec. 15.4): one column each, however many points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol

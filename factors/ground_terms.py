@@ -7,8 +7,6 @@ point that a factor joins to anything is a variable of the border: eliminated by
 block beside it. Its marks are then ground terms too.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -5,8 +5,6 @@ Check points take no part in the adjustment. Each is intersected from its marks 
 all of them share: to first order it moves as a control point does that nobody surveyed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

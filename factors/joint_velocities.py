@@ -19,8 +19,6 @@ parameters; MacKay 1992). With velocities as unknowns its variance is eᵀ S⁻�
 add to that: by orders of magnitude more than the covariance at given velocities.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

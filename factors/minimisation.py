@@ -1,7 +1,5 @@
 """The two engines of the joint adjustment: the graph with every point a variable, and the reduced system."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

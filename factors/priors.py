@@ -8,8 +8,6 @@ sigma about every axis. Sigmas of positions are stated along easting,
 northing and height of the map.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import gtsam

@@ -6,8 +6,6 @@ step would give the parameter s / K (Rao's score test; Förstner & Wrobel 2016, 
 points do, held by their survey; those of the border (photogram.factors.elimination.reduced) are passed over.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

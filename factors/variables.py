@@ -1,7 +1,5 @@
 """The variables of the joint adjustment: their GTSAM keys, and their names in a surveyor's words."""
 
-from __future__ import annotations
-
 import re
 
 import gtsam

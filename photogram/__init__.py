@@ -13,8 +13,6 @@ east-north-up frame of a survey, ``_map_m`` the map grid of the project. What a 
 PhotogramError whose message says what to do.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import lazy_loader

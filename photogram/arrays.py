@@ -1,7 +1,5 @@
 """Array types, checks of shapes, groups and the scatter of numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array

@@ -1,7 +1,5 @@
 """Kinds of GNSS solutions, and the best standard deviation each can have."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 

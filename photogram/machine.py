@@ -1,7 +1,5 @@
 """What this process may use of the machine: its processors and its memory, within what a container allows."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from math import ceil

@@ -32,8 +32,6 @@ of the loop that calls it, with that loop's floating-point options, so that a lo
 photographs and cameras are given to it unsigned, so that none is tested for being negative at every element.
 """
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np

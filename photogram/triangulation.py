@@ -5,8 +5,6 @@ P = [Rᵀ | −Rᵀ C] gives the rows x p₃ − p₁ and y p₃ − p₂; the p
 singular value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 

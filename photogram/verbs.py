@@ -3,8 +3,6 @@
 A survey's types lie on the ground floor, writers and plots above it. ``Raster.write`` is a line that calls its verb.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 VERBS = {

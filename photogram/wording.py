@@ -1,8 +1,6 @@
 """Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun, and
 how far work is."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from html import escape

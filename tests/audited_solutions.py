@@ -1,7 +1,5 @@
 """Solutions with a fault, as another program would leave them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import PurePosixPath

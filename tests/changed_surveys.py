@@ -1,7 +1,5 @@
 """Two simulated epochs on disk, as photogram's results are, with heaps and polygons between them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A small simulated survey, made and adjusted once for all tests, and the command run as a user runs it."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """Files of photographs as cameras and converters write them: TIFF of any layout with tags, and DNG."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

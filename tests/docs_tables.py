@@ -5,8 +5,6 @@
 writes them anew between `<!-- settings: NAME -->` and `<!-- end of settings -->`; NAME is a section of project.yaml.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

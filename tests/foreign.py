@@ -1,7 +1,5 @@
 """Foreign solutions for the tests of photogram.exchange.formats: made, compared, projected, and their files damaged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

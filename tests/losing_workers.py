@@ -1,7 +1,5 @@
 """Workers that are lost: imported by the processes of pools too, which a test module is not."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable

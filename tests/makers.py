@@ -1,7 +1,5 @@
 """What several tests are made of: simulated blocks, their problems, and GTSAM's normal equations of everything."""
 
-from __future__ import annotations
-
 import io
 import json
 import time

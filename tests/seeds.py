@@ -1,7 +1,5 @@
 """Of how many seeds a statistic is made: few in `make test`, all with PHOTOGRAM_SEEDS=all (`make test SEEDS=all`)."""
 
-from __future__ import annotations
-
 import math
 import os
 

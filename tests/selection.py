@@ -5,8 +5,6 @@ on all that these import. A wing counts only where a test itself names it or cal
 which makes the surveys of many tests, only in its own tests. Of a file that is not known, all tests are named.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Trials of test_study.py, in a module of its own: other processes import it by its name."""
 
-from __future__ import annotations
-
 import os
 import time
 

@@ -3,8 +3,6 @@
 python tests/suite.py [--changed REVISION] [options of pytest]
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -1,8 +1,6 @@
 """The rooms of the house: how large they are, what they say of themselves, where each module is tested, what may cross
 their borders, and which libraries each may import."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

@@ -1,7 +1,5 @@
 """Which tests a change reaches, in a house of a few modules and in this one."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

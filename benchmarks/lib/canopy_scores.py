@@ -10,8 +10,6 @@ Where an error counts, its truth is that of the level: open ground and roofs hav
 envelope of its window (benchmarks/lib/simulated/cover_truth.py), the highest leaf of the cell at the finest level.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

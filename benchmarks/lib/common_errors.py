@@ -3,8 +3,6 @@
 Sigmas of single positions and attitudes do not hold them, and none of them is stated here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

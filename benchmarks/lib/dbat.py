@@ -4,8 +4,6 @@ Five aerial frames with surveyed control and check points. The block is made of 
 control points, with the map as a Cartesian frame and the calibration held, so that both adjust the same observations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -11,8 +11,6 @@ of the outline there, outwards, truth and heights each fall below the mean of ro
 displacement is the distance of the two places, positive where the building has grown. See Edges.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

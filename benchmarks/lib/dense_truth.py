@@ -4,8 +4,6 @@ Simulated surveys are made again from their seed, scene and true poses with them
 surface from which its photographs were rendered.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

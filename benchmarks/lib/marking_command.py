@@ -1,7 +1,5 @@
 """`photogram mark` as a process of its own, and the requests that its page makes."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

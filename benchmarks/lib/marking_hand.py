@@ -1,7 +1,5 @@
 """A simulated hand on the page of photogram mark: it knows where targets are, and clicks beside them as people do."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

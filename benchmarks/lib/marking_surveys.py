@@ -1,7 +1,5 @@
 """Rendered surveys whose ground points are still to be marked, with the true places of the points."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Mapping

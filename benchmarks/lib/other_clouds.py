@@ -1,7 +1,5 @@
 """Heights beside another program's cloud. It is photogrammetric itself: agreement with it is not accuracy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

@@ -9,8 +9,6 @@ Heights of a pair's pixels meet in the cells of the grid by median; heights of s
 group of them that agrees. Nothing of photogram's own matching is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

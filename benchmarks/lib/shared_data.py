@@ -1,7 +1,5 @@
 """Where data lie that are not part of the repository."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

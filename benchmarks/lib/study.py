@@ -4,8 +4,6 @@ A script makes its arguments with ``parser``, has its trials done by ``run``, an
 ``recorded``, which writes the same tables as JSON.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

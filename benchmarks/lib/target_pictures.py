@@ -4,8 +4,6 @@ Nothing here is shared with what measures targets: patterns are black or white a
 applied to the picture.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

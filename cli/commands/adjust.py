@@ -1,7 +1,5 @@
 """photogram adjust: the whole survey. Arguments only."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """photogram check: validates a project before processing. Arguments only."""
 
-from __future__ import annotations
-
 from photogram.terminal.arguments import Photographs, ProjectFile
 from photogram.terminal.fast_checks import check_project_file
 

@@ -1,7 +1,5 @@
 """photogram init: a project file from a folder of photographs. Arguments only."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """photogram report: the page of a finished survey, made again or printed. Arguments only."""
 
-from __future__ import annotations
-
 from photogram.terminal.arguments import Pdf, Photographs, ProjectFile
 from photogram.terminal.fast_checks import check_project_file
 

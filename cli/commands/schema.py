@@ -1,7 +1,5 @@
 """photogram schema: what the files of results, and a project, may hold. Arguments only."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import typer

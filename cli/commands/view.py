@@ -1,7 +1,5 @@
 """photogram view: the results in 3-D, as one page for a browser. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """What `photogram adjust` does."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What `photogram check` does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer

@@ -1,7 +1,5 @@
 """What `photogram init` does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer

@@ -1,7 +1,5 @@
 """What `photogram schema` does."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 

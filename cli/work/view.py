@@ -1,7 +1,5 @@
 """What `photogram view` does."""
 
-from __future__ import annotations
-
 import webbrowser
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Call: python docs/pictures/beach_survey.py RESULTS [OUTPUT]. The picture in the 
 of Brighton Beach (README), processed by photogram init and photogram adjust.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Call: PYTHONPATH=benchmarks python docs/pictures/changed_heaps.py [OUTPUT].
 """
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tempfile

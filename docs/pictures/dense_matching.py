@@ -5,8 +5,6 @@
 draws the part of the map between the four edges, and a profile from west to east at NORTHING.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

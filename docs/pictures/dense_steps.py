@@ -6,8 +6,6 @@ draws the part of the map between the four edges level by level, and the correla
 EASTING, NORTHING.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

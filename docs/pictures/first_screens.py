@@ -4,8 +4,6 @@ Call: python docs/pictures/first_screens.py OUTPUT RESULTS [RESULTS …]; a row 
 and its driver. The pictures in the documentation are of the demonstration, of Brighton Beach and of dbat_sxb.
 """
 
-from __future__ import annotations
-
 import io
 import shutil
 import sys

@@ -5,8 +5,6 @@
 FOLDER takes both surveys, some 100 MB.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 python docs/pictures/simulated_canopy.py
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

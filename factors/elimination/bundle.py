@@ -4,8 +4,6 @@
 free gauge, with nothing known of the ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager

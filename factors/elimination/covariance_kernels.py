@@ -3,8 +3,6 @@
 Work rows are those of photogram.factors.elimination.kernels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray

@@ -21,8 +21,6 @@ large ones are unsigned, so that none is tested for being negative. What runs on
 compiled without numba's reference counts (``_nrt``): those of OrientedCameras would cost 10 ns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray, Index, IntArray

@@ -8,8 +8,6 @@ loss, is not taken for reached because steps are short. Nor is one where it was 
 last step is tried without.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass

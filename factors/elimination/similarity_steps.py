@@ -13,8 +13,6 @@ linear model predicts are the same (a retraction: Absil, Mahony & Sepulchre 2008
 wrong measurements pull at everything, steps stay linear.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

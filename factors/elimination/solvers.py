@@ -5,8 +5,6 @@ variable; where two such groups have points in common a factor joins them, and a
 calibrations and offsets, which is eliminated last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise

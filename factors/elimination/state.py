@@ -1,7 +1,5 @@
 """The values of everything that is adjusted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

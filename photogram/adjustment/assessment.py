@@ -1,7 +1,5 @@
 """What a solved block is worth: covariances, reliability, sigma0, variance components, and the scatter of groups."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -14,8 +14,6 @@ positions scatter more than stated, T is divided by their variance factor after 
 neither sigmas that are too small nor a few gross errors pass for something common.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

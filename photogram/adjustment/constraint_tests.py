@@ -7,8 +7,6 @@ of the diagonal are what a difference of a check is divided by. A point that is 
 one that the others lie on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@ give, K⁻¹ its covariance, sᵀ K⁻¹ s the statistic (Rao's score test; För
 Directions that the measurements do not determine are left out of the test.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 A check point whose marks do not meet in front of their photographs has no position, and a sentence that names it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

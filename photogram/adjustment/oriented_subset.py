@@ -1,7 +1,5 @@
 """The part of a block that could be oriented, and the way back to all its photographs and marks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

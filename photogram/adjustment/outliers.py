@@ -5,8 +5,6 @@ mismatch along the epipolar line of two rays leaves no residual. It shows only b
 in both photographs, and by such a depth it can outweigh all other points in what they say of a focal length.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

@@ -4,8 +4,6 @@ A surveyed coordinate that is a check must not touch the adjustment, not even as
 where the rays of its marks come closest to each other and to the coordinates that are control.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a block to the problem that is minimised: what is measured and unknown, where it starts, how it is run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 

@@ -7,8 +7,6 @@ significance of SIGNIFICANCE. Without the group, everything else would predict i
 covariance Q⁻¹ of that: leaving a point out costs no adjustment.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

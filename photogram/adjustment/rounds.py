@@ -1,7 +1,5 @@
 """Outlier rounds: choose the observations that agree, adjust with them, estimate their sigmas, until both settle."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace

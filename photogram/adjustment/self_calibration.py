@@ -11,8 +11,6 @@ height, and parallel strips cannot separate p1, p2 and the principal point from 
 sec. 15.4).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType

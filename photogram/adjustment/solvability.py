@@ -5,8 +5,6 @@ rest from a solution is left out. Badly: a sentence beside the result, of the bl
 of a photograph or a focal length where they alone are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """Two clouds compared by M3C2, or a cloud with a mesh of the reference; written at the end."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal

@@ -7,8 +7,6 @@ without each patch of the ground, so that neighbours may be off together (Tukey 
 2002).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

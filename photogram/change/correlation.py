@@ -4,8 +4,6 @@ Two windows of width L, d apart, have the share (1 − |dx|/L)(1 − |dy|/L) of 
 errors correlate. Summed over all neighbours that makes an area L² in which errors count as one.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The difference of two surfaces, later minus earlier, cell by cell, with the standard deviations of both."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The difference of two epochs as a map: raised and lowered ground, what lies within the level of detection, polygons
 with their volumes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

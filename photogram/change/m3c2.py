@@ -6,8 +6,6 @@ standard deviations, with errors of neighbours that are alike counted once, and 
 is by roughness.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ another triangle than the one beneath: triangles are looked up in rings of squar
 ring is further away in plan than the nearest triangle in space.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

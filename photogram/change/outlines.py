@@ -1,7 +1,5 @@
 """Polygons over the cells of a grid: how much of each cell they cover, and what their outline adds to an integral."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

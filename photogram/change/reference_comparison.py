@@ -1,7 +1,5 @@
 """Clouds in files compared with a reference: a surface or a cloud."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -5,8 +5,6 @@ The plane is fitted to the strip outside of the outline as two epochs are to sta
 its noise and how far it is from a plane, is in its standard deviation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ deviations. The covariance of β counts that neighbours share errors: N⁻¹ G�
 an epoch is fitted too, so what remains of it elsewhere is known: a pattern g leaves g − G (GᵀWG)⁻¹ GᵀW g.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Two surfaces compared, tile by tile: the difference, its standard deviation, what has changed, volumes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ alone. What is common is a sum of patterns over the whole survey, each times one
 1: a shift in plan, which raises slopes, a tilt, and the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

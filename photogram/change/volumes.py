@@ -5,8 +5,6 @@ correlated over the width of a window; common errors, whose every pattern g adds
 polygon, each off by the same standard deviation. Fill counts where the later surface is higher, cut where it is lower.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Each is an observation of the adjustment, or a check of its result; points and photographs are named as in the block.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A project that starts from another program's solution as the text of project.yaml."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

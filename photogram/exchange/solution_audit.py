@@ -1,7 +1,5 @@
 """Another program's solution read, adjusted again, and written as tables and a page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path

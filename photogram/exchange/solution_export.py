@@ -1,7 +1,5 @@
 """An adjusted survey as a solution for other programs: cameras, poses, tie points, ground points and marks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

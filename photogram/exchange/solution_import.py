@@ -1,7 +1,5 @@
 """A project that starts from another program's solution: cameras, poses, tie points, ground points and marks."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Arrays in npz files, read after their headers have been held against the file."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import tokenize

@@ -1,7 +1,5 @@
 """Folders made, and files written whole or not at all, through no link."""
 
-from __future__ import annotations
-
 import os
 import re
 import secrets

@@ -1,7 +1,5 @@
 """MATLAB's .mat files: a calibrated camera in, tie points out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal

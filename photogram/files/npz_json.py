@@ -1,7 +1,5 @@
 """JSON and npz files, and fingerprints of what they hold."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Exterior orientation for other programs: a table (CSV), and for a GIS places and footprints (GeoJSON each)."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Files of others read whole: regular files only, and no more of them than they may sensibly hold."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

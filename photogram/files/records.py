@@ -9,8 +9,6 @@ besides has a hyphen, which no field has: ``-known`` where a value may be None (
 the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from datetime import datetime

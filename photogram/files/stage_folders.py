@@ -4,8 +4,6 @@ A stage has the folder ``<stage>.stage``, and ``<stage>.stage.partial`` while it
 makes holds the file MARKER from its first moment to its last; a folder without it is somebody's own and never touched.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Text that people write: its lines with their numbers, and every error in them at once."""
 
-from __future__ import annotations
-
 import re
 from math import isfinite
 from pathlib import Path

@@ -5,8 +5,6 @@ Between two datums PROJ knows several operations, each with an accuracy; the bet
 installation may lack. PROJ then takes a worse one and says nothing. ``datum_change`` compares the two.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ from a grid through PROJ (Heiskanen & Moritz 1967, eq. 4-25). Heights of a local
 instead, which its vertical CRS defines ("Vertical Offset and Slope", EPSG:1046; IOGP 373-7-2, sec. 4.6.3).
 """
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Sequence

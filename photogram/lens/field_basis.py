@@ -9,8 +9,6 @@ camera is the one the basis was made for: where its parameters move a little aft
 orthogonal to the first order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

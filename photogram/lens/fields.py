@@ -5,8 +5,6 @@ of their function as 1 / (1 + d)², the smoothness prior of least squares colloc
 sec. 10). Between the nodes the field is bilinear (Munjy 1986), in the adjustment as in everything that is made from it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -11,8 +11,6 @@ of curvature ρ₀ and ν₀ of the ellipsoid at the middle ("Vertical Offset an
 named where one alone explains the contradiction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

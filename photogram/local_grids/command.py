@@ -1,7 +1,5 @@
 """photogram calibrate-site: the CRS of a local grid. Arguments only."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated

@@ -8,8 +8,6 @@ parametric transformation* (EPSG:9624) that derives a projected CRS, which the s
 Heights derive by *Vertical Offset and Slope* (EPSG:1046).
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibration of a site from a table of pairs, to the CRS of its local grid in a file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables of points that are known twice, by GNSS or in a map and in a local grid; and the WKT of the grid, written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

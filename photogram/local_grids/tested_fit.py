@@ -6,8 +6,6 @@ Wrobel 2016, sec. 4.6). A group of m observations is tested by T = v̄ᵀ (P Q_v
 without a blunder; left out, it is predicted with the residual (Q_vv P)⁻¹ v.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

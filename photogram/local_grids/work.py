@@ -1,7 +1,5 @@
 """What `photogram calibrate-site` does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

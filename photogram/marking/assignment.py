@@ -6,8 +6,6 @@ whole: compass and position are off for all of them together. What is taken in s
 all, so the others are tried again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

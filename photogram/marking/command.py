@@ -1,7 +1,5 @@
 """photogram mark: ground points marked in photographs, in the browser. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Targets looked for in the photographs of a survey, as proposals that somebody confirms."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ freedom as H has columns (Förstner & Wrobel 2016, sec. 4.6.4). The least likely
 tested again: nothing is adjusted in between, so that a mark on the far side of a photograph bends nothing.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 

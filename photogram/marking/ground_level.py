@@ -5,8 +5,6 @@ metres, more than some flights are high: cameras then lie below the points that 
 how high they flew above the ground, from tie points or from their tags, and ground points lie on the ground.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ The tests are those of the adjustment (Baarda 1968), on a block of tags and mark
 point takes part with its survey, check points too, for nothing of this enters a result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

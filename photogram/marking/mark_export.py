@@ -1,8 +1,6 @@
 """Points and marks of a survey written for other programs: as they are in the journal of marking, or in the project
 where nothing was marked."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """A survey opened for marking: its photographs and ground points as tags and project give them, or as they were
 adjusted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -5,8 +5,6 @@ like any other (Förstner & Wrobel 2016, sec. 15.4). Without tie points that tak
 points show a compass that is off, and all circles shrink at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A block is adjusted anew for every mark that is made, and the pose of a photogra
 point where its tenth was well spread.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray

@@ -3,8 +3,6 @@
 Points that were not surveyed lie where their marks meet, and with a single mark where its ray meets the ground.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `photogram mark` does."""
 
-from __future__ import annotations
-
 import webbrowser
 from pathlib import Path
 from threading import Thread

@@ -1,7 +1,5 @@
 """Ground sampling distance: the side of a pixel on the ground, distance along the axis over focal length."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import median
 

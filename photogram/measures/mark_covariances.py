@@ -3,8 +3,6 @@
 Isotropic ones come back to their standard deviation bit for bit: √(σ²) = σ in binary arithmetic, and L = σ I.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, check_shape

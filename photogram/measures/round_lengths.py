@@ -1,7 +1,5 @@
 """Round lengths: what people expect of cells, contour intervals, scale bars and colour scales."""
 
-from __future__ import annotations
-
 import numpy as np
 
 STEPS = (1.0, 2.0, 5.0)

@@ -1,7 +1,5 @@
 """The page of a finished survey, made again or printed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from photogram.pipeline.pipeline import load_project

@@ -4,8 +4,6 @@ of the machine, and gathers all that is found wrong with them.
 `photogram check` shows it, and `photogram adjust` stops at its errors before any work.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor

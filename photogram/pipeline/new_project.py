@@ -1,7 +1,5 @@
 """A project file from a folder of photographs: their tags, files of ground points, and the MRK files beside them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

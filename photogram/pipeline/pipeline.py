@@ -14,8 +14,6 @@ A block that was oriented from its tie points keeps its orientation whatever bec
 adjustment places it again (``Stage.as_made``).
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Iterator, Mapping

@@ -6,8 +6,6 @@ files, from which the process that works on the survey takes them. What it needs
 itself: the results do not depend on who was first.
 """
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys

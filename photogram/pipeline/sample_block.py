@@ -3,8 +3,6 @@
 Its observations have noise, and its starting values are off, so that adjusting it does all that a survey asks for.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a stage of a survey is: everything that any part of photogram knows of it, and who is told what it does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 `costs/` counts the work of a survey and adds up what the stages state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The names of the stages in their order, for whatever must know them without what they compute."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 StageName = Literal[

@@ -1,7 +1,5 @@
 """The 3-D page of a folder of results: its report, its cloud, and small pictures of its photographs, in one file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os.path import isdir

@@ -4,8 +4,6 @@ A ground point that nobody has surveyed takes part in the adjustment where a con
 otherwise its marks alone say where it is, as those of a check point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 

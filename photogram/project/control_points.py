@@ -4,8 +4,6 @@ filled in, marks brought to the photographs' own pixels.
 Errors are noted in the document under the entry that names the file, and carry that file's own line.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

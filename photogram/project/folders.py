@@ -3,8 +3,6 @@
 Arrangements in which photogram would write over, or remove, what is not its own are errors of the project file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from os.path import islink
 from pathlib import Path

@@ -3,8 +3,6 @@
 Errors are noted in the document where the file declares the systems.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The JSON Schema of project.yaml, by which editors complete it and check it."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import TypeAdapter, create_model

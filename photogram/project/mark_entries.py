@@ -1,7 +1,5 @@
 """Which files of ground points a project file names, and where it takes their marks from."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 """The masks that a project names: a folder with one for each photograph, one for all photographs of a camera, and kinds
 that are found automatically."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os.path import isdir, isfile  # false, not an exception, for a name that cannot be

@@ -3,8 +3,6 @@
 Tried are the neighbouring zones of the map grid, easting and northing exchanged, and longitude and latitude exchanged.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ a unit.
 The ranges are wide: they refuse what cannot be, not what is unusual.
 """
 
-from __future__ import annotations
-
 from photogram.files import text_lines
 from photogram.settings.settings import Within
 

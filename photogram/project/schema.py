@@ -4,8 +4,6 @@ A field that the file must give is None until it is given and carries `Required`
 of a file; after Document.raise_errors none of them is None.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

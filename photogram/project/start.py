@@ -1,7 +1,5 @@
 """What a project starts from that another program has found: tie points, poses and interior orientations."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """How good a result is, from points that took no part in it, and which measurement does not fit the rest."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -7,8 +7,6 @@ and RMSE_H2 = √2 c of a survey with the sigma c per axis in plan, and RMSE_V =
 Errors beyond three times the target are blunders to be explained, means beyond a quarter of it systematic (sec. 7.2).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Agreement with a reference is accuracy only where the reference is known to be better than the cloud.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

@@ -5,8 +5,6 @@ predicted, from the covariance of the block as a whole: the first shows what hap
 unseen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -4,8 +4,6 @@ A fixed parameter has no sigma, and the heights that depend on it look better th
 uncertainty of an ordinary calibration it either becomes known, or takes heights with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

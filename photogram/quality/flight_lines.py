@@ -1,7 +1,5 @@
 """Straight courses of a flight: where photographs are taken, and which way they look."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

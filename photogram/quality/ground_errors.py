@@ -4,8 +4,6 @@ Neighbouring points are displaced alike by an error of the photographs that see 
 between them; far apart they share the datum alone. Both are in the joint covariance of a few dozen places.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray

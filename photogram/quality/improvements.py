@@ -5,8 +5,6 @@ covariance. Photographs more are put where a pilot would fly them; what they wou
 normal equations, and the covariances are computed anew. Nothing hides behind anything there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

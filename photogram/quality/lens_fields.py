@@ -7,8 +7,6 @@ are covered well enough to hold a field; and, adjusted jointly, the field is kno
 takes most of the pattern. Otherwise the block stays as it was adjusted without, and a sentence says why.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ added to those of heights at places (x, y): g(x, y)ᵀ M g(x', y'), g the four s
 the effect of a consider parameter (Tapley, Schutz & Born 2004, sec. 6.2) it changes no estimate.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

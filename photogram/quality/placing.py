@@ -5,8 +5,6 @@ shape of the block. Where GNSS alone places a survey the two differ by two order
 each.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ together under their joint covariance, to which the survey of the check points a
 all others predict each of them, so that a check point whose own survey or marks are wrong can be named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Why resections miss the GNSS positions: how much of it is the focal length, how much the antenna and the datum."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

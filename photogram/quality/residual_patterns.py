@@ -7,8 +7,6 @@ alone puts there, is the mean square of the pattern, as the variance between gro
 random effects (Searle, Casella & McCulloch 1992, sec. 3.6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ An error that two places share drops out of the distance between them: the grid 
 difference of the errors at i and j has the covariance (L_i − L_j)(L_i − L_j)ᵀ, see photogram.quality.ground_errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import QhullError

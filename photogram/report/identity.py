@@ -1,7 +1,5 @@
 """What ties the page, its print, the view and report.json of one survey together: an identifier of their contents."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Numbers of constraints between points, and of a free network: its frame, its unit and its relative precision."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers of the marks of ground points: by the way they were measured, and of each point."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Points as few bytes: whole steps within blocks of space, as a page in a browser reads them."""
 
-from __future__ import annotations
-
 import base64
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 No script, no request to anywhere: style and pictures stand within the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

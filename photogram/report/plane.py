@@ -1,7 +1,5 @@
 """What report.json and plane.json say of the plane that a surface was made on, and ground points in its frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """report.html printed as PDF, by a browser that is installed."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """report.json read back, whole and checked: the one reader for the page, the view and other programs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path

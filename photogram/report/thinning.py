@@ -1,7 +1,5 @@
 """Fewer points of a cloud that still show all of it evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray

@@ -1,7 +1,5 @@
 """What standard deviations and point clouds are called wherever they are shown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """Figures of report.json by their units, with the bounds within which a reader believes them."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -3,8 +3,6 @@
 Positions stand in it relative to a local origin, as packed by `packing`; a hand-written WebGL program draws them.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """JSON Schemas, made of types as pydantic reads them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter

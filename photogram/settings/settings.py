@@ -8,8 +8,6 @@ The value is checked when an object is made; the errors of project.yaml and its 
 docs/project-file.md and the words of the report are made of the same field.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache

@@ -6,8 +6,6 @@ down, then either makes the tie points agree or shows that the measurements were
 block of several strips, so weakly that neighbours stay free of each other's, and thousands keep it from bending.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components

@@ -6,8 +6,6 @@ every step and the whole whenever the block has grown by a quarter (Snavely et a
 What cannot be joined starts a component of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ look (Szeliski 2006): the direction that is least along all of them is up, and w
 pictures is up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -5,8 +5,6 @@ surveyed coordinate. Where few of them meet as they were measured, a factor on a
 do.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

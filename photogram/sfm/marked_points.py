@@ -1,7 +1,5 @@
 """Ground points intersected from their marks alone, in an oriented block, and which marks agree on each."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray

@@ -5,8 +5,6 @@ positions and attitudes, if its tie points confirm them; else it is grown from i
 into the world by a robust similarity to control points or GNSS positions.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

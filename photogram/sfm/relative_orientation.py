@@ -5,8 +5,6 @@ fundamental matrix it is determined by a plane too. A plane leaves two solutions
 where a homography explains the points as well, its decompositions (Malis & Vargas 2007) are tried beside it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

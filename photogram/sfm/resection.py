@@ -8,8 +8,6 @@ off by its own sigma and by that of its surveyed point, seen from the photograph
 scatter is taken from the marks themselves (least median of squares, Rousseeuw 1984): stated sigmas are often too small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

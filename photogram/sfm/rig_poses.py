@@ -1,7 +1,5 @@
 """Poses of companions from their masters: bands that match no other photograph are oriented by the body they sit on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ the seven parameters, so triples are drawn and the one with the most agreeing pa
 1981).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray

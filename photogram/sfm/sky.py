@@ -14,8 +14,6 @@ So ground that matches is never taken for sky. Clouds with hard edges and a mast
 does no harm.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

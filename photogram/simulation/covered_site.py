@@ -4,8 +4,6 @@ Ground, roads and buildings are those of a scene; the height field holds ground,
 level of the water, and everything above it is in the scene's cover.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,8 +1,6 @@
 """The built-in simulated survey: photographs, project file and truth written to a folder, and the result judged by
 that truth."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

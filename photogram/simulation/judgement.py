@@ -1,7 +1,5 @@
 """A simulated survey's report against the truth that was written beside its photographs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

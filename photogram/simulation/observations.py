@@ -1,7 +1,5 @@
 """The observations of a block of up to thousands of photographs, without rendering, over the bare terrain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where a ray leaves the cells of a grid that it crosses."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.compilation import njit

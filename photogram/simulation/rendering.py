@@ -5,8 +5,6 @@ first root is the hit; blocks of cells that lie below the ray are skipped (Amana
 Nothing in here depends on the number of threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple

@@ -7,8 +7,6 @@ vertices; vertical walls are one cell wide. Everything follows from a seed, with
 are gradient noise (Perlin 2002) of an integer hash of the lattice node.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property

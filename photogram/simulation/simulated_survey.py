@@ -5,8 +5,6 @@ block of hundreds of photographs without rendering, on the bare terrain. Every e
 see simulated_flight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

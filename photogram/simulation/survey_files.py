@@ -1,8 +1,6 @@
 """A simulated survey on disk as a surveyor brings it home: photographs with their tags, lists of ground points with
 their marks, and, beside them, the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

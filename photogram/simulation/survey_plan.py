@@ -1,7 +1,5 @@
 """What a simulated survey is asked to be: camera, flight, ground and noise; and the plans with a name."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Surface and orthophoto of a small block in memory, for a notebook: surveys go through the stages, tile by tile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Nothing is smoothed: between the centres of four cells the surface is bilinear o
 inside. What is finer than the cells that are contoured is averaged away first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Any, cast
 

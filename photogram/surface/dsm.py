@@ -7,8 +7,6 @@ support each other: a patch that stands alone and holds no more than a few windo
 all that look at it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

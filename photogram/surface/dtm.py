@@ -5,8 +5,6 @@ The surface is turned upside down and a cloth dropped on it: what it does not re
 csf-3dfin, built on that of the authors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal

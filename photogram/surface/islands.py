@@ -8,8 +8,6 @@ taken to continue between them: a height far below the plane is false, and so is
 level, rests on two photographs, or on some that correlate weakly. Above a plane, larger cells may show a crown.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray

@@ -7,8 +7,6 @@ around, finer ones where there are any, and that of the matching at least. Its o
 a wall they are the step, on level ground next to nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ of the distances, reweighted by Tukey's biweight (Beaton & Tukey 1974) until not
 with a fixed seed: the same points give the same plane, and points that are turned give the plane turned with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

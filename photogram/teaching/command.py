@@ -1,7 +1,5 @@
 """photogram study: teaching experiments on single processing steps. Arguments only."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import typer

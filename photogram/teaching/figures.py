@@ -1,7 +1,5 @@
 """Pictures of the RANSAC experiment: what iterations, sample size and threshold do to the number of inliers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import matplotlib

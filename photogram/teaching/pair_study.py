@@ -1,7 +1,5 @@
 """RANSAC with many settings on one pair of a survey's photographs, for teaching."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

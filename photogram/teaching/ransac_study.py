@@ -5,8 +5,6 @@ threshold means. The convention is x2ᵀ F x1 = 0, with pixels of photographs fr
 matched with a modern robust estimator, not with this.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args

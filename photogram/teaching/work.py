@@ -1,7 +1,5 @@
 """What the experiments of `photogram study` do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.markup import escape

@@ -1,7 +1,5 @@
 """The terminal: where the commands print, and bars of their progress."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

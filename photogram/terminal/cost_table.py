@@ -1,7 +1,5 @@
 """What the terminal says of the predicted cost of a survey: a line before the work, and a table by stage."""
 
-from __future__ import annotations
-
 from rich.table import Table
 
 from photogram.pipeline.costs.forecast import Forecast

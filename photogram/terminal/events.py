@@ -3,8 +3,6 @@
 Imports nothing that computes, so that an error of the project file is an event as well.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

@@ -3,8 +3,6 @@
 0 done; 1 an error that the user or the machine can fix; 2 wrong usage; 70 a defect of photogram; 130 interrupted.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import platform

@@ -1,7 +1,5 @@
 """What is refused before anything that computes is imported: within a second, whatever a command is pointed at."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

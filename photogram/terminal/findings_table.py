@@ -1,7 +1,5 @@
 """What the terminal shows of the findings of an input validation."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Ctrl-C that is not lost: where a library swallows it, it is raised again at the next step of the work."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """How a command speaks: in tables and bars, in warnings and one line alone, or in events for programs."""
 
-from __future__ import annotations
-
 import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,8 +1,6 @@
 """A running pipeline: one bar for the stage at work and one line for each stage that is done on the terminal, warnings
 alone, or an event for each of these."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 

@@ -1,7 +1,5 @@
 """What the terminal says of a finished survey: short tables and sentences of report.json."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from rich.markup import escape

@@ -1,7 +1,5 @@
 """What the terminal says of the dense surface."""
 
-from __future__ import annotations
-
 from rich.table import Table
 
 from photogram.report.record.report import Report

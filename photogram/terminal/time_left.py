@@ -8,8 +8,6 @@ seconds, with the prediction itself as one more observation, so that a short sta
 The announced end moves slowly towards each new estimate, so that the time left runs down and does not jump.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping

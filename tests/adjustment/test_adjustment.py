@@ -1,7 +1,5 @@
 """The joint adjustment against simulated truth, from both sides, and against GTSAM's own factors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

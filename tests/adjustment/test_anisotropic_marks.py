@@ -1,7 +1,5 @@
 """Marks with a covariance: what the adjustment makes of it, against the truth and against GTSAM's graph."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Sigmas of GNSS positions that nobody has stated: known scatter, blunders, bounds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Common errors: lever arms from the antenna to the camera (the factor, the turn from the aircraft to the world, what
 residuals show when an arm is ignored), time offsets, drifts, and compasses. Surveys are simulated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

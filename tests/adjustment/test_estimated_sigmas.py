@@ -1,7 +1,5 @@
 """Sigmas of tie points from their residuals: exact redundancies, known scatter, blurred photographs, bounds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

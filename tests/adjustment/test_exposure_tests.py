@@ -1,7 +1,5 @@
 """Relative poses of cameras on one body, and the tests of their exposures, against simulated truth."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 """Whether GNSS positions of a flight are off together: tests of offsets that are estimated or held, against truth and
 against each other. Surveys are simulated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

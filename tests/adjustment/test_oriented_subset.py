@@ -1,7 +1,5 @@
 """Blocks of which a part is oriented: cut out, adjusted, and put back among all photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Velocities that photographs show themselves, against simulated truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Ground points that are control in plan or in height alone: nothing of what is a check touches the adjustment."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

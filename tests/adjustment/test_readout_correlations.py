@@ -1,7 +1,5 @@
 """What a read-out time can be taken for: correlations against estimated time offsets, and against simulated surveys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

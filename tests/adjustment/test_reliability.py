@@ -1,7 +1,5 @@
 """Redundancy numbers, tests of measurements, points left out, and blunders that must be found and named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam

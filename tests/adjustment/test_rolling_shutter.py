@@ -1,7 +1,5 @@
 """Rolling shutters in the adjustment: read-out times against simulated truth, none where there is none, velocities."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Calibration in the field against the true camera: recovered where the geometry tells it, held where it does not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

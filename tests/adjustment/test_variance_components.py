@@ -1,7 +1,5 @@
 """Variance components of the groups of observations: exact sums, a second implementation, known scatter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam

@@ -1,7 +1,5 @@
 """The scores of surveys with canopy on heights made for it: perfect ones, with known errors, holes and curtains."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Close-range photographs without any georeference: relative precision is what errors show, from both sides, and one
 known distance gives the scale. The figures of fifty surveys are in benchmarks/free_network.py."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

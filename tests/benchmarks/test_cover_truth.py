@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from lib.simulated.cover_truth import SAMPLES, WINDOWS_CELLS, CoverTruth, Kind, cover_truth, windowed

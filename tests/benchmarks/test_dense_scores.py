@@ -1,7 +1,5 @@
 """The scores of dense heights on surfaces made for it, and the geometry of the rectified pairs of their peer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Surveys that are turned: the photographs show the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`make figures` with benchmarks made for it: what is run, kept, and written to pages and JSON."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the benchmark of smooth ground calls smooth, and what it finds off there."""
 
-from __future__ import annotations
-
 import numpy as np
 from smooth_ground import SQUARE_CELLS, covered, differences, smooth_ground
 

@@ -1,7 +1,5 @@
 """What the benchmarks share: statistics beside known numbers, rows in the order of seeds, printed tables."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clouds on disk compared by M3C2 and with a mesh."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Co-registration of simulated clouds on stable ground, with a motion and with none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

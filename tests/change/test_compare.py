@@ -1,7 +1,5 @@
 """The command `photogram compare` with two epochs; with clouds and a reference it is in test_commands.py."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

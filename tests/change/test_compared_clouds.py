@@ -1,7 +1,5 @@
 """Clouds with the standard deviations of their heights, and distances as LAZ."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import laspy

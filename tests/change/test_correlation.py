@@ -1,7 +1,5 @@
 """Sums of errors that neighbours share, against the covariance matrix of all of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Differences of two surfaces: their grid, their standard deviations, and what cannot be compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The picture of a difference: what is coloured how, and outlines where they lie."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """M3C2 on simulated clouds: distances of a shift along normals, and levels of detection that hold."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from pathlib import Path

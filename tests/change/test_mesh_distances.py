@@ -1,7 +1,5 @@
 """Distances to a mesh, against all its triangles one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Polygons over cells: areas against shapely's, and what an integral gains where a corner moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """Polygons of a site as GeoPackage and GeoJSON, and what is said of those that cannot be used."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Heaps over the ground around them, of one simulated survey."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Co-registration of simulated surfaces on stable ground, with a shift and with none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two surfaces on disk compared: what is written, and that nothing is where an input is damaged."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Surfaces on disk: what their files say of their errors, and windows of them on another grid."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

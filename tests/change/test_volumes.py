@@ -1,7 +1,5 @@
 """Volumes of simulated heaps: exact without errors, and off by what their standard deviations say, from both sides."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -10,8 +10,6 @@ put on a disk (tmpfs, which the superuser alone may mount) that is too small, wh
 to be named, and its stage alone made again. Every product and every intermediate file is compared.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

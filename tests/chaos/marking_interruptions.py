@@ -18,8 +18,6 @@ The files are then read as they are, the command is started again on them, and i
     undo       times that undoing the last step, or doing it again, gave other marks than before it
 """
 
-from __future__ import annotations
-
 import argparse
 import http.client
 import random

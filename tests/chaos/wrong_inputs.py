@@ -11,8 +11,6 @@ attitude turned, a focal length 12 to 20 % off, or two of these. Named: every wr
 rejected too. Check points are compared with their surveyed positions, as a surveyor would.
 """
 
-from __future__ import annotations
-
 import argparse
 import warnings
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The command line: what each command says of itself, writes, and returns."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The command line as a whole: how soon it answers, and how it ends when something goes wrong."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

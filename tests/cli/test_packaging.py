@@ -1,7 +1,5 @@
 """The wheel: one name at its top level, everything in it, and the same from a clone that has lost its links."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The table of commands: each row leads to a command of its name."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 

@@ -1,7 +1,5 @@
 """Relative poses of cameras on one body against GTSAM's composition, and photographs grouped to exposures."""
 
-from __future__ import annotations
-
 import gtsam
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Tables of angles: they give the rotations back, and say what they count from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Values of other programs' files as rotations, cameras and tie points, and what is refused as such."""
 
-from __future__ import annotations
-
 from pathlib import PurePosixPath
 
 import numpy as np

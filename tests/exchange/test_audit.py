@@ -1,7 +1,5 @@
 """Solutions with a fault, as another program would leave them: the audit names the fault."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

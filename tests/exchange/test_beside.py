@@ -1,7 +1,5 @@
 """Further solutions of the same photographs: what is shared is found, and compared in one frame."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import PurePosixPath

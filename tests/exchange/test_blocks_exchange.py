@@ -1,7 +1,5 @@
 """BlocksExchange: every CameraOrientation, a million measurements, hostile files."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path

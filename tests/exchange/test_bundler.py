@@ -1,7 +1,5 @@
 """Bundler's files: projected by the formulas of its manual, and refused where damaged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 

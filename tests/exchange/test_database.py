@@ -1,7 +1,5 @@
 """Databases of COLMAP: read as pycolmap writes them, and refused where damaged or hostile."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Result files of DBAT: a project written by its formats comes back, and whatever is damaged or foreign is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Drafts of projects that start from a solution: which photographs, cameras, map grid, points, and what is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground points of OpenSfM: gcp_list.txt beside a reconstruction, written, read again, and refused where damaged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`photogram import`, as a user runs it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """JSON of others: types and places."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

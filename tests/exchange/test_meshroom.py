@@ -1,7 +1,5 @@
 """Meshroom's scenes: every version of their cameras, and damaged files refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Meshroom's bundle adjustment files, with and without the list of their photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

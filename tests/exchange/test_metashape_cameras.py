@@ -1,7 +1,5 @@
 """Metashape's camera export: round trip, Metashape's own formula as referee, frames, hostile files."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

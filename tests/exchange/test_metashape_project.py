@@ -1,7 +1,5 @@
 """Metashape's projects: the real sxb.psz with the figures that others give for it, both layouts, hostile archives."""
 
-from __future__ import annotations
-
 import io
 import re
 import time

@@ -1,7 +1,5 @@
 """MicMac: Fraser's and radial models by MicMac's formulas, other centres of distortion, hostile folders."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

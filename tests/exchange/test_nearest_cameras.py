@@ -1,7 +1,5 @@
 """The nearest camera without some terms: exact where it can be, as near as it says where not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """OPF: round trip, the project in Pix4D's own library, its projection as referee, hostile folders."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import shutil

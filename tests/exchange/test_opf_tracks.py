@@ -1,7 +1,5 @@
 """Tracks of OPF: packed ranges, several nodes, what does not fit."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """PIX4Dmapper's params: the printed example, a round trip through its text, offset and CRS, hostile files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

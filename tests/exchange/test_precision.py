@@ -1,7 +1,5 @@
 """Standard deviations of angles and points along the map, against the scatter of draws from the covariances."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

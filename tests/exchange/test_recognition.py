@@ -1,7 +1,5 @@
 """Whose solution a file or folder is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """OpenSfM's reconstructions: projected by OpenCV, written and read again, and refused where damaged."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """An adjusted survey as a solution for other programs, and back."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

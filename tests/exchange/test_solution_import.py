@@ -1,7 +1,5 @@
 """A survey goes out to another program and comes back: its project starts where it ended."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sparse models of COLMAP: read as pycolmap reads them, written as pycolmap reads them, and refused where damaged."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

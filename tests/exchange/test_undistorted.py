@@ -1,7 +1,5 @@
 """Undistorted photographs: their pinhole cameras show the same rays, and their grey values those of the photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

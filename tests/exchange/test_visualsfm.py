@@ -1,7 +1,5 @@
 """VisualSFM's models: their inverse distortion fitted, both origins of measurements, and damaged files refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What writers of solutions share: what is refused, paths, and what is said of the rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 

@@ -1,7 +1,5 @@
 """The engine with points eliminated against the graph with every point a variable, and blocks in a free gauge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TypedDict
 

@@ -1,7 +1,5 @@
 """What measurements have in common: analytic Jacobians against numerical ones, velocities, and what separates what."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """Focal lengths that are held and whose uncertainty counts: against the derivative of the adjustment itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

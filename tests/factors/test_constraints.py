@@ -1,7 +1,5 @@
 """Constraints between points: both engines, redundancies that sum up, checks that touch nothing, blunders by name."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Exposures of cameras on one body: Jacobians, both engines, covariances against GTSAM, and what is not determined."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Free networks: the minimal datum strains nothing, and inner constraints against the dense pseudo-inverse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam

@@ -1,7 +1,5 @@
 """Factors between several variables: the fast engine against GTSAM's graph, and scale bars against the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

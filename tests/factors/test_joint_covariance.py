@@ -1,7 +1,5 @@
 """Joint covariances of all ground points, check points included, and the own part of those of tie points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam

@@ -1,7 +1,5 @@
 """Velocities that are estimated with everything else: at the joint minimum, as differences of residuals have it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

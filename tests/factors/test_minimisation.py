@@ -1,7 +1,5 @@
 """The fast engine against the reference graph and against itself: equal minima, from anywhere, on any machine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Elimination of points against the dense normal equations, and the band against dense linear algebra."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The joint prior of GNSS offsets: against its covariance, and in a block without control against what it must give."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """What a held parameter would become: one step against the engine's own with the parameter free."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

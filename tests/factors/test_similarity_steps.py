@@ -1,7 +1,5 @@
 """Steps of a whole block: exact for a similarity, of the second order, and few where nothing but GNSS holds it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

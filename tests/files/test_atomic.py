@@ -1,7 +1,5 @@
 """Files appear whole or not at all, under names that nobody can foresee, and through no link."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Binary PLY: both byte orders, what follows the vertices, headers that are none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """gcp_list.txt and tables of ground points and marks: what is read, and what is refused with its line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Half a pixel added and taken off, exactly."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest

@@ -1,7 +1,5 @@
 """Pixel values of more than 8 bits: decoded whole, whatever the file, and stretched linearly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """DNG files: the JPEG of full size in them is the photograph, with the tags of the file."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from datetime import datetime

@@ -1,7 +1,5 @@
 """gcp_list.txt written: read again as it was, and refused where it cannot hold something."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """marks.csv and proposals.csv: read back exactly, the same bytes for the same marks, read for a project."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from random import Random
 

@@ -1,7 +1,5 @@
 """Masks are found by the names that other programs give them, read in every usual format, and refused when damaged."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

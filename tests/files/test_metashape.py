@@ -1,7 +1,5 @@
 """Metashape's markers: what is a mark, half a pixel, hostile XML, and what is refused with its line."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which files can be photographs, and which show the same exposure, by their names."""
 
-from __future__ import annotations
-
 from photogram.files.photographs.names import deep_twins, without_raw_twins
 
 

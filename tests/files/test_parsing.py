@@ -1,7 +1,5 @@
 """Bytes of other programs' files as values: numbers, names, paths."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PIX4D's marks: either order of names, half a pixel, and what the file cannot hold."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Exterior orientation as CSV and GeoJSON: what is written leads back to the poses, by other people's formulas."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

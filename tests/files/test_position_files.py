@@ -1,7 +1,5 @@
 """Files of positions: DJI's MRK, RTKLIB's .pos, tables of PPK programs. All are made here in the documented forms."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
 from pathlib import Path
 

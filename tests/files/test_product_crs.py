@@ -1,7 +1,5 @@
 """The CRS of rasters with ellipsoidal heights, as rasterio, GDAL and PROJ read it; units, descriptions and colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

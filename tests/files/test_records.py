@@ -1,7 +1,5 @@
 """Dataclasses come back from npz bit for bit, whatever they are made of; what is damaged is refused by name."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Rim and seams as a GeoPackage, and what is said of edited seams that cannot be used."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Solutions in photogram's own file: what is written is read back to the bit, and damage is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path

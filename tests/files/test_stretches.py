@@ -1,7 +1,5 @@
 """The stretch of a camera's photographs, from a sample of their pixel values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

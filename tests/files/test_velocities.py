@@ -1,7 +1,5 @@
 """Velocities in the tags of drones: XMP, DJI's maker note, and what is none."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

@@ -1,7 +1,5 @@
 """XML of others: lines, text, paths, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

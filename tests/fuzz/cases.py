@@ -1,7 +1,5 @@
 """What is done with a spoilt input, and what must hold where it is not refused."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

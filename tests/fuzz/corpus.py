@@ -1,7 +1,5 @@
 """Sound inputs to be spoiled, one of each kind: a small survey, its results, and files as other programs write them."""
 
-from __future__ import annotations
-
 import io
 import shutil
 from datetime import UTC, datetime

@@ -7,8 +7,6 @@ writes to the terminal, where a message holds what a terminal would obey, or whe
 word. The same seed makes the same cases; --only NUMBER runs one of them. Inputs that failed are kept.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import os

@@ -1,7 +1,5 @@
 """How an input is spoiled: bits, bytes and cuts for any file; numbers, words and lines for texts; values for JSON."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

@@ -1,7 +1,5 @@
 """Height systems and geoids: grids written here with a known surface, PROJ's own geocentric chain as the referee."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

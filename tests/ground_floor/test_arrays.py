@@ -1,7 +1,5 @@
 """Numbers grouped by value, beside a stable sort."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,8 +1,6 @@
 """Compiled code, and where it is kept. Everything is tried in a process of its own, because code is compiled when it is
 imported; root may write everywhere, so a file stands where a folder is not to be had."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

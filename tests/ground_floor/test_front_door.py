@@ -1,7 +1,5 @@
 """The front door: every public name resolves, says what it takes and returns, and is listed; importing it is quick."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """Processors and memory are those that this process may use, not those of the machine it runs on."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

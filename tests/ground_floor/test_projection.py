@@ -1,7 +1,5 @@
 """The table of camera parameters, and the one form of oriented cameras; the formulas are tested in test_camera.py."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

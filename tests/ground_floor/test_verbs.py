@@ -1,7 +1,5 @@
 """Verbs of data types: each leads to a function, draws or writes, and the table has no other."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from importlib import import_module

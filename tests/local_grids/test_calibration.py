@@ -1,7 +1,5 @@
 """Site calibrations of simulated pairs, whose truth and noise are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The CRS of a local grid through PROJ, beside formulae of another hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pyproj import CRS, Transformer

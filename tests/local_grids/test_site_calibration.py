@@ -1,7 +1,5 @@
 """Calibration of a site from a table to a file: closed through PROJ, refused whole, and its scale factors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tables of pairs: what is read, and every fault with its line."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

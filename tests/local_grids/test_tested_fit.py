@@ -1,7 +1,5 @@
 """The tests of residuals, beside fits that really leave observations out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

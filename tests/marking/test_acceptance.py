@@ -1,7 +1,5 @@
 """What is taken for a target, and what is refused: likenesses that lack a part."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

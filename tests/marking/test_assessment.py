@@ -1,7 +1,5 @@
 """What marks say while they are made, in simulated surveys whose truth is known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Targets taken for ground points, in simulated surveys that show them at their true places, and others beside."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

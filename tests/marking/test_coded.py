@@ -1,7 +1,5 @@
 """Coded targets: their codes, their centres, and what is none."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

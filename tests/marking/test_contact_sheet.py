@@ -1,7 +1,5 @@
 """Sheets of proposals: one picture a point, its signs at the right pixels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

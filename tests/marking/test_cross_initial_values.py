@@ -1,7 +1,5 @@
 """Rough places and shapes of crosses, of rendered ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from lib.target_pictures import render

@@ -1,7 +1,5 @@
 """Fits of patterns, and their covariances against the scatter of repeated noise."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

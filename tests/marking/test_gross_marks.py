@@ -1,7 +1,5 @@
 """Gross contradictions of marks and coordinates, among simulated marks that are right but for what is made wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """GNSS heights on a datum of their own, before anything is marked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The journal of marking: what is read after any crash, and the state that follows from actions, undone and redone."""
 
-from __future__ import annotations
-
 import os
 import re
 import resource

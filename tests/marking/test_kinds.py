@@ -1,7 +1,5 @@
 """What a measured centre states."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Marks that contradict the others, in simulated surveys that have nothing but tags."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Points and marks written for other programs, and read back by photogram's own readers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

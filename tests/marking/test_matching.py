@@ -1,7 +1,5 @@
 """Least squares matching against places in pictures that were moved, turned and made brighter."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter

@@ -1,7 +1,5 @@
 """Targets of all kinds in rendered photographs, measured near a rough place and without one; and ground without any."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from lib.target_pictures import bare, render

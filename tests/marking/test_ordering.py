@@ -1,7 +1,5 @@
 """Which photographs come first, and when marks suffice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The page in a browser: a pixel that is clicked is the pixel that is kept, at any zoom, and keys alone suffice."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

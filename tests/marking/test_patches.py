@@ -1,7 +1,5 @@
 """Patches of photographs: exactly the pixels of their windows, within bounded memory."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The pictures of patterns and their derivatives, against the mean of many points and against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Predicted places of marks, against the true ones of simulated surveys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

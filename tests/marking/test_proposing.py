@@ -1,7 +1,5 @@
 """Targets in photographs of a simulated block that shows them at their true places, and in the words of a search."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

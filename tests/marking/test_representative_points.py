@@ -1,7 +1,5 @@
 """Tie points that hold a block together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The levels that are fitted to a patch under rough parameters, and the squares that remain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray

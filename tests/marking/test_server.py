@@ -1,7 +1,5 @@
 """The server of the page: who is answered, and what."""
 
-from __future__ import annotations
-
 import http.client
 import io
 import json

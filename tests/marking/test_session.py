@@ -1,7 +1,5 @@
 """A session of marking: what is done is kept at once, and told apart from what follows."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What clicks mean: targets of known centre, and a textured plane seen from known poses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The journal of marking as text, taken over by the one that is a database."""
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import zlib

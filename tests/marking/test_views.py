@@ -1,7 +1,5 @@
 """What the page is told of a session."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command photogram mark --export: what it says, and which options go together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

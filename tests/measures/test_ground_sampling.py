@@ -1,7 +1,5 @@
 """Ground sampling distance: against geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

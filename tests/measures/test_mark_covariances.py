@@ -1,7 +1,5 @@
 """Covariances of marks: their factors, axes and one number in their place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

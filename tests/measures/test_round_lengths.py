@@ -1,7 +1,5 @@
 """Round lengths: the nearest, the next below and the next above."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

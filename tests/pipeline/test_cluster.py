@@ -1,7 +1,5 @@
 """Clusters: workers that cannot do pieces of a survey are refused before any work; what is lost is said."""
 
-from __future__ import annotations
-
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What stages took in an earlier run: read where they are whole, believed where a machine explains it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What is said before the work: which stages remain, what each takes, and what an earlier run has taught."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a check of a project file returns, by the function and by the command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

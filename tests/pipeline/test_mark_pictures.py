@@ -1,7 +1,5 @@
 """Pictures of marks cut from the photographs of a survey, and how the kinds of marks come to the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

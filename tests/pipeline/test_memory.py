@@ -1,7 +1,5 @@
 """Peak memory of a block of work."""
 
-from __future__ import annotations
-
 import platform
 import subprocess
 import sys

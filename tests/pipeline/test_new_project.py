@@ -1,7 +1,5 @@
 """A project file from a folder of photographs, by the function and by the command: the same file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A survey opened as in a notebook: run, read back, and never out of date."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

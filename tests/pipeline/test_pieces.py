@@ -1,7 +1,5 @@
 """Pieces of a stage: results in order, from threads and processes; what fails says so, what is lost is done again."""
 
-from __future__ import annotations
-
 import pickle
 import threading
 import time

@@ -1,7 +1,5 @@
 """Processes of this machine: they are replaced where they are lost, and never outlive their use."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

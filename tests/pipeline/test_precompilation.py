@@ -1,7 +1,5 @@
 """Another process that compiles kernels: when it is started, what it leaves, and that it ends."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """From work to seconds: rates, workers, the speed of the machine, and what is not asked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """From a folder of results goes what photogram has written there, and nothing else."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from fnmatch import fnmatchcase

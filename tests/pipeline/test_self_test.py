@@ -1,7 +1,5 @@
 """The test of the machine: that it does the work it times, and that what is slower comes out slower."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import asdict
 

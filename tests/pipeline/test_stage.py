@@ -1,7 +1,5 @@
 """What a stage says of itself: sentences with units, for every stage of a survey."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What stages say of themselves, as it is stored and read back."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A finished adjustment is read as it was written: lens fields, relative poses of cameras on one body, exposures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The 3-D page of a folder of results, by the function and by the command: the same page."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

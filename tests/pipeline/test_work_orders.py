@@ -1,7 +1,5 @@
 """Work orders: a process that is not the run's own works on the same survey with the same programs, or says why not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

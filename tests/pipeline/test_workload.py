@@ -1,7 +1,5 @@
 """The amount of work, counted from project and tags, against what the stages themselves find."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

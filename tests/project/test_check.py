@@ -1,8 +1,6 @@
 """The check before the long work: what it finds in surveys that are spoilt on purpose, and that it is silent in
 others."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

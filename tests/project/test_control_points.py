@@ -1,7 +1,5 @@
 """Ground points that project.yaml takes from files, and the other keys of whole surveys."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

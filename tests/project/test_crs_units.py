@@ -1,7 +1,5 @@
 """Positions in the units of a CRS, and a CRS from a file of WKT, in project files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

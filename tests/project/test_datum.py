@@ -1,7 +1,5 @@
 """Positions that change their datum: what `check` finds, and what a project file makes of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The documentation's tables of settings: one of each section, as the code has it now."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

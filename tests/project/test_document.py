@@ -1,7 +1,5 @@
 """project.yaml as a file: what is no project, and settings that any dataclass describes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

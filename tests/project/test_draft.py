@@ -1,7 +1,5 @@
 """photogram init: from a folder of small photographs, whose tags are the truth, to a project that can be read."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable, Sequence

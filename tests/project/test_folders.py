@@ -1,7 +1,5 @@
 """Photographs, inputs, intermediate results and results in one another: refused in words, or nothing is touched."""
 
-from __future__ import annotations
-
 import itertools
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Receivers that have stopped, and those that only stand still."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contradicting height systems, found from marks alone: simulated surveys whose heights are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

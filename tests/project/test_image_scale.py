@@ -1,7 +1,5 @@
 """Wrong focal lengths and picture sizes told from height systems: simulated surveys whose error is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

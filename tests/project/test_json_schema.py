@@ -1,7 +1,5 @@
 """The JSON Schema of project.yaml against photogram's own reading: what the one accepts the other does, too."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Which files a project takes its marks from."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from photogram.project.mark_entries import lines_to_add

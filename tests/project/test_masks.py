@@ -1,7 +1,5 @@
 """Masks in the project file: found with the photographs, refused before any work, checked in seconds, drafted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

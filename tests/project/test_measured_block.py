@@ -1,7 +1,5 @@
 """The measured block: one assembly for `photogram check` and `photogram adjust`, stored and read back bit for bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path

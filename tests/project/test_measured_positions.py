@@ -1,8 +1,6 @@
 """Which position a photograph gets, how good it is believed to be, and where its camera is: from the project file, from
 files of positions, from real and made tags."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path

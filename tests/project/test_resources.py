@@ -1,8 +1,6 @@
 """What a survey asks of disk and memory before it is worked on, against areas known by hand and against what a run has
 written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cameras on one body in a project: keys and their faults, exposures by tags, names and time, and what check says."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a draft states of shutters: rolling ones of the table, mechanical ones, and those that are looked for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path

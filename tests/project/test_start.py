@@ -1,7 +1,5 @@
 """What a project starts from: photographs by their names, sizes, cameras; faults of the file named at their line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Accuracy as the ASPRS standards state it: their worked examples, exact identities, and when nothing may be stated."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

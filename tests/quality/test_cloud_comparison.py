@@ -1,7 +1,5 @@
 """Comparison of clouds: exact cases, and brute force as the referee."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from typing import Any
 

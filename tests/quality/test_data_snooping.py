@@ -1,7 +1,5 @@
 """Blunders in control points and marks of simulated surveys: found, named, and not rejected on others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

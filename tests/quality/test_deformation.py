@@ -1,7 +1,5 @@
 """The block as a whole: its covariances against those of the whole linear system, and remedies against doing them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

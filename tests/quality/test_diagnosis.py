@@ -1,7 +1,5 @@
 """What a finished block is weak in, from simulated surveys that are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A focal length that something moves which the camera model leaves out: not believed, and not held without a sigma."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

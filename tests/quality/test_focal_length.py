@@ -1,7 +1,5 @@
 """A focal length by its source and by the photographs together: exact limits, and what parts of pictures say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Errors of the ground at places over a block, jointly: against the covariances of single tie points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Heights whose sigmas count what the camera model leaves out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Check points and points left out against what was predicted of them, on simulated surveys."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

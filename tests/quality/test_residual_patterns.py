@@ -1,7 +1,5 @@
 """What residuals have in common, from noise with and without a pattern, and from blocks whose camera model is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

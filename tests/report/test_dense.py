@@ -1,7 +1,5 @@
 """The dense surface in numbers: means of blocks, heights between cells, counts, and the test at the check points."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Sigmas of distances in view.html: the page's grid against the covariances of the tie points themselves."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace

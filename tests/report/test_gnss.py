@@ -1,7 +1,5 @@
 """What report.json and the terminal say of GNSS positions, from made results and from simulated surveys end to end."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

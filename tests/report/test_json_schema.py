@@ -1,7 +1,5 @@
 """report.json against its types and its JSON Schema, and both against the page that documents its keys."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterator

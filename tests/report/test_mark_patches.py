@@ -1,7 +1,5 @@
 """Patches of photographs around ground points: that signs stand where marks are, and that a page's picture is one."""
 
-from __future__ import annotations
-
 import base64
 import io
 from typing import Any

@@ -1,7 +1,5 @@
 """Numbers of the marks of ground points, by kind and by point, against figures reckoned by hand."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """report.json: its keys, and whether its numbers agree with each other, with the products and with the truth."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterator

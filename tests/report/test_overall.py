@@ -1,7 +1,5 @@
 """The first screen of a report: the verdict on the whole, few and ranked warnings, and what ties its parts together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import deepcopy
 from datetime import date

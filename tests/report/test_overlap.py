@@ -1,7 +1,5 @@
 """How many photographs see the ground: against geometry and a second projection."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report page: what it holds, verdicts by their rules, warnings, how figures are written, remaking, printing."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """report.html in a browser: on a screen, on a telephone, on paper; nothing asked of the network, nothing cut."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

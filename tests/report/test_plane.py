@@ -1,7 +1,5 @@
 """What is said of the plane of a surface: coordinates come to the world exactly, and to the map as it promises."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

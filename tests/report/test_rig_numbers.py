@@ -1,7 +1,5 @@
 """Cameras on one body in the report: figures against the adjustment, and their lines on the page."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

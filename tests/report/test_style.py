@@ -1,7 +1,5 @@
 """Pictures: what is drawn where, the same bytes for the same data, and whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

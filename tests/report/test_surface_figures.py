@@ -1,7 +1,5 @@
 """Profiles and pictures of a dense surface: where lines run, what is drawn of them, what the captions say."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """What view.html is made of: thinning, packing, what is said of photographs and ground points, and the command."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

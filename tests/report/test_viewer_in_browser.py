@@ -1,7 +1,5 @@
 """view.html in a browser: drawn without a complaint, without the network, and what is clicked on is what is told."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

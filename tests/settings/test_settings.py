@@ -1,7 +1,5 @@
 """Settings: ranges that hold at construction, and what a field says of itself; every class of settings of a project."""
 
-from __future__ import annotations
-
 from dataclasses import MISSING, dataclass, replace
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """Tie points of a master found in a band beside it: pictures of one plane, the band's with other grey values."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

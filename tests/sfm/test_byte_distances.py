@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numba import njit  # noqa: TID251 - nothing of it is kept

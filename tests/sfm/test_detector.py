@@ -1,7 +1,5 @@
 """What holds for every detector: places, order, spread and masks, in a picture whose other half is known."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2

@@ -1,7 +1,5 @@
 """Blocks started from measured poses: taken where the measurements are good, refused where they are not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Pairs where flying heights are wrong: those between strips are found, and no pair more where heights are right."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Blocks grown from their tie points alone, against the truth of simulated flights."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Orientation from known poses: theirs in any frame, what is missing joined, what does not fit refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

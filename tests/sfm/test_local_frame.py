@@ -1,7 +1,5 @@
 """The frame of a block that nothing places: which way is up, and the scale by distances."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Nothing is found in masked pixels, nor so near to them that they have a part in it; the rest is as without a mask."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """ORB from photographs to check points: a survey adjusted by the command, whose ground is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

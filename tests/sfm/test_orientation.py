@@ -1,7 +1,5 @@
 """Starting poses of whole blocks against true ones: by control points, from measured poses, from tie points alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

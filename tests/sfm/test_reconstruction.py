@@ -1,7 +1,5 @@
 """A growing block step by step, each step against the truth of a simulated flight."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Relative orientation against true motions: scenes with depth, planes, turns on the spot, and noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Resection against true poses, with predicted errors, OpenCV and another program as referees."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path

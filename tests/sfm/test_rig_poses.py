@@ -1,7 +1,5 @@
 """Bands that match nothing: oriented by their master, adjusted by themselves, and where they then lie on the ground."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

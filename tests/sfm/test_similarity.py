@@ -1,7 +1,5 @@
 """Similarity transforms: exact round trips, a numerical optimiser as referee, and wrong positions among right ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Sky is found above the horizon where nothing matches, and ground that matches is never taken for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

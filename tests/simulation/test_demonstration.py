@@ -1,7 +1,5 @@
 """The built-in demonstration, from rendering to the comparison with its truth."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable

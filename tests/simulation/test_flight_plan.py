@@ -1,7 +1,5 @@
 """Flights before they are flown: geometry, predictions against simulated surveys, the file, the command."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace

@@ -1,7 +1,5 @@
 """Rays against discs and lines beside a referee that tests every disc, one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

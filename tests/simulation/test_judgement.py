@@ -1,7 +1,5 @@
 """A simulated survey's report against the truth beside it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

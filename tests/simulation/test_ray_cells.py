@@ -1,7 +1,5 @@
 """Where rays leave cells: against the sides of the cell, for rays of any direction."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

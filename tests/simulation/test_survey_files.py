@@ -1,7 +1,5 @@
 """A simulated survey on disk: the tags that each kind of drone writes, and ground points as two kinds of files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

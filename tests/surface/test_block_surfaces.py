@@ -1,7 +1,5 @@
 """Surface and orthophoto of a small block in memory, against the truth of a simulated survey."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Hidden slivers and the tips of what is wider; whole orthophotos are in test_orthophoto."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.surface.ortho.cell_choice import slivers_of

@@ -1,7 +1,5 @@
 """The surface of orthophotos: sharp where the DSM is sure, smooth in canopy, without holes, the same in any tiles."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the photographs say of a height: who agrees, against a slow second way, and costs on a known plane."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from typing import Any
 

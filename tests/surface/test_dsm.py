@@ -1,7 +1,5 @@
 """From matched heights to a surface: made walls, curtains, holes and planes; propagation of errors on a moved plane."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

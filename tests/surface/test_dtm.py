@@ -1,7 +1,5 @@
 """On a made site, whose bare terrain is known: simulated."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

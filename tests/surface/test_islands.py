@@ -1,7 +1,5 @@
 """Heights that contradict a smooth surface around them: which go, and which stay."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What photographs show of a lattice of ground: places against the projection itself, samples against scipy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A surface of several levels: each cell from the finest one that tells its height, with what it strays by."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

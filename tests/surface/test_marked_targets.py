@@ -1,7 +1,5 @@
 """Targets in an orthophoto, on a plane whose texture is a formula: shown off by a known distance, or not there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

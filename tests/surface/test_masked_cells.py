@@ -1,8 +1,6 @@
 """What masks leave out makes no heights and no colours; other photographs stand in, and where none does nothing is
 shown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

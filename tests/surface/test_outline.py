@@ -1,7 +1,5 @@
 """The rim of an orthophoto and the polygons of its seams."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """The levels of dense matching: grids that nest, ranges that hold the truth, nothing read from beyond the grid."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

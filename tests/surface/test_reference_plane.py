@@ -1,7 +1,5 @@
 """Planes fitted to tie points, and blocks and surfaces in their frames."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

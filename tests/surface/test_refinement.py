@@ -1,7 +1,5 @@
 """Heights to a fraction of a hypothesis on a tilted plane that is known, with noise that is stated."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How one band lies on another: shifts that were put in, of grey values turned round, and what says nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift

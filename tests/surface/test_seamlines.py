@@ -1,8 +1,6 @@
 """Parts of the orthophoto by themselves: interpolation, decoded photographs, the files that the stage writes, edited
 seams."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path

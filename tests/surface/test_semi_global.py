@@ -1,7 +1,5 @@
 """Semi-global regularisation against a slow second implementation, straight from the formula, and on made volumes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Slopes without walls, and the gentle surface that has them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Blocks of heights matched on a tilted plane that is known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

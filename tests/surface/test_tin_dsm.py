@@ -1,7 +1,5 @@
 """The surface model: exact planes, no extrapolation, spikes and holes, on map coordinates of 6 000 000 m."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

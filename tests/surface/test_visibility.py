@@ -1,7 +1,5 @@
 """What photographs see of a surface, against a scene whose rays are followed exactly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

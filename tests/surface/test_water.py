@@ -1,7 +1,5 @@
 """Water is found where key points and windows agree on nothing amid ground that matches, and nothing else is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Correlations over all windows at once against numpy, window by window."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

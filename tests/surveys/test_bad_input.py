@@ -1,7 +1,5 @@
 """What a user can get wrong: each fault ends in one clear line, exit code 1 and no traceback."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Two bands beside a colour camera, rendered and run to the orthophoto: each lies on the master within 0.3 px."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fisheyes, affinity and k4 through the whole adjustment: both engines, GTSAM, truth, cameras per flight."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Whatever becomes of a file of a stage is found, named, and made good: nothing damaged is used."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Five aerial frames with surveyed control and check points, beside an independent adjustment (DBAT)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

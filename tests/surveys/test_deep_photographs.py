@@ -1,8 +1,6 @@
 """A simulated survey whose photographs have 16 bits a channel, of which they use little: it comes out as that of its
 8-bit photographs does, and every part of the program sees the same 8 bits."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable

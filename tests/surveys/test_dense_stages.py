@@ -1,7 +1,5 @@
 """Heights and surfaces of a survey are the same bytes whatever the workers, the order, the tiles, the interruptions."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """A facade photographed sideways, with and without georeference: surface and orthophoto on a plane of their own."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 The data are not part of the repository; the tests are skipped where the shared data lack them.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

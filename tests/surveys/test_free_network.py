@@ -1,8 +1,6 @@
 """Photographs without any georeference, from `photogram init` to the report: a free network, the scale by a distance,
 and control points that come later, without matching again."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

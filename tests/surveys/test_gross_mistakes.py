@@ -4,8 +4,6 @@ A tiny survey is written to disk, 12 photographs of 400 × 300 px straight down 
 coordinates, spoilt in one way, and checked as `photogram check` does. docs/mistakes.md lists them.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Height systems in the project file, what the check asks for and refuses, and a whole survey over a geoid."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

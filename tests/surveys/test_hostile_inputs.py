@@ -3,8 +3,6 @@
 tests/fuzz tries them by the thousand; these are the ones with a name.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

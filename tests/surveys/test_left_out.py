@@ -1,7 +1,5 @@
 """What contradicts the rest, from the project file to the report: the survey goes on, and everything says so."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

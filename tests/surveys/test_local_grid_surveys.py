@@ -1,7 +1,5 @@
 """Whole simulated surveys in feet and in local grids, beside the same survey in metres."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

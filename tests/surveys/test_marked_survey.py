@@ -1,7 +1,5 @@
 """From photographs and a table of coordinates to a report, as a new user goes: init, mark in the browser, adjust."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 """A survey whose drone has its own landing gear in every photograph: without a mask the orthophoto shows it all over;
 with one, nothing is measured in it and nothing shows it. What depends on a mask is made again when it changes."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from contextlib import nullcontext

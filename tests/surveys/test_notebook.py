@@ -1,7 +1,5 @@
 """docs/notebook.md, run as a reader would, cell by cell."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

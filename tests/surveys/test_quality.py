@@ -1,7 +1,5 @@
 """Key points found in pictures of half the size: wider thresholds, larger sigmas, the same survey."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Real photographs, from the folder to the report; skipped where they are not at hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

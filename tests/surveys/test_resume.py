@@ -1,7 +1,5 @@
 """A run that is killed, at whatever moment, goes on where it was, and its results are those of an uninterrupted run."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

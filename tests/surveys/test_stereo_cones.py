@@ -5,8 +5,6 @@ is a pixel of the left picture, and a height of d m is a disparity of d px, to 3
 the east, its principal point as far to the right. What follows is the code that matches photographs of the ground.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """A simulated survey over a pond whose waves move: where water is asked for, the surface is level there, and shown."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

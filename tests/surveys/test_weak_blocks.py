@@ -1,7 +1,5 @@
 """Blocks that are weak, or solvable but for a photograph or a mark: what is said of them, and what is left out."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

@@ -3,8 +3,6 @@
 The photographs are rendered once: 24 of a consumer drone, with an EXIF focal length and positions good to 2 m.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A core without its wings: what a survey needs is there, and the commands of the wings are not."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

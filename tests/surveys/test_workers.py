@@ -1,7 +1,5 @@
 """A survey done by processes, here or of a cluster, is the same bytes as one done in threads."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

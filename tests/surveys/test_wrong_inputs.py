@@ -1,7 +1,5 @@
 """Wrong inputs of every kind, on equal terms: left out and named, nobody else accused, the survey as good as clean."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

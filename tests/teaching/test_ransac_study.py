@@ -1,7 +1,5 @@
 """The RANSAC experiment: exact geometry, OpenCV as the referee, and its theory within statistical bounds."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from math import comb
 from typing import Any

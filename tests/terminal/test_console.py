@@ -1,7 +1,5 @@
 """What the terminal says of a block: how much of it was registered, and what was left out and why."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The line before the work, and the table of `photogram check`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

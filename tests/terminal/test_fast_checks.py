@@ -1,7 +1,5 @@
 """What is refused before anything that computes is imported."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

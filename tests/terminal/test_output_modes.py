@@ -1,7 +1,5 @@
 """``--quiet`` and ``--json``: what `photogram adjust` prints with them, to the last line, and its exit codes."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

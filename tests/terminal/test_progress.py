@@ -1,7 +1,5 @@
 """Watchers of a pipeline: what reaches the terminal, and which events a program gets, by a clock of their own."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """What the terminal says at the end of a run, and while other commands work."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 """The time left of a command: said from the start where it was predicted, running down without jumps, never negative,
 whatever the stages take."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 

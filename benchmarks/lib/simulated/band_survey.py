@@ -1,8 +1,6 @@
 """A rendered survey of a master and the bands of a multispectral camera, on disk with its project file: each band with
 a grey function, a lens and a place on the body of its own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

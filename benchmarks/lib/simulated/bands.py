@@ -1,8 +1,6 @@
 """Bands of a multispectral camera over the bare terrain, at the level of measurements: companions that match no
 photograph of their master or of each other, and where one place shows in all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

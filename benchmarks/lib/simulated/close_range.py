@@ -1,8 +1,6 @@
 """Close-range photographs without georeference, at the level of measurements: an object seen from around it, in a frame
 and a unit that have nothing to do with the truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

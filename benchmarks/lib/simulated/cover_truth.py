@@ -5,8 +5,6 @@ one height: the highest leaf of a cell, and the crown's envelope, which is the m
 surface model may show that sees single leaves, or a window of them. How leaves scatter within a window stands beside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

@@ -4,8 +4,6 @@ Nothing in the photographs says which way is down, so those that were rendered f
 and ground points are turned with the site, and lengths scaled with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

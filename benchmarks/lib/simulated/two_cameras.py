@@ -1,8 +1,6 @@
 """Two cameras on one body over the bare terrain, at the level of measurements: a master, and a companion that is turned
 and set off by a relative pose that scatters from exposure to exposure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ The misfits of an exposure, three turns and three shifts in their standard devia
 poses and the relative pose, have the covariance Q = I − A Σ Aᵀ; see photogram.adjustment.reliability.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a block is adjusted with where cameras are fixed to one body: starts of free relative poses, positions once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -12,8 +12,6 @@ their departures, the poses eliminated,
 (marginal likelihood, empirical Bayes; Efron & Morris 1973). Where σ = 0 is as likely the neighbours are right.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

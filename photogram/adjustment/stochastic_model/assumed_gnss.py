@@ -7,8 +7,6 @@ what is assumed. A few blunders must not raise it: squares count up to BEND stan
 what normal errors leave below that (Huber 1981, sec. 5.2).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

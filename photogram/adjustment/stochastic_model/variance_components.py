@@ -5,8 +5,6 @@ the group's variances are off (Förstner 1979; Förstner & Wrobel 2016, sec. 4.2
 taken at the sigmas that were used and shown; what of it is applied, and how, is in estimated_sigmas and assumed_gnss.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """photogram compare: clouds and surfaces against a reference or an earlier survey. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """What has changed between two surfaces, and the files it is written to."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields

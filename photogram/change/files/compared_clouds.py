@@ -1,7 +1,5 @@
 """Clouds that are compared, with the standard deviations of their heights and their CRS, and distances as LAZ."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Polygons of a site, GeoPackage or GeoJSON: what a volume is asked for, and ground that has not moved."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path

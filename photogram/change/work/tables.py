@@ -1,7 +1,5 @@
 """What has changed between two epochs, as tables on the terminal."""
 
-from __future__ import annotations
-
 from rich.markup import escape
 from rich.table import Table
 

@@ -5,8 +5,6 @@ rejected and sigmas estimated, which shows what they should be. Differences of p
 covariances of the second; two adjustments of the same measurements with the same model would differ by nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

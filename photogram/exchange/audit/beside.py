@@ -4,8 +4,6 @@ Photographs are the same where their file names are, ground points where their s
 them in their own ways.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

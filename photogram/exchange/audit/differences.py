@@ -3,8 +3,6 @@
 Of exterior orientations and calibrations, where both have the photograph or the camera.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

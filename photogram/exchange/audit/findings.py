@@ -1,7 +1,5 @@
 """What an audit found, in sentences: what is wrong with the other program's result, and what its figures leave out."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.exchange.audit.audit import Audit

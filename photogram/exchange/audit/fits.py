@@ -1,7 +1,5 @@
 """How a result fits its measurements: residuals of tie points and marks, and ground points against their survey."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

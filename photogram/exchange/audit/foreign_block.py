@@ -1,7 +1,5 @@
 """The block that another program has adjusted: its measurements, and its own result as the start."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

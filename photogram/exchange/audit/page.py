@@ -3,8 +3,6 @@
 Shows tables of words and figures that are finished; counts nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from jinja2 import StrictUndefined

@@ -1,7 +1,5 @@
 """Standard deviations as other programs state them: of omega, phi, kappa, and of points along the axes of the map."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import FloatArray

@@ -1,7 +1,5 @@
 """The figures of an audit as the rows of its tables, for terminal, page and audit.json."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray

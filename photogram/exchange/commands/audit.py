@@ -1,7 +1,5 @@
 """photogram audit: another program's solution, adjusted again. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """photogram export: an adjusted survey for other programs. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

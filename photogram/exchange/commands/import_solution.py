@@ -1,7 +1,5 @@
 """photogram import: a project from another program's solution. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -4,8 +4,6 @@ The first line is a comment with the columns, the angles and the frame: other pr
 names and count them otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Values that make none become an ExchangeError that begins with ``where``, the place that the reader names.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import PurePosixPath
 

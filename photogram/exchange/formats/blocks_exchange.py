@@ -7,8 +7,6 @@ the perspective projection, D has photogram's formulas with P1 and P2 exchanged,
 the top-left pixel is (0, 0) (ContextCapture User Guide, Perspective camera model).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ The distortion is photogram's own, in the same direction. Key points of Bundler 
 from the photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 

@@ -12,8 +12,6 @@ at (0, 0). Photogram's distortion is about the principal point: where CDist is a
 distortion, the calibration is fitted, and what remains is said.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 

@@ -1,7 +1,5 @@
 """The names of the forms in which solutions are written, for commands, which import nothing that computes."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 SolutionFormat = Literal[

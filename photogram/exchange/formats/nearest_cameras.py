@@ -4,8 +4,6 @@ The camera is fitted to the pixels that the given one assigns to rays all over t
 it is: a principal point that has to be elsewhere is mostly a turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Whose solution a file or folder is, by what it holds and not by what it is called."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from photogram.errors import ExchangeError

@@ -1,7 +1,5 @@
 """The formats of other programs: how each is recognised and read, and how each form is written. One row each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ A camera keeps its size, focal length and principal point; the rays beyond its e
 black. Pixels come from Lanczos' kernel of eight by eight (OpenCV's remap, whose positions are rounded to 1/32 px).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath

@@ -11,8 +11,6 @@ so k1 to k4 of photogram's direction are fitted over the picture, and how far th
 size of a picture: it is given, or read from the photographs.
 """
 
-from __future__ import annotations
-
 from pathlib import Path, PurePosixPath
 
 import numpy as np

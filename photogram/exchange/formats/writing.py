@@ -3,8 +3,6 @@
 The sentences name what is missing and no more: they stand below the words "Not in it:".
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath

@@ -1,7 +1,5 @@
 """What `photogram audit` does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

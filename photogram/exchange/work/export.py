@@ -1,7 +1,5 @@
 """What `photogram export` does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.markup import escape

@@ -1,7 +1,5 @@
 """Vertices of binary PLY files (Turk 1994) as structured arrays, whatever their properties are."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The cloud of a dense surface as LAZ, written chunk by chunk: colour, sigma, confidence, rays and level of every
 point."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date

@@ -4,8 +4,6 @@ A header may claim two thousand million points in a file of a kilobyte, and a fi
 as a smaller cloud. What cannot be is refused here, by the tables of the ASPRS LAS specification 1.4, section 2.4.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from math import isfinite

@@ -1,7 +1,5 @@
 """Point clouds in and out: text of x, y, z and LAS or LAZ."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ it (OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raste
 alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

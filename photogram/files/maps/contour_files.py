@@ -1,7 +1,5 @@
 """Contour lines as a GeoPackage."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

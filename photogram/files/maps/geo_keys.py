@@ -4,8 +4,6 @@ A map grid with ellipsoidal heights is its ProjectedCRSGeoKey and, as VerticalGe
 with three axes that it is projected from (OGC 19-008r4, GeoTIFF 1.1, sec. 7.5.10).
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

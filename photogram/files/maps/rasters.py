@@ -1,7 +1,5 @@
 """GeoTIFF in and out: one band of float32, north up, square cells, in a map grid; in metres once it is read."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

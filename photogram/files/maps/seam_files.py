@@ -4,8 +4,6 @@ Two layers: ``outline``, the rim, and ``seams``, a polygon for each piece that i
 photograph's name in the field ``photograph``. What is read needs the second alone.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Pixels of programs that count from the outer corner of the top-left pixel, whose centre is (0.5, 0.5) to them."""
 
-from __future__ import annotations
-
 from decimal import Context, Decimal
 
 _HALF = Decimal("0.5")

@@ -3,8 +3,6 @@
 A project names such files in ``control_points.files``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

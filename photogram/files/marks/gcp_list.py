@@ -4,8 +4,6 @@ OpenDroneMap hands the pixels to OpenSfM, which counts as photogram does: the ce
 (opensfm/features.py, ``normalized_image_coordinates`` adds the half pixel itself). Nothing is converted.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ The same marks give the same bytes: sorted by point and photograph, numbers with
 ``tables.control_files.read_marks`` reads the marks for a project, and refuses proposals.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

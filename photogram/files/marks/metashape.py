@@ -5,8 +5,6 @@ Professional Edition, appendix Camera models), so half a pixel is taken off. Pin
 placed by people and are marks; the others are where Metashape expects a marker, and are proposals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath

@@ -8,8 +8,6 @@ The fifth figure is the zoom level in PIX4Dmapper and the accuracy in pixels in 
 is not read as a standard deviation.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterable, Sequence

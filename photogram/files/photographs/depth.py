@@ -5,8 +5,6 @@ both formats whole. A stretch is linear and the same for all photographs and cha
 nor the differences between photographs change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

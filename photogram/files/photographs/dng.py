@@ -4,8 +4,6 @@ A DNG file is a TIFF whose first directory holds the tags and a small preview, a
 and further previews (Adobe, Digital Negative Specification 1.7, chapter 2). Raw pixels are not developed here.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photographs that are there twice: files of the same content, and saved anew under another name."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Many photographs looked at in parallel without decoding them: their tags, and which are the same file twice."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from concurrent.futures import Executor

@@ -3,8 +3,6 @@
 Nothing is decoded here. Of a DNG file the picture is the JPEG of full size in it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import re

@@ -4,8 +4,6 @@ Pixels are returned as the sensor delivered them: the EXIF orientation is never 
 the calibration stay those of the camera. Those of 9 to 16 bits a channel are stretched to 8 bits where they are read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isqrt
 from pathlib import Path

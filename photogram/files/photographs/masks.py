@@ -6,8 +6,6 @@ A mask is called after its photograph, as other programs have it: ``IMG_1.png``,
 taken as they are stored: the EXIF orientation is never applied.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import re

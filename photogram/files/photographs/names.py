@@ -1,7 +1,5 @@
 """Files of photographs by their names: which can be photographs, and which show the same exposure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 

@@ -1,7 +1,5 @@
 """Small pictures of photographs, as many as fit into so many bytes, for pages."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping
 from pathlib import Path

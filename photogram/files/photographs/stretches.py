@@ -1,7 +1,5 @@
 """The stretches to 8 bits of a survey's photographs: one for each camera whose photographs have more."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The packets of tags in a photograph, taken apart: EXIF as numbered tags, XMP as named properties."""
 
-from __future__ import annotations
-
 import re
 import struct
 import warnings

@@ -7,8 +7,6 @@
 - Everything else, a Sony with geotags for example: EXIF alone.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

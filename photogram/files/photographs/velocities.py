@@ -1,7 +1,5 @@
 """The velocity of the aircraft at the exposure, as DJI's photographs have it: in XMP, or in the maker note."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ Whatever is wrong becomes an ExchangeError that begins with ``where``: the place
 and a line.
 """
 
-from __future__ import annotations
-
 import re
 from array import array
 from collections.abc import Iterable

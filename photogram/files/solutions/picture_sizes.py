@@ -1,7 +1,5 @@
 """Sizes of photographs, for formats that do not hold them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 

@@ -5,8 +5,6 @@ the right and y down, rotations are world from camera. What a file holds and thi
 ``left_out``; it never drops it silently.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath

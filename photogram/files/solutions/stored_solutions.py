@@ -3,8 +3,6 @@
 What the files of the other program have become stands in it once and for all: they may move or change.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any

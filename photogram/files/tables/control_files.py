@@ -4,8 +4,6 @@ Everything is returned as it stands in the file: positions in the file's own CRS
 picture size.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import re

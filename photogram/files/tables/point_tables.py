@@ -1,7 +1,5 @@
 """Tables of surveyed points, written: what ``control_files.read_points`` reads, with every digit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

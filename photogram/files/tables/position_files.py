@@ -4,8 +4,6 @@ Everything is returned as it stands in the file, in metres and degrees: position
 are those of the camera or of the antenna being for others to say.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A table names its columns in its first line; columns that say nothing here are p
 COLUMNS, without units and in any spelling: ``Sigma Height [m]``, ``sdu(m)``.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Pixels are u right, v down; those of photogram count the centre of the top-left 
 size.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What can be done when points are marked in photographs, and the state that follows from doing it in order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType

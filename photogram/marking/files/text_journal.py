@@ -3,8 +3,6 @@
 Read once, to be taken over; nothing writes it any more.
 """
 
-from __future__ import annotations
-
 import json
 import zlib
 from itertools import takewhile

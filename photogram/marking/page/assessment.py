@@ -1,7 +1,5 @@
 """What the marks of a snapshot say: where the points are to be looked for, and which marks contradict the others."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Proposals of a point as pictures, for those who look at them without the page."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

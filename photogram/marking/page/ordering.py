@@ -1,7 +1,5 @@
 """Which photographs of a point are marked first, and when more marks gain nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ A pixel of a patch that is reduced s times covers s × s pixels of the photograp
 is kept is not photographs but their surroundings of patches: a thousand photographs take no more memory than ten.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor

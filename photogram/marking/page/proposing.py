@@ -1,7 +1,5 @@
 """Targets looked for where points may be: proposals of marks, which count for nothing until a person confirms them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ no page of the web reaches the server under a name of its own (DNS rebinding), a
 from this page, which a foreign page cannot send.
 """
 
-from __future__ import annotations
-
 import json
 import secrets
 import sys

@@ -4,8 +4,6 @@ Every change is on the disk, in the journal and then in the table of marks, befo
 the predicted places and the tests of the marks, is computed by one thread from the newest state; nobody waits for it.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable, Iterable, Mapping

@@ -4,8 +4,6 @@ The other photographs' patches are brought to the scale and turn of this one by 
 least squares matching does the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What the page shows, as plain records: the points and how far each is, and the photographs of one in order."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TypedDict
 

@@ -13,8 +13,6 @@ linear discriminant (Fisher 1936) with the weights of a logistic regression (Cox
 ground of rendered photographs.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

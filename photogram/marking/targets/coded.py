@@ -4,8 +4,6 @@ The corners that the detector gives are those of the black square. The homograph
 to the grey values: q = A (p − c) / (1 + h·(p − c)), so that c is where the diagonals meet, the image of the centre.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import factorial
 from typing import Any

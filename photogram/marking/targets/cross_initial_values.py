@@ -5,8 +5,6 @@ symmetry transforms do, Reisfeld, Wolfson & Yeshurun 1995). The bars are where a
 or darkest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations, product
 

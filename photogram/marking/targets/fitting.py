@@ -11,8 +11,6 @@ is the covariance (Conley 1999; noise by place as White 1980, one correlogram fo
 of Politis & Romano 1995).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

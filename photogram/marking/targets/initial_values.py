@@ -6,8 +6,6 @@ regions brighter or darker than their surroundings; second moments give their af
 affine normalisation, Rothe, Süsse & Voss 1996), which is tried out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

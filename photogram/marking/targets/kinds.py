@@ -1,7 +1,5 @@
 """What a measured target is: its kind, its centre and how well the centre is known."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

@@ -8,8 +8,6 @@ for pixels p around m; c is the place, A affine. The patch is interpolated by cu
 the residuals have the noise of both, and the mark in the template its own, which is no part of the covariance given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

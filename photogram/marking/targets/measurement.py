@@ -1,7 +1,5 @@
 """Measure targets in a patch of a photograph: near a rough place, or wherever there are some."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -11,8 +11,6 @@ beyond both to the share
 with a and b their distances over σ: the tetrachoric series (Pearson 1900), here to ρ⁴.
 """
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 The picture is that of `picture` but for what leaning edges share, from a table, on a lattice of pixels.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What earlier runs in the same work folder took, stage by stage, and what that says of the prediction."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ this machine (`self_test`). A stage that an earlier run has left in the work fol
 what it took (`earlier_runs`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 

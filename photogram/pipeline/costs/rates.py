@@ -11,8 +11,6 @@ Where there are two cores another process compiles most kernels of adjustment an
 work; on one these take 15 and 20 s more than is stated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import get_args
 

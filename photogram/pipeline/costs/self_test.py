@@ -8,8 +8,6 @@ the machine. What was not compiled before is not tested, for that would take lon
 fast as the plain piece.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

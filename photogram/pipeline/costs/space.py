@@ -4,8 +4,6 @@ Key points by their number, the dense surface and the orthophoto by the ground t
 it is cut into. The bytes of a cell are those of the files' own layout where nothing compresses them, else measured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from photogram.files.photographs.tags import PhotographTags

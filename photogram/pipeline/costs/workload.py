@@ -1,7 +1,5 @@
 """How much work a survey is, from project and tags alone: pixels, key points, pairs, observations, cells."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

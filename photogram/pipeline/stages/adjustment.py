@@ -1,7 +1,5 @@
 """The stage `adjustment`: the joint adjustment, what it leaves out, and how the block is deformed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from math import nan

@@ -1,7 +1,5 @@
 """The stage `comparison`: the clouds against a reference surface, where the project names one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

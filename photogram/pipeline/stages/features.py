@@ -1,7 +1,5 @@
 """The stage `features`: key points of every photograph, how coarse they are, and the share that masks leave out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from statistics import median

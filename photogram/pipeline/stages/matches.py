@@ -1,7 +1,5 @@
 """The stages `pairs` and `matches`: which photographs are compared, and what they show alike."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

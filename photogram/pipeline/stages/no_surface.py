@@ -1,7 +1,5 @@
 """Where a survey has no surface in plan, and why: its photographs look sideways, or its network has no scale."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.survey import Block

@@ -1,7 +1,5 @@
 """The stages of a survey in their order, one row each, but for `results`, which hands over what they have made."""
 
-from __future__ import annotations
-
 from photogram.pipeline.stage import Stage
 from photogram.pipeline.stages.adjustment import ADJUSTMENT
 from photogram.pipeline.stages.comparison import COMPARISON

@@ -1,8 +1,6 @@
 """The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif` with its
 rim and its seams, and the bands of companions beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The stage `photographs`: decodes every photograph once and assembles what was measured before the tie points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from datetime import datetime

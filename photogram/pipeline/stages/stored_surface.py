@@ -1,7 +1,5 @@
 """What the stage `surface` has stored, read back for later stages and notebooks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """In which frame a survey's surface is made, and with what: the map, or a plane fitted to the tie points."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The stage `tie_points`: verified matches joined to points that several photographs show, or those that are given."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 A Dask scheduler runs whatever it is sent by anyone who reaches it; docs/cluster.md says how to close it to others.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import time

@@ -6,8 +6,6 @@ does again. What was made with other control points then holds, under the settin
 (``photographs_as_made``, ``orientation_as_made``).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How much memory a stage of work takes at its highest, and what it leaves unused given back."""
 
-from __future__ import annotations
-
 import ctypes
 import resource
 import sys

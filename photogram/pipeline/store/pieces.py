@@ -6,8 +6,6 @@ each stage. A piece writes its files whole or not at all and returns little; don
 process that is lost costs no more than its pieces.
 """
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait

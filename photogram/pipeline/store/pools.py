@@ -4,8 +4,6 @@ Threads share arrays and one copy of the program, and are the default. Processes
 write the work folder, and any of them may be lost.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -3,8 +3,6 @@
 The record is ``checksums.sha256``, which ``sha256sum --check`` reads too.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

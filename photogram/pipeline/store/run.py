@@ -3,8 +3,6 @@
 A stage reads only what earlier stages have written, so that a resumed run sees exactly what an uninterrupted one sees.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field

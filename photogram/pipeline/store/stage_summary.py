@@ -3,8 +3,6 @@
 Which counts, each stage says in its own file; here is what all of them have in common.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TypeVar
 

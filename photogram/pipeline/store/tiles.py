@@ -1,7 +1,5 @@
 """Arrays over a map grid kept on disk in blocks: one file per block, written whole, any window read back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ with, what the project file says, and the content of every photograph. A process
 work folder, or comes too late, and writes nothing.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import re

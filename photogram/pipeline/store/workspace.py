@@ -7,8 +7,6 @@ stage with one file per photograph goes on where it was killed. Of a complete st
 stage wrote. JSON for what people read, uncompressed npz for arrays, no pickle.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json

@@ -5,8 +5,6 @@ Camera name space (senseFly, Parrot Sequoia), EXIF's focal length in its 35 mm e
 the resolution on the sensor. Each deserves its own prior standard deviations.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

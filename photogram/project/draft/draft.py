@@ -1,7 +1,5 @@
 """The draft of a project, made from the tags of its photographs; nothing here reads or writes a file."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Positions from the tags of photographs: how good they are along each axis, and what they may be off by together."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

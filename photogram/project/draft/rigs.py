@@ -1,7 +1,5 @@
 """Rigs of a draft: cameras whose photographs have the identifiers of their exposures in common."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Most drones read their pictures row by row, some have a mechanical or a global s
 known, its read-out time is a prior that the photographs may outvote; where neither is known, it is looked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

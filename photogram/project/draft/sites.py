@@ -4,8 +4,6 @@ Sites are single-linkage clusters of the positions; a flight is a chain of photo
 long pause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime

@@ -1,7 +1,5 @@
 """A drafted project as the text of project.yaml, with a comment for every choice that was made."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Pieces of YAML as a draft writes them: scalars, short lists, mappings over several lines, and comments."""
 
-from __future__ import annotations
-
 import json
 import re
 import textwrap

@@ -3,8 +3,6 @@
 `photogram check` and `photogram adjust` both assemble it here, from the same notes on the photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime

@@ -5,8 +5,6 @@ The project's own position comes first, then that of a file of positions, then t
 is never believed to be better than the kind of solution allows (gnss_solutions.FLOOR_M).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NotRequired

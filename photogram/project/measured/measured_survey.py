@@ -1,8 +1,6 @@
 """The measured block as `photogram check` looks at it: where the photographs are, where they look, and how high they
 fly."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The CRS of a project file taken from files of WKT, and its list of positions brought from the CRS's units to m."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path

@@ -4,8 +4,6 @@ project's CRS.
 Errors are noted in the document under the entry that names the file, and carry that file's own line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime

@@ -1,7 +1,5 @@
 """Positions of a receiver that has stopped: the same figures for photograph after photograph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import datetime
 

@@ -1,7 +1,5 @@
 """Which row of a file of positions belongs to which photograph: by name, by number in the name, or by order."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,6 @@
 """Rigs in a project file: a master camera, its companions with what is given of where they sit, and how photographs are
 grouped to exposures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Which photographs of a rig are one exposure: by the identifier in their tags, by their names, or by time."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Collection, Hashable, Sequence

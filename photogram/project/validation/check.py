@@ -4,8 +4,6 @@ photographs and the machine, all at once.
 Pure functions on data that others have read; `photogram check` reads it, in seconds, and shows what they find.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Positions of a file are looked at where the file is read (photogram.project.heights.in_map).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What measured positions, attitudes, control points and their marks say of each other before anything is adjusted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ agree best with the rays of their marks. For every s the best rotation of each p
 whole range: no starting value can lead astray. Wrong marks and single wrong heights are damped (Cauchy's loss).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Pure functions on the project, the photographs' tags and the marks; `photogram c
 `photogram adjust` stops where heights contradict each other by a geoid height, before hours of work.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal

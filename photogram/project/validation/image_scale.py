@@ -6,8 +6,6 @@ is fitted to the same rays with the same robust cost (height_datum): a height sh
 coordinates about the principal point, and a picture size, which scales them about the picture's corner.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal

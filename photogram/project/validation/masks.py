@@ -1,7 +1,5 @@
 """The check of masks: files that do not fit their photographs, and marks of ground points in what they leave out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

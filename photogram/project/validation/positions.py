@@ -3,8 +3,6 @@
 Where they are missing, how good they claim to be, whose they are, and whether they were taken with the photographs.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from datetime import datetime, timedelta

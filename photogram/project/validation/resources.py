@@ -1,8 +1,6 @@
 """How large a survey's surface and orthophoto become, from the ground that its photographs show, and whether disk and
 memory of the machine will do."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The check of rigs: which photographs are exposures of cameras on one body, before anything is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Two points exchanged, marks set on another point's target, easting and northing 
 named only where the prediction is precise enough to exclude chance.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ and its measurement rejected; the rest is adjusted and tested again until no obs
 not rejected for a blunder's leverage, and what passes the final test is reinstated.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress

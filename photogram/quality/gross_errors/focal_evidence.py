@@ -3,8 +3,6 @@
 Parts of the pictures are adjusted by themselves; see photogram.quality.gross_errors.focal_length for its use.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

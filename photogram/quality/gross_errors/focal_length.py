@@ -9,8 +9,6 @@ agree are adjusted by themselves: the scatter of their focal lengths, beyond wha
 the error of the model. The two are put together as a mixture of normal distributions, whose mean and variance are kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ Rangarajan 1996; Yang et al. 2020). So blunders of any size cannot bend the bloc
 of them hide each other does not matter. Tie points hold the shape; those that disagree from the start are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

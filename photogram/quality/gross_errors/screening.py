@@ -5,8 +5,6 @@ agree, and the similarity that most of them agree with takes them to their surve
 Caspary 2000, ch. 4). What stays off is gross: blunders of metres and of dozens of pixels, not of centimetres.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

@@ -7,8 +7,6 @@ explanation of least cost is taken. A focal length whose source is rejected is s
 photogram.quality.gross_errors.focal_length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

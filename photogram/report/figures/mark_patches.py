@@ -1,8 +1,6 @@
 """Patches of photographs around a ground point, side by side at one scale, with what was marked or proposed in them,
 and where the adjustment puts the point."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Mapping, Sequence

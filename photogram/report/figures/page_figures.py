@@ -3,8 +3,6 @@
 Vector graphics, the same bytes for the same data, sized for a page of A4.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Mapping

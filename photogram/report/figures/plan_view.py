@@ -1,7 +1,5 @@
 """The survey in plan: photographs, what disagrees with GNSS and ground points, and how often the ground is seen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

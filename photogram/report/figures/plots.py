@@ -1,7 +1,5 @@
 """What ``.plot()`` of the main data types draws: in the current axes of matplotlib, for a notebook or a script."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """Profiles of the dense surface with their uncertainty, and how its standard deviations are spread."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 Lines are chosen on a coarse copy of the surface, and sampled on the surface itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import cv2

@@ -5,8 +5,6 @@ every kind of colour vision (Okabe & Ito 2008; diverging scale of Brewer). Figur
 object interface: no global state, no display.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO, Literal

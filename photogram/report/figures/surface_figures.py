@@ -1,7 +1,5 @@
 """The figures of the dense surface: each drawn once, for the report page and as a picture beside it."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

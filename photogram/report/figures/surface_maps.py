@@ -1,7 +1,5 @@
 """Maps of the dense surface: orthophoto, relief, uncertainty, number of photographs and confidence."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

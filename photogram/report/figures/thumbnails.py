@@ -1,7 +1,5 @@
 """The small pictures of the page's first screen: what was flown, and what was made of it, without axes and words."""
 
-from __future__ import annotations
-
 import base64
 import io
 

@@ -4,8 +4,6 @@ All of it follows from the other figures of report.json and from what the projec
 made anew whenever that changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, TypeVar
 

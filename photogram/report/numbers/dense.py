@@ -1,7 +1,5 @@
 """The numbers of report.json that tell of the dense surface and the orthophoto, and their tests at the check points."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

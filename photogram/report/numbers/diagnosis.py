@@ -1,7 +1,5 @@
 """The diagnosis in report.json: calibration, dome, weak geometry, what would help, why resections miss GNSS."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,8 +1,6 @@
 """What report.json says of GNSS positions: how many took part and how good they are, whether flights are off together,
 which lever arm was counted, and what must be known before they are believed."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """The height systems of a survey for report.json: what came in, what goes out, and the geoid between them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The numbers of report.json. Its keys are kept stable: scripts rely on them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """The verdict on a whole survey: one sentence, a grade, the two figures that count, and what to do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

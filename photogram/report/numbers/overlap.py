@@ -4,8 +4,6 @@ The ground is the surface of the tie points on a coarse grid. What hides behind 
 points do not describe them well enough to tell.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ What is of no consequence stands in its section of the page, not here: a paramet
 that were stated a little off, quantities that change together and cost no heights.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

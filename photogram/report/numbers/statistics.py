@@ -1,7 +1,5 @@
 """The numbers of report.json that say whether the result is as good as predicted."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Every rule reads report.json alone; a figure that is not there gives no verdict rather than a good one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

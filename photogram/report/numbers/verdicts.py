@@ -1,7 +1,5 @@
 """What the report says of every control point, and of the blunders that the survey holds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

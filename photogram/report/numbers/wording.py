@@ -1,7 +1,5 @@
 """How figures, sentences and settings are written on the report page."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

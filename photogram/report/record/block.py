@@ -1,7 +1,5 @@
 """What report.json says of the block, its cameras and its adjustment."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What report.json says of the block as a whole: what it is weak in, and what would help."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

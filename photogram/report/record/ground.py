@@ -1,7 +1,5 @@
 """What report.json says of control and check points, and of what contradicts everything else."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """The types of report.json as a reader checks them, and as a JSON Schema for other programs."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from pydantic import TypeAdapter

@@ -3,8 +3,6 @@
 A key that a later version adds is `NotRequired`, so that results of earlier ones can still be read.
 """
 
-from __future__ import annotations
-
 from typing import NotRequired
 
 from pydantic import ConfigDict, with_config

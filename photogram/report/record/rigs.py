@@ -1,7 +1,5 @@
 """What report.json says of cameras on one body."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Annotated, NotRequired
 

@@ -1,7 +1,5 @@
 """What report.json says of point clouds, surface models and the orthophoto."""
 
-from __future__ import annotations
-
 from typing import Annotated, NotRequired, final
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What report.json says in words and by rules: accuracy by the standard, lights, warnings, the verdict."""
 
-from __future__ import annotations
-
 from typing import Literal, NotRequired
 
 from typing_extensions import TypedDict

@@ -1,7 +1,5 @@
 """Numbers of cameras on one body: relative poses as adjusted, and the reliability of their exposures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

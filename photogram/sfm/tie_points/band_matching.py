@@ -6,8 +6,6 @@ of the same exposure, which sees the ground from a hand's breadth beside: warped
 place that the orientation predicts, by normalised cross-correlation (as ``guided_matching``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """What a detector of key points is, what it is given, and which there are: every module of the room `detectors`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module

@@ -1,8 +1,6 @@
 """Key points of one photograph by the detector of the settings, with their colours, and what the search asks of the
 machine."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

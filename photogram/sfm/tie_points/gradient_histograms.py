@@ -4,8 +4,6 @@ The numbers are those of OpenCV's SIFT, its approximation of the arctangent amon
 products of those of rows and columns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array, Int32Array

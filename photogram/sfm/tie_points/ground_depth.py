@@ -8,8 +8,6 @@ lie deeper, where too few of those selected are it lies less deep, and the pairs
 heights are right, the pairs stay what they were.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ cross-correlation, with a parabola through the peak (Förstner 1982; Kraus 2007,
 not level, hidden or has changed correlate badly and are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated

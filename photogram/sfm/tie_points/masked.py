@@ -1,7 +1,5 @@
 """Which places of a photograph lie clear of what its mask leaves out."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

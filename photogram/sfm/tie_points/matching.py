@@ -1,7 +1,5 @@
 """Candidate matches of pairs of photographs, and their verification by epipolar geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated

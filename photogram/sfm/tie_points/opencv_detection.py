@@ -1,7 +1,5 @@
 """Key points by a detector of OpenCV, tile by tile: what lies in a mask is left out, what is taken is described."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """Tiles of a picture, which bound the memory of a detector, and the choice of key points that spread over it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil

@@ -9,8 +9,6 @@ Descriptors, words and vectors are whole numbers so small that every product and
 does not depend on the order in which a machine adds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ found, and orients and describes all of it or nothing; here they stay until that
 oriented. Differences of levels are taken row by row where they are looked at.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

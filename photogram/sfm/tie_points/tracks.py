@@ -1,7 +1,5 @@
 """Pairwise matches joined to tie points over all photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """photogram demo: the built-in simulated survey, end to end. Arguments only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

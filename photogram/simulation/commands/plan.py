@@ -1,7 +1,5 @@
 """photogram plan: the accuracy of a flight before it is flown. Arguments only."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -6,8 +6,6 @@ height there (Amanatides & Woo 1987, on two levels). The first disc is found exa
 that not a hit but its share of the pixel's width is asked for.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 """A flight before it is flown: predicted sigma in height over the site, photographs, control points, and what a change
 would bring."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

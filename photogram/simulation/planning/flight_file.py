@@ -3,8 +3,6 @@
 Read and checked as project.yaml is: every error at once, with its line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any

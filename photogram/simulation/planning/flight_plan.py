@@ -5,8 +5,6 @@ poses as flown, the terrain, tie points and marks: without errors for a predicti
 prediction to the test.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal

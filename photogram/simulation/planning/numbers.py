@@ -1,7 +1,5 @@
 """A prediction as JSON: what ``photogram plan --json`` prints. Its keys are kept stable: scripts rely on them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 

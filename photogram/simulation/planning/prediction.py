@@ -1,7 +1,5 @@
 """How accurate a flight will be, before it is flown: covariances of its simulated geometry, nothing adjusted."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

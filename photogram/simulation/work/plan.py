@@ -1,7 +1,5 @@
 """What `photogram plan` does."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ no photograph is the reference. Those that agree least, behind a tree or a wall,
 Heights are tried patch by patch, all cells of a patch that have a hypothesis at once.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ and long compiled loops over cells fill the processor's lanes. Such loops need n
 compute is the same to the last bit, whatever the compiler makes of them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

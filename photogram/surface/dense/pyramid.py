@@ -1,7 +1,5 @@
 """The levels of dense matching, from coarse to fine: grids, reduced pictures, steps of height, search ranges."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -14,8 +14,6 @@ adjustment with one unknown, the height (Grün 1985 does it with more), so the n
 β is BETWEEN_PIXELS: samples a pixel apart, interpolated between the same pixels, share their noise.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ numbers common to all cells; a cell tries those from ``first`` on, as many as it
 et al. 2012), so that narrow ranges on a known surface cost little.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ that are tried lie above and below a surface with the slopes of what is known so
 it would tie the edge of a roof to where the coarser level has seen it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter, uniform_filter

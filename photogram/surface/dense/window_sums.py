@@ -9,8 +9,6 @@ the sums of the samples, of their squares and of their products over a window of
 where the noise ε makes samples with little texture correlate with nothing, rather than by chance.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ A cell belongs to the photograph of its block; across seams several are mixed, a
 another is taken. What is hidden in all of them stays empty, but for slivers.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

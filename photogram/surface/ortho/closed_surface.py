@@ -8,8 +8,6 @@ them. Whether a cell is one or the other is decided by the best of nine windows 
 Gortler et al. 1996). The result is for the orthophoto alone: these heights are in no surface model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ seam between them. The sum is made small by sequential tree-reweighted message p
 TRW-S) on the grid of blocks, always in the same order.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray, Int32Array

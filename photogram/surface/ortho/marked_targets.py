@@ -7,8 +7,6 @@ coordinates are not used. A target is found only where the correlation is high a
 and where most of its marks agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

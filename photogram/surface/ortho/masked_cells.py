@@ -1,7 +1,5 @@
 """Which cells of a surface a photograph shows in pixels that its mask leaves out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

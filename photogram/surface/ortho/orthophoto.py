@@ -6,8 +6,6 @@ its block, from another where that one does not see it, and across seams from bo
 depends on its place alone, never on the tile in which it is made.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future

@@ -4,8 +4,6 @@ The rim encloses what at least ENOUGH photographs look at, without its spikes an
 a polygon counts the sides that a line to the west crosses (even-odd rule): it depends on the place alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ before anything is allocated for it. COLMAP 4 writes rigs.bin and frames.bin bes
 holds are composed from those already, so only the number of sensors is looked at.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from struct import Struct
 from typing import Any

@@ -5,8 +5,6 @@ is written beside it, and nothing of it is run: no view, trigger, virtual table 
 may be called, and no row is taken twice.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing

@@ -5,8 +5,6 @@ and z forward (COLMAP documentation, Output Format); the models are those of src
 thin prism, FOV, division, EUCM and the rational part of FULL_OPENCV are not photogram's, and a panorama is none.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

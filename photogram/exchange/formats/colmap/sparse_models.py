@@ -4,8 +4,6 @@ COLMAP's camera frame is photogram's; its pixels are half a pixel more, and its 
 lies in a folder with cameras, images and points3D as .bin or .txt.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -3,8 +3,6 @@
 What begins with # is a comment. An image has two lines, of which the second, its key points, may be empty.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -7,8 +7,6 @@ coordinates of the control points, taken as Cartesian. DBAT adjusts by least squ
 takes the marks of check points for those of points without a survey (Börlin and Grussenmeyer 2013).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

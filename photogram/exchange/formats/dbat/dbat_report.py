@@ -6,8 +6,6 @@ points; of each camera its parameters, in DBAT's camera unit. Standard deviation
 by sigma0.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ A table is text with commas, `#` begins a comment; the script says its columns i
 standard deviations of marks in ``sxy``. Control and check points may come from one table, filtered by their ids.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 

@@ -7,8 +7,6 @@ radial1, radial3, brown and fisheye4 are photogram's; radial3pt, fisheye1, equid
 not.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ Frames and pixels are those of ``meshroom``. The file names no camera model: thr
 radial3, of AliceVision before its version 2.4; what other numbers are cannot be told.
 """
 
-from __future__ import annotations
-
 from pathlib import Path, PurePosixPath
 
 import numpy as np

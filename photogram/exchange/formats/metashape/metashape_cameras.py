@@ -3,8 +3,6 @@
 The frames, pixels and formulas are those of `metashape_chunk`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree

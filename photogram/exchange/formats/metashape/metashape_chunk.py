@@ -7,8 +7,6 @@ to 1.2 come with cx and cy from its corner and, for b2, a skew. The transform of
 where the chunk has a CRS, else to the local ones of its markers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

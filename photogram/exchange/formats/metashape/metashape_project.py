@@ -7,8 +7,6 @@ for each photograph projections (x, y, size, id), pixels with the centre of the 
 (red, green, blue), the colour of the point whose id is its place in the list.
 """
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from collections.abc import Iterator

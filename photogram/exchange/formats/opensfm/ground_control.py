@@ -4,8 +4,6 @@ It states no standard deviations; those of OpenSfM's own configuration stand in 
 ``gcp_horizontal_sd``, ``gcp_vertical_sd``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -7,8 +7,6 @@ equidistant one, all in photogram's direction. The world is east, north, up at `
 zeros where no photograph has a position: then it is the frame of a free network.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -6,8 +6,6 @@ Geometric Models, Normalized Image Coordinates):
     x = (u + 1/2 − w/2)/size,  y = (v + 1/2 − h/2)/size
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ pixels of tracks have the centre of the top-left pixel at (0.5, 0.5), marks have
 photogram's formulas, R1 R2 R3 for k1 k2 k3 and T1 T2 for p1 p2 (opf-spec, Calibrated cameras; pyopf, opf2colmap).
 """
 
-from __future__ import annotations
-
 import json
 import uuid
 from collections.abc import Iterator, Mapping

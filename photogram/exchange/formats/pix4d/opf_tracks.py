@@ -5,8 +5,6 @@ that frame, and a quarter turn about x to the processing CRS, with z up. Pixels 
 top-left one at (0.5, 0.5). Those of a point are a range of the list of matches: an offset of 40 bits and a count of 24.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ formulas are photogram's; the principal point counts from the corner of the top-
 positions, wkt.prj is their CRS, and the `.cam` names the sizes of sensors (Pix4D, Outputs of the params folder).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ master, beside whose red, green and blue it stands. Registration is measured whi
 the master's colours and the band.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

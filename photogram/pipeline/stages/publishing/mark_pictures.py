@@ -1,8 +1,6 @@
 """Pictures of the marks of ground points for the report, cut from the photographs: each is decoded once, and only its
 patches are kept."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

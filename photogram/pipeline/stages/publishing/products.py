@@ -1,7 +1,5 @@
 """Surface, orthophoto and dense cloud as they are handed over, and what the report shows of them."""
 
-from __future__ import annotations
-
 import shutil
 from collections import deque
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The report page on disk: written beside report.json, made again from it, and printed as PDF."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime

@@ -5,8 +5,6 @@ LAZ, the DSM, tie points as npz and .mat, pictures. Every file is written whole 
 only when all of them are there.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from heapq import nlargest

@@ -6,8 +6,6 @@ and 0.96 at 3, in proportion to the size. OpenCV's cornerSubPix, with windows of
 are: texture is no corner of a chessboard. What needs hundredths of a pixel has them from the correlation that follows.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import ceil, log
 

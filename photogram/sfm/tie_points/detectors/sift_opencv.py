@@ -3,8 +3,6 @@
 OpenCV makes the scale space once to detect and once more to describe, and orients all that it finds.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -7,8 +7,6 @@ written here for LLVM: rows times columns, whose sums stay in registers until th
 known.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 

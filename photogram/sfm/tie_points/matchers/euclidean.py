@@ -8,8 +8,6 @@ Where the processor multiplies whole numbers (byte_distances), it does; elsewher
 precision, which holds these numbers exactly. The result is the same on any machine.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

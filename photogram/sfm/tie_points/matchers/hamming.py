@@ -4,8 +4,6 @@ OpenCV's `batchDistance` and `BFMatcher` give the same, but take a pass for each
 256 bits on either side, against 0.14 s here, on one core.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

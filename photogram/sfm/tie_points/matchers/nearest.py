@@ -1,7 +1,5 @@
 """What a matcher must have, and what it returns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
