@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, Float32Array, FloatArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Raster
 
@@ -45,6 +45,16 @@ class Window:
         rows, columns = self.shape
         row, column = self.row - outer.row, self.column - outer.column
         return slice(row, row + rows), slice(column, column + columns)
+
+    def around(self, margin: int) -> Window:
+        """Return the window with ``margin`` cells more on each side, whatever grid it is of."""
+        return Window(self.row - margin, self.column - margin, self.row_end + margin, self.column_end + margin)
+
+    def common(self, other: Window) -> Window | None:
+        """Return the cells that lie in both windows, None where none do."""
+        row, column = max(self.row, other.row), max(self.column, other.column)
+        row_end, column_end = min(self.row_end, other.row_end), min(self.column_end, other.column_end)
+        return Window(row, column, row_end, column_end) if row < row_end and column < column_end else None
 
     def coarser(self, cells: int) -> Window:
         """Return the window of a grid whose cells are so many times as large, around this one."""
@@ -85,6 +95,12 @@ class MapGrid:
         """Return the window of all cells."""
         return Window(0, 0, self.rows, self.columns)
 
+    @property
+    def extent_map_m(self) -> tuple[float, float, float, float]:
+        """Return its outer edges: west, east, south, north."""
+        east, south = self.west_map_m + self.columns * self.cell_m, self.north_map_m - self.rows * self.cell_m
+        return self.west_map_m, east, south, self.north_map_m
+
     def raster(self, values: Float32Array) -> Raster:
         """Return values (rows, columns) as a raster."""
         return Raster(values, self.west_map_m, self.north_map_m, self.cell_m)
@@ -105,9 +121,7 @@ class MapGrid:
 
     def common(self, window: Window) -> Window | None:
         """Return the part of a window that lies on the grid, None where none does."""
-        row, column = max(window.row, 0), max(window.column, 0)
-        row_end, column_end = min(window.row_end, self.rows), min(window.column_end, self.columns)
-        return Window(row, column, row_end, column_end) if row < row_end and column < column_end else None
+        return self.whole.common(window)
 
     def tiles(self, side: int) -> Iterator[Window]:
         """Yield windows of ``side`` × ``side`` cells, smaller at the south and east, row by row."""
@@ -120,6 +134,13 @@ class MapGrid:
         column = np.arange(window.column, window.column_end, dtype=np.float64) + 0.5
         row = np.arange(window.row, window.row_end, dtype=np.float64) + 0.5
         return self.west_map_m + column * self.cell_m, self.north_map_m - row * self.cell_m
+
+    def cells_at(self, places_map_m: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return row and column (N,) of the cells that places (N, 2 or 3) lie in, −1 both beside the grid."""
+        row = np.floor((self.north_map_m - places_map_m[:, 1]) / self.cell_m)
+        column = np.floor((places_map_m[:, 0] - self.west_map_m) / self.cell_m)
+        on = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)  # not so where NaN
+        return np.where(on, row, -1).astype(np.int64), np.where(on, column, -1).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,3 +253,10 @@ def decimated(raster: Raster, maximum: int, keep: BoolArray | None = None) -> tu
     means, share = block_means(raster.values, block, keep)
     small = Raster(means.astype(np.float32), raster.west_map_m, raster.north_map_m, block * raster.cell_m)
     return small, share
+
+
+def known_cells_map_m(raster: Raster) -> FloatArray:
+    """Return easting, northing and value (N, 3) of the cells of a raster with data, at their centres, row by row."""
+    row, column = np.nonzero(np.isfinite(raster.values))
+    east, north = MapGrid.of(raster).centres_map_m(MapGrid.of(raster).whole)
+    return np.column_stack([east[column], north[row], raster.values[row, column].astype(np.float64)])

@@ -79,8 +79,7 @@ def match_surface(
             outer = level.grid.around_window(tile, MARGIN_CELLS)
             prior = first_prior(known, level, outer, base_map_m)
             if number:
-                half = Window(outer.row // 2, outer.column // 2, -(-outer.row_end // 2), -(-outer.column_end // 2))
-                at = coarser.around_window(half, AROUND_CELLS + 3)
+                at = coarser.around_window(outer.coarser(2), AROUND_CELLS + 3)
                 about = coarse[at.slices], coarse_agreement[at.slices]
                 prior = finer_prior(*about, at, level, outer, prior, widely=not last)
             matched = match_block(scene, level, tile, prior, settings, refined=last)

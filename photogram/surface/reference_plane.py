@@ -107,10 +107,10 @@ def fit_plane(points_world_m: FloatArray, poses: tuple[Pose | None, ...]) -> Pla
     nearest, _ = cKDTree(np.array([pose.position_world_m for pose in oriented])).query(points)
     distance_m = float(np.median(nearest))
     with threadpool_limits(1, "blas"):  # sums in one order, whatever the number of cores
-        found = _consensus(points, towards, distance_m)
-        if found is None:
+        best = _consensus(points, towards, distance_m)
+        if best is None:
             return "the tie points form no plane that the photographs face"
-        normal, place, band_m, share = found
+        normal, place, band_m, share = best
         if share < LEAST_SHARE:
             return (
                 f"the tie points form no plane that the photographs face: at most {100 * share:.0f} % of them lie "

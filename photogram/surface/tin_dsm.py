@@ -289,18 +289,18 @@ def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
     corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
     values = [np.full(triangles.shape, np.nan, dtype=np.float32) for _ in rules]
     x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
-    tile_rows, found = max(1, TILE_CELLS // columns), 0
+    tile_rows, known = max(1, TILE_CELLS // columns), 0
     with threadpool_limits(1, "blas"):  # SciPy solves a 2 × 2 system per triangle, which threads make slower by far
         for top in range(0, rows, tile_rows):
             y = corner_m[1] - (np.arange(top, min(top + tile_rows, rows)) + 0.5) * cell_m
             centre = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
             triangle = triangulation.find_simplex(centre)
             inside = np.flatnonzero((triangle >= 0) & triangles.usable[triangle])
-            triangle, found = triangle[inside], found + len(inside)
+            triangle, known = triangle[inside], known + len(inside)
             weight = _barycentric(triangulation, triangle, centre[inside])
             for raster, rule in zip(values, rules, strict=True):
                 raster[top : top + tile_rows].reshape(-1)[inside] = rule(triangle, weight)
-    if not found:
+    if not known:
         raise SurfaceError(f"surface: no cell of {cell_m:g} m has its centre on the surface: choose a smaller cell_m")
     return [Raster(raster, triangles.west_map_m, triangles.north_map_m, cell_m) for raster in values]
 
@@ -320,8 +320,8 @@ def spikes(points_m: FloatArray, settings: SurfaceSettings) -> BoolArray:
     height_m, nmad_m, apart_m = (np.empty(len(points_m)) for _ in range(3))
     for start in range(0, len(points_m), CHUNK_POINTS):
         chunk = slice(start, start + CHUNK_POINTS)
-        distance, found = tree.query(points_m[chunk, :2], k + 1)
-        apart_m[chunk], neighbour = np.asarray(distance)[:, 1], np.asarray(found, dtype=np.int64)
+        distance, nearest = tree.query(points_m[chunk, :2], k + 1)
+        apart_m[chunk], neighbour = np.asarray(distance)[:, 1], np.asarray(nearest, dtype=np.int64)
         height_m[chunk], nmad_m[chunk] = _height_over_neighbours(points_m[chunk], points_m[neighbour[:, 1:]])
     overall_m = nmad(height_m)
     least_m = (

@@ -188,10 +188,9 @@ def key_points_on_ground(
     by number, are matched. The ground is as low as the cells, and where these have no height as the
     nearest one that has."""
     place = _places_map_m(camera, pose, frame, features.pixel, grid, _everywhere(cells.low_m))
-    row = np.floor((grid.north_map_m - place[:, 1]) / grid.cell_m)
-    column = np.floor((place[:, 0] - grid.west_map_m) / grid.cell_m)
-    inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)  # not so where NaN
-    cell = (row[inside] * grid.columns + column[inside]).astype(np.int64)
+    row, column = grid.cells_at(place)
+    inside = row >= 0
+    cell = row[inside] * grid.columns + column[inside]
     of_match = np.zeros(len(features), dtype=bool)
     of_match[matched] = True
     red, green, blue = features.colour[inside].astype(np.float64).T
@@ -301,8 +300,8 @@ def _waters_edge(cells: SurfaceCells, area: BoolArray, matched: FloatArray, high
     grown = area
     for edge in (silent & lies_low, silent & (lies_low | between)):
         for _ in range(EDGE_CELLS):
-            beside = cv2.boxFilter(grown.astype(np.uint8), cv2.CV_16S, (3, 3), normalize=False, borderType=0)
-            grown = grown | ((beside > 0) & edge) | ((beside >= ENCLOSED_BY) & silent)
+            around = cv2.boxFilter(grown.astype(np.uint8), cv2.CV_16S, (3, 3), normalize=False, borderType=0)
+            grown = grown | ((around > 0) & edge) | ((around >= ENCLOSED_BY) & silent)
     return np.asarray(grown & ~area)
 
 

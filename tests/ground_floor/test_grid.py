@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.geodesy.frames import LocalFrame
-from photogram.grid import LATTICE_CELLS, MapGrid, Window, verticals
+from photogram.grid import LATTICE_CELLS, MapGrid, Window, known_cells_map_m, verticals
 from photogram.survey import Raster
 
 FRAME = LocalFrame("EPSG:25832", (602340.0, 5794120.0, 120.0))
@@ -58,3 +59,34 @@ def test_a_grid_around_points_lies_on_multiples_of_the_cell() -> None:
     assert (grid.west_map_m, grid.north_map_m, grid.rows, grid.columns) == (10.0, 29.0, 18, 15)
     assert MapGrid.of(Raster(np.zeros((18, 15), np.float32), 10.0, 29.0, 0.5)) == grid
     assert grid.around_window(Window(0, 3, 5, 15), 2) == Window(0, 1, 7, 15)
+
+
+WINDOWS = st.builds(
+    lambda row, column, rows, columns: Window(row, column, row + rows, column + columns),
+    *[st.integers(-9, 9)] * 2,
+    *[st.integers(1, 7)] * 2,
+)
+
+
+@given(WINDOWS, WINDOWS)
+def test_windows_have_the_cells_in_common_that_lie_in_both(one: Window, other: Window) -> None:
+    def cells(window: Window | None) -> set[tuple[int, int]]:
+        if window is None:
+            return set()
+        return set(product(range(window.row, window.row_end), range(window.column, window.column_end)))
+
+    assert cells(one.common(other)) == cells(one) & cells(other)
+    assert one.around(2).common(one) == one
+
+
+def test_places_lie_in_cells_and_known_cells_at_their_centres() -> None:
+    grid = MapGrid(500.0, 900.0, 0.5, 3, 4)
+    assert grid.extent_map_m == (500.0, 502.0, 898.5, 900.0)
+    values = np.arange(12, dtype=np.float32).reshape(3, 4)
+    values[1, 2] = np.nan
+    cells = known_cells_map_m(grid.raster(values))
+    row, column = grid.cells_at(cells)
+    assert len(cells) == 11
+    np.testing.assert_array_equal(values[row, column], cells[:, 2])
+    beside = np.array([[499.9, 899.0], [502.1, 899.0], [501.0, 900.1], [501.0, 898.4], [np.nan, 899.0]])
+    assert [np.unique(index).tolist() for index in grid.cells_at(beside)] == [[-1], [-1]]

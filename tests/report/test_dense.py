@@ -27,7 +27,7 @@ from photogram.report.numbers.dense_surface import (
     ground_marks,
     sampled,
 )
-from photogram.surface.ortho.marked_targets import FoundTarget
+from photogram.surface.ortho.marked_targets import LocatedTarget
 from photogram.survey import Raster
 
 WEST, NORTH, CELL = 602_300.0, 5_794_200.0, 0.25
@@ -193,8 +193,8 @@ def test_orthophoto_is_told_by_its_own_cells() -> None:
     assert orthophoto_numbers(picture) == numbers | {"rim": {"area_m2": 101.0, "transparent": 0.002}}
 
 
-def a_target(east_m: float, north_m: float) -> FoundTarget:
-    return FoundTarget(np.array([WEST + east_m, NORTH + north_m]), 0.95, 3)
+def a_target(east_m: float, north_m: float) -> LocatedTarget:
+    return LocatedTarget(np.array([WEST + east_m, NORTH + north_m]), 0.95, 3)
 
 
 def test_orthophoto_at_check_points() -> None:
@@ -202,7 +202,7 @@ def test_orthophoto_at_check_points() -> None:
     points = [ground_point(f"C{i}", "check") for i in range(4)] + [ground_point("G1", "control")]
     for i, point in enumerate(points):
         point["surveyed_map_m"], point["surveyed_sigma_m"] = [WEST + 10.0 * i, NORTH, 40.0], [0.03, 0.04, 0.05]
-    found: dict[str, FoundTarget | str] = {
+    found: dict[str, LocatedTarget | str] = {
         "C0": a_target(0.03, 0.0), "C1": a_target(10.0, 0.06), "C2": a_target(19.97, 0.0), "C3": "several places",
         "G1": a_target(49.0, 0.0),
     }  # fmt: skip

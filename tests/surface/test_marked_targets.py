@@ -9,7 +9,7 @@ import pytest
 from photogram.camera import Camera, Pose, project_points, unproject
 from photogram.geodesy.frames import LocalFrame
 from photogram.surface.ortho.marked_targets import (
-    FoundTarget,
+    LocatedTarget,
     Mark,
     find_target,
     mark_neighbourhood,
@@ -103,7 +103,7 @@ def test_target_is_found_where_the_orthophoto_shows_it(off_m: tuple[float, float
     """To a twentieth of a cell and better, up to three cells off."""
     texture = with_target(ground(1))
     found = find_target(orthophoto(texture, off_m), centre_cell(), CELL_M, neighbourhoods(texture))
-    assert isinstance(found, FoundTarget)
+    assert isinstance(found, LocatedTarget)
     np.testing.assert_allclose(found.place_map_m, TARGET[:2] + off_m, rtol=0, atol=0.06 * CELL_M)
     assert found.marks == 3
     assert found.correlation > 0.9
@@ -112,7 +112,7 @@ def test_target_is_found_where_the_orthophoto_shows_it(off_m: tuple[float, float
 def test_wrong_mark_is_outvoted_and_said() -> None:
     texture = with_target(ground(1))
     found = find_target(orthophoto(texture, (0.02, 0.0)), centre_cell(), CELL_M, neighbourhoods(texture, (3.0, 0.0)))
-    assert isinstance(found, FoundTarget)
+    assert isinstance(found, LocatedTarget)
     assert found.marks == 2
     np.testing.assert_allclose(found.place_map_m, TARGET[:2] + np.array([0.02, 0.0]), rtol=0, atol=0.06 * CELL_M)
 

@@ -33,8 +33,8 @@ from photogram.surface.ortho.orthophoto import (
     orthophoto_grid,
     plan_orthophoto,
 )
-from photogram.surface.ortho.seamlines import find_seams
-from photogram.surface.ortho.visibility import SurfaceModel, WindowedSurface
+from photogram.surface.ortho.seamlines import Seams, rate_blocks, sample_blocks, seams_of
+from photogram.surface.ortho.visibility import SeenCells, SurfaceModel, WindowedSurface
 from photogram.surface.views import Views
 from photogram.survey import Raster
 
@@ -44,6 +44,7 @@ FRAME = LocalFrame("EPSG:25832", (EAST, NORTH, HEIGHT), "grid")
 WIDTH, DEPTH, FOCAL, ABOVE = 480, 360, 500.0, 30.0
 GSD = ABOVE / FOCAL
 TARGETS = np.array([[0.0, 0.0], [6.0, 4.0], [-7.0, 4.5], [-4.0, -6.0], [7.0, -5.0]])
+NO_PICTURE = np.zeros((0, 0, 3), np.uint8)
 
 
 def camera() -> Camera:
@@ -101,6 +102,17 @@ def planned(
         return plan_orthophoto(views, FRAME, surface, pictures.__getitem__, pool, settings, grid=grid)
 
 
+def seams_without_pictures(views: Views, surface: Raster, grid: MapGrid, side_cells: int = 512) -> Seams:
+    """Choose a photograph for every block of a grid from the surface alone."""
+    terrain = SurfaceModel.under(views, FRAME, WindowedSurface.of(surface))
+    with ThreadPoolExecutor(2) as pool:
+        lattice = rate_blocks(views, FRAME, terrain, grid, pool, None, side_cells)
+    seen = SeenCells(terrain)
+    for view in range(len(views)):
+        sample_blocks(views, FRAME, terrain, grid, lattice, seen, view, NO_PICTURE)
+    return seams_of(lattice, terrain, grid, np.zeros(len(views)))
+
+
 @dataclass(frozen=True)
 class Flat:
     scene: Scene
@@ -143,9 +155,7 @@ def test_what_a_cell_holds_does_not_depend_on_tiles_and_workers(walled: Walled, 
     assert len(np.unique(plan.seams.label)) > 2
     for workers, side in ((3, 64), (2, 77)):
         assert np.array_equal(made(plan, pictures.__getitem__, workers, side), once)
-    terrain = SurfaceModel.under(views, FRAME, WindowedSurface.of(surface))
-    with ThreadPoolExecutor(3) as pool:
-        first, again = (find_seams(views, FRAME, terrain, grid, pool, side) for side in (512, 24))
+    first, again = (seams_without_pictures(views, surface, grid, side) for side in (512, 24))
     for name in ("label", "candidate", "clear", "inside", "looks", "height_map_m"):
         assert np.array_equal(getattr(again, name), getattr(first, name), equal_nan=name == "height_map_m")
 
@@ -257,13 +267,9 @@ def test_noise_of_the_surface_hides_nothing(flat: Flat) -> None:
     grid, smooth = centred(301, 353), level(22.0, 2 * GSD)
     noise = np.random.default_rng(3).normal(0.0, 0.6 * GSD, smooth.values.shape).astype(np.float32)
     surfaces = (smooth, replace(smooth, values=smooth.values + noise))
-    with ThreadPoolExecutor(2) as pool:
-        found = [
-            find_seams(flat.views, FRAME, SurfaceModel.under(flat.views, FRAME, WindowedSurface.of(s)), grid, pool)
-            for s in surfaces
-        ]
-    assert np.mean(found[0].clear == found[1].clear) > 0.998
-    assert np.mean(found[0].label == found[1].label) > 0.95
+    plain, noisy = (seams_without_pictures(flat.views, surface, grid) for surface in surfaces)
+    assert np.mean(plain.clear == noisy.clear) > 0.998
+    assert np.mean(plain.label == noisy.label) > 0.95
 
 
 # ---- what stands in the way ----------------------------------------------------------------------------------------
@@ -333,13 +339,11 @@ def test_a_seam_goes_around_a_building(walled: Walled) -> None:
     x = -397 / 2 * GSD + (np.arange(50) + 0.5) * 8 * GSD
     y = 331 / 2 * GSD - (np.arange(42) + 0.5) * 8 * GSD
     roof = (np.abs(y)[:, None] < 1.4) & (np.abs(x)[None] < 1.4)
-    found = []
-    with ThreadPoolExecutor(2) as pool:
-        for surface in (ground, with_house):
-            terrain = SurfaceModel.under(walled.views, FRAME, WindowedSurface.of(surface))
-            found += [find_seams(walled.views, FRAME, terrain, grid, pool).label[roof]]
-    assert len(np.unique(found[0])) > 1
-    assert len(np.unique(found[1])) == 1
+    open_ground, house = (
+        seams_without_pictures(walled.views, surface, grid).label[roof] for surface in (ground, with_house)
+    )
+    assert len(np.unique(open_ground)) > 1
+    assert len(np.unique(house)) == 1
 
 
 def test_where_there_is_no_surface_there_is_no_colour(flat: Flat) -> None:

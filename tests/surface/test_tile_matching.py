@@ -8,7 +8,7 @@ import pytest
 from photogram.errors import SettingError
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
 from photogram.surface.dense.pyramid import Level, Prior
-from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Found, Heights, Scene, match_block
+from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, MatchedBlock, Scene, match_block
 
 GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
 STEP_M = 0.25
@@ -23,7 +23,7 @@ def truth_m(plane: Any, grid: MapGrid, window: Window) -> np.ndarray[Any, Any]:
     return np.asarray(plane.slope[0] * (east - 600000.0) - plane.slope[1] * (north[:, None] - 5800000.0))
 
 
-def found_of(plane: Any, grid: MapGrid, block: Window, *, refined: bool = True, pictures: Any = None) -> Found:
+def found_of(plane: Any, grid: MapGrid, block: Window, *, refined: bool = True, pictures: Any = None) -> MatchedBlock:
     outer = grid.around_window(block, MARGIN_CELLS)
     shown = plane.pictures if pictures is None else pictures
     scene = Scene(plane.frame, plane.views, lambda view, _: shown[view])

@@ -208,8 +208,7 @@ _BLOCKS = PieceType(_Matching.read, _match)
 
 def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, widely: bool) -> Prior:
     """Return the range of a window from the coarser level."""
-    half = Window(outer.row // 2, outer.column // 2, -(-outer.row_end // 2), -(-outer.column_end // 2))
-    at = coarser.grid.around_window(half, AROUND_CELLS + 3)
+    at = coarser.grid.around_window(outer.coarser(2), AROUND_CELLS + 3)
     height, correlation = coarser.read(at, "start_m", "agreement")
     return finer_prior(height, correlation, at, level, outer, first, widely=widely)
 

@@ -132,7 +132,7 @@ def tiles_of(
         made = read_arrays(scratch / name)["rgba"]
         (scratch / name).unlink()
         for window in _tiles_in(square):
-            yield window, made[_within(square, window)]
+            yield window, made[window.within(square)]
 
 
 def _tiles_in(square: Window) -> Iterator[Window]:
@@ -140,13 +140,6 @@ def _tiles_in(square: Window) -> Iterator[Window]:
         for column in range(square.column, square.column_end, TILE_CELLS):
             end = min(row + TILE_CELLS, square.row_end), min(column + TILE_CELLS, square.column_end)
             yield Window(row, column, *end)
-
-
-def _within(square: Window, window: Window) -> tuple[slice, slice]:
-    return (
-        slice(window.row - square.row, window.row_end - square.row),
-        slice(window.column - square.column, window.column_end - square.column),
-    )
 
 
 class _Elsewhere:
@@ -200,7 +193,7 @@ def _square(prepared: tuple[_Elsewhere, Orthophoto], square: Window) -> str:
     name = f"square{square.row:07d}-{square.column:07d}.npz"
     made = np.empty((*square.shape, 4), np.uint8)
     for window in _tiles_in(square):
-        made[_within(square, window)] = orthophoto.tile(window, here.pixels_of)
+        made[window.within(square)] = orthophoto.tile(window, here.pixels_of)
     write_arrays(here.scratch / name, {"rgba": made})
     return name
 

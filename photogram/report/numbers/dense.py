@@ -27,7 +27,7 @@ from photogram.report.record.surfaces import (
     WaterAreaRecord,
     WaterRecord,
 )
-from photogram.surface.ortho.marked_targets import FoundTarget
+from photogram.surface.ortho.marked_targets import LocatedTarget
 
 FEWEST_CHECKS = 3
 """With fewer check points on the surface no RMSE is given."""
@@ -247,7 +247,7 @@ def checks_plan(point: GroundPointRecord) -> bool:
 
 
 def orthophoto_check_numbers(
-    points: list[GroundPointRecord], found: Mapping[str, FoundTarget | str], *, upright: bool = False
+    points: list[GroundPointRecord], found: Mapping[str, LocatedTarget | str], *, upright: bool = False
 ) -> OrthophotoCheckRecord:
     """Return by how much the orthophoto shows the targets of check points off their surveyed places.
 

@@ -135,13 +135,13 @@ def _mark_left_out(number: int, worst: Float32Array, a: Float32Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(pairs: Float32Array, found: Agreement) -> None:
+def _sum_up(pairs: Float32Array, agreement: Agreement) -> None:
     """Fill the sums of the correlations of each view, their sum, and how many views show a window."""
     count, _, n = pairs.shape
-    seen, score = found.seen[:n], found.score[:n]
+    seen, score = agreement.seen[:n], agreement.score[:n]
     seen[:], score[:] = np.float32(0.0), np.float32(0.0)
     for i in range(count):
-        a, own = found.sums[i, :n], pairs[i, i]
+        a, own = agreement.sums[i, :n], pairs[i, i]
         a[:] = np.float32(0.0)
         for j in range(count):
             if j != i:
@@ -154,23 +154,23 @@ def _sum_up(pairs: Float32Array, found: Agreement) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_agreement(pairs: Float32Array, share: float, found: Agreement) -> None:
-    """Fill ``found`` from the correlations of all ``pairs`` (K, K, n): a ``share`` of the views that show a window must
-    agree.
+def fill_agreement(pairs: Float32Array, share: float, agreement: Agreement) -> None:
+    """Fill ``agreement`` from the correlations of all ``pairs`` (K, K, n): a ``share`` of the views that show a window
+    must agree.
 
     The one that agrees least goes first, and the others are looked at again without it.
     """
     count, _, n = pairs.shape
-    seen, used, score = found.seen[:n], found.used[:n], found.score[:n]
-    worst, lowest, part = found.worst[:n], found.lowest[:n], np.float32(share)
-    _sum_up(pairs, found)
+    seen, used, score = agreement.seen[:n], agreement.used[:n], agreement.score[:n]
+    worst, lowest, part = agreement.worst[:n], agreement.lowest[:n], np.float32(share)
+    _sum_up(pairs, agreement)
     used[:], most = seen, 0
     for number in range(2, count + 1):
         most = max(most, number - share_of(number, share))
     for _ in range(most):
         worst[:], lowest[:] = np.float32(-1.0), np.float32(1e10)
         for i in range(count):
-            _find_worst(found.sums[i, :n], i, worst, lowest)
+            _find_worst(agreement.sums[i, :n], i, worst, lowest)
         for k in range(n):
             more = used[k] > max(min(seen[k], np.float32(2.0)), np.ceil(part * seen[k]))
             worst[k] = worst[k] if more else np.float32(-1.0)
@@ -179,8 +179,8 @@ def fill_agreement(pairs: Float32Array, share: float, found: Agreement) -> None:
         for i in range(count):
             for j in range(count):
                 if j != i:
-                    _leave_out(pairs[i, j], j, worst, found.sums[i, :n])
-            _mark_left_out(i, worst, found.sums[i, :n])
+                    _leave_out(pairs[i, j], j, worst, agreement.sums[i, :n])
+            _mark_left_out(i, worst, agreement.sums[i, :n])
     for k in range(n):
         among = used[k] * (used[k] - np.float32(1.0))
         score[k] = score[k] / among if used[k] > np.float32(1.5) else np.float32(-1.0)
@@ -209,14 +209,14 @@ def _range_of(tried: Hypotheses, patch: CellWindow) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _fill_layer(tried: Hypotheses, box: CellWindow, k: int, width: int, found: Agreement, cost: ByteArray) -> None:
+def _fill_layer(tried: Hypotheses, box: CellWindow, k: int, width: int, agreement: Agreement, cost: ByteArray) -> None:
     """Fill the costs of hypothesis ``k`` in a box from the agreement on it."""
     for r in range(box.rows):
         for c in range(box.columns):
             row, column, n = box.row + r, box.column + c, r * width + c
             at = k - tried.first[row, column]
             if 0 <= at < tried.number[row, column]:
-                byte = NEUTRAL * (1.0 - found.score[n]) + 0.5 if found.used[n] > 1.5 else float(NEUTRAL)
+                byte = NEUTRAL * (1.0 - agreement.score[n]) + 0.5 if agreement.used[n] > 1.5 else float(NEUTRAL)
                 cost[tried.start[row, column] + at] = np.uint8(min(max(byte, 0.0), float(FULL_COST)))
 
 
@@ -232,7 +232,7 @@ def _fill_patch(
     cost: ByteArray,
 ) -> None:
     """Fill the costs of all hypotheses of a patch."""
-    layer, room, sums, found = rooms
+    layer, room, sums, agreement = rooms
     seen, m, half = len(views), ground.per_cell, window.half
     more, (low, high) = 2 * half // m, _range_of(tried, patch)
     around = tried.surface[patch.row : patch.row + patch.rows, patch.column : patch.column + patch.columns]
@@ -263,8 +263,8 @@ def _fill_patch(
                 )  # fmt: skip
             pairs = layer.pairs[: seen * seen * n].reshape(seen, seen, n)
             fill_correlations(samples, window, m, width, sums, pairs)
-            fill_agreement(pairs, window.kept, found)
-            _fill_layer(tried, box, k, width, found, cost)
+            fill_agreement(pairs, window.kept, agreement)
+            _fill_layer(tried, box, k, width, agreement, cost)
 
 
 @njit(cache=True, nogil=True)

@@ -109,7 +109,7 @@ class _Scratch(NamedTuple):
     pairs: Float32Array
     plan: Scratch
     sums: Sums
-    found: Agreement
+    agreement: Agreement
     partly: Float32Array
     which: Int32Array
     middle: Float32Array
@@ -315,19 +315,19 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
 @njit(inline="always")
 def _refine_patch(
     crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, rooms: _Scratch, using: IntArray,
-    found: Refined,
+    out: Refined,
 ) -> None:  # fmt: skip
     """Fill the heights of a patch."""
     pairs = _fill_pairs(crops, patch, window, start, per_cell, False, rooms)
-    fill_agreement(pairs[1], window.kept, rooms.found)
+    fill_agreement(pairs[1], window.kept, rooms.agreement)
     widely, seen, box = False, len(patch.views), patch.box
     for r in range(box.rows):
         for c in range(box.columns):
             k, at, used = r * patch.width + c, (box.row + r, box.column + c), using[:seen]
-            if np.isnan(start.z[at]) or rooms.found.used[k] < 1.5:
+            if np.isnan(start.z[at]) or rooms.agreement.used[k] < 1.5:
                 continue
             for i in range(seen):
-                used[i] = 1 if rooms.found.sums[i, k] > LEFT_OUT else 0
+                used[i] = 1 if rooms.agreement.sums[i, k] > LEFT_OUT else 0
             _take_in_alike(pairs[1], k, used)
             best, kept = _mean_correlation(pairs[1], k, used)
             probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
@@ -336,17 +336,17 @@ def _refine_patch(
                     _fill_pairs(crops, patch, window, start, per_cell, True, rooms)
                     widely = True
                 probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
-            found.correlation[at], found.rays[at] = best, kept
+            out.correlation[at], out.rays[at] = best, kept
             if not abs(shift) <= FARTHEST:
-                found.height[at], found.sigma[at] = start.z[at], start.doubt_m
+                out.height[at], out.sigma[at] = start.z[at], start.doubt_m
                 continue
             peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
             for i in range(seen):
                 length += pairs[1, i, i, k] / kept if used[i] == 1 else 0.0
             freedom = max(patch.supported[k] * start.independent - 2.0, 1.0)
             noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / freedom)
-            found.height[at], found.correlation[at] = start.surface[at] + probe * shift, peak
-            found.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+            out.height[at], out.correlation[at] = start.surface[at] + probe * shift, peak
+            out.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
 
 
 @njit(inline="always")
@@ -361,7 +361,7 @@ def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Scratch:
 
 
 @njit(cache=True, nogil=True)
-def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: InitialHeights, found: Refined) -> None:
+def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: InitialHeights, out: Refined) -> None:
     """Fill heights to a fraction of a hypothesis.
 
     Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near
@@ -375,7 +375,7 @@ def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: Ini
     rooms = _rooms(most, m, cells, (2 * half + 1) ** 2)
     lattice, supported = np.zeros(m * m * cells, np.float32), np.empty(cells, np.float32)
     places, views, using = np.empty((most, 2, TERMS), np.float32), np.empty(most, np.int64), np.empty(most, np.int64)
-    found.height[:], found.sigma[:], found.correlation[:], found.rays[:] = np.nan, np.nan, 0.0, 0
+    out.height[:], out.sigma[:], out.correlation[:], out.rays[:] = np.nan, np.nan, 0.0, 0
     for row in range(0, rows, ground.patch):
         for column in range(0, columns, ground.patch):
             box = CellWindow(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
@@ -392,4 +392,4 @@ def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: Ini
                 fill_places(crops, ground, nodes, views[i], places[i])
             patch = _Patch(box, width, views[:seen], places[:seen], nodes, on, supported[:n])
             _fill_supported(patch, start, m, half, rooms)
-            _refine_patch(crops, patch, window, start, m, rooms, using, found)
+            _refine_patch(crops, patch, window, start, m, rooms, using, out)

@@ -131,7 +131,7 @@ class Heights:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class MatchedBlock:
     """What the matching of a block finds: the heights (rows, columns) that the regularisation chose, in m over the
     base, and their correlations, around which the next finer level searches; and the refined heights, None of a level
     that is no part of the surface."""
@@ -154,7 +154,7 @@ class Scene:
 
 def match_block(
     scene: Scene, level: Level, block: Window, prior: Prior, settings: DenseSettings, *, refined: bool = True
-) -> Found:
+) -> MatchedBlock:
     """Match one block of a level; ``prior`` covers it with its margin. What is no part of the surface is not
     ``refined``.
 
@@ -162,18 +162,17 @@ def match_block(
     """
     outer = level.grid.around_window(block, MARGIN_CELLS)
     lines = verticals(scene.frame, level.grid, outer)
-    inner = (slice(block.row - outer.row, block.row_end - outer.row),
-             slice(block.column - outer.column, block.column_end - outer.column))  # fmt: skip
+    inner = block.within(outer)
     views = _views_of_patches(scene, lines, prior.surface, settings.photographs, level.reduction)
     if not (views >= 0).any():
         nothing = _nothing(block.shape)
-        return Found(nothing.height_m, nothing.correlation, nothing if refined else None)
+        return MatchedBlock(nothing.height_m, nothing.correlation, nothing if refined else None)
     east, south = cell_steps(scene.frame, level.grid)
     ground = GroundCells(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
     crops = _crops(scene, lines, views, prior, level.reduction)
     start, agreement = _regularised(crops, ground, prior, level, settings)
     heights = _refined(crops, ground, start, prior.surface, level, settings).part(*inner) if refined else None
-    return Found(start[inner], agreement[inner], heights)
+    return MatchedBlock(start[inner], agreement[inner], heights)
 
 
 def _nothing(shape: tuple[int, int]) -> Heights:
@@ -316,10 +315,10 @@ def _refined(
     tolerance, smooth = _TOLERANCE_SHARE * level.step_m, np.empty_like(z)
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
-    found = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
+    refined = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
     start = InitialHeights(
         z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, 1.0 / (ground.per_cell * level.spacing),
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip
-    refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, found)
-    return Heights(*found, _seen(ground, z.shape))
+    refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, refined)
+    return Heights(*refined, _seen(ground, z.shape))

@@ -65,8 +65,8 @@ class BlockSamples:
         listed = self.lattice.candidate == view
         return {name: getattr(self.lattice, name)[listed] for name in _SEEN}
 
-    def take(self, view: int, found: Mapping[str, NDArray[Any]]) -> None:
+    def take(self, view: int, samples: Mapping[str, NDArray[Any]]) -> None:
         """Fill in what ``of_view`` returned elsewhere."""
         listed = self.lattice.candidate == view
         for name in _SEEN:
-            getattr(self.lattice, name)[listed] = found[name]
+            getattr(self.lattice, name)[listed] = samples[name]

@@ -63,7 +63,7 @@ def edges_of(height: Float32Array, cell_m: float) -> BoolArray:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Array, share: FloatArray) -> bool:
+def _shares(row: int, column: int, block: int, label: Int32Array, around: Int32Array, share: FloatArray) -> bool:
     """Fill the labels (4,) of the blocks around the centre of a cell of the grid, each once, else −1, and how much of a
     bilinear mean they make; False where there are none."""
     y, x = (row + 0.5) / block - 0.5, (column + 0.5) / block - 0.5
@@ -72,24 +72,24 @@ def _shares(row: int, column: int, block: int, label: Int32Array, found: Int32Ar
     r0, r1 = max(r, 0), min(r + 1, label.shape[0] - 1)
     c0, c1 = max(c, 0), min(c + 1, label.shape[1] - 1)
     for k in range(1, MIXED):
-        found[k] = -1
-    found[0], share[0] = label[r0, c0], 1.0
-    if found[0] >= 0 and label[r0, c1] == found[0] and label[r1, c0] == found[0] and label[r1, c1] == found[0]:
+        around[k] = -1
+    around[0], share[0] = label[r0, c0], 1.0
+    if around[0] >= 0 and label[r0, c1] == around[0] and label[r1, c0] == around[0] and label[r1, c1] == around[0]:
         return True
-    found[0] = -1
+    around[0] = -1
     for k in range(4):
         number = label[r0 if k < 2 else r1, c0 if k % 2 == 0 else c1]
         if number < 0:
             continue
         w = (down if k >= 2 else 1.0 - down) * (right if k % 2 else 1.0 - right)
         for n in range(MIXED):
-            if found[n] == number:
+            if around[n] == number:
                 share[n] += w
                 break
-            if found[n] < 0:
-                found[n], share[n] = number, w
+            if around[n] < 0:
+                around[n], share[n] = number, w
                 break
-    return bool(found[0] >= 0)
+    return bool(around[0] >= 0)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -127,7 +127,7 @@ def choose(
     block, feather = widths
     lists = candidate.shape[2]
     last_row, last_column = label.shape[0] - 1, label.shape[1] - 1
-    X, found, share = room
+    X, around, share = room
     for i in range(len(north)):
         row = first[0] + i
         y = (corner[1] - north[i]) / corner[2] - corner[3]  # the same rounding in every tile
@@ -137,7 +137,7 @@ def choose(
             column = first[1] + j
             own_column = min(column // block, last_column)
             simple = plain[own_row, own_column]
-            if not simple and not _shares(row, column, block, label, found, share):
+            if not simple and not _shares(row, column, block, label, around, share):
                 continue
             x = (east[j] - corner[0]) / corner[2] - corner[4]
             c = int(x)
@@ -153,10 +153,10 @@ def choose(
                     out.label[i, j, 0], out.weight[i, j, 0] = n, 1.0
                     out.used[n] = True
                     continue
-                found[0], share[0], found[1] = n, 0.0, -1
+                around[0], share[0], around[1] = n, 0.0, -1
             largest, best, count = 0.0, -1, 0
             for k in range(MIXED):
-                n = found[k]
+                n = around[k]
                 if n < 0:
                     break
                 shown = share[k] > 0.0 and seen[slot[n], r, c] == VISIBLE
@@ -185,22 +185,22 @@ def choose(
                     out.hidden[i, j] = not out.masked[i, j]
                 continue
             if count == 1 or feather == 0.0 or edges[r, c]:
-                out.label[i, j, 0], out.weight[i, j, 0] = found[best], 1.0
-                out.used[found[best]] = True
+                out.label[i, j, 0], out.weight[i, j, 0] = around[best], 1.0
+                out.used[around[best]] = True
                 continue
             total = 0.0
             for k in range(MIXED):
-                if found[k] < 0:
+                if around[k] < 0:
                     break
                 share[k] = max(0.0, share[k] - largest + feather) if share[k] > 0.0 else 0.0
                 total += share[k]
             m = 0
             for k in range(MIXED):
-                if found[k] < 0:
+                if around[k] < 0:
                     break
                 if share[k] > 0.0:
-                    out.label[i, j, m], out.weight[i, j, m] = found[k], share[k] / total
-                    out.used[found[k]] = True
+                    out.label[i, j, m], out.weight[i, j, m] = around[k], share[k] / total
+                    out.used[around[k]] = True
                     m += 1
 
 

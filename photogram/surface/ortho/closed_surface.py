@@ -76,11 +76,10 @@ def close_surface(
         block, count = _block_medians(values)
         torn = _block_means(_torn(values, sigma, grid.cell_m)) > 0.5
         row, column = ((a - b) // BLOCK_CELLS for a, b in ((window.row, outer.row), (window.column, outer.column)))
-        rows, columns = (-(-n // BLOCK_CELLS) for n in window.shape)
-        at = (slice(window.row // BLOCK_CELLS, window.row // BLOCK_CELLS + rows),
-              slice(window.column // BLOCK_CELLS, window.column // BLOCK_CELLS + columns))  # fmt: skip
-        _medians_around(block, count, torn, (row, column), height[at], spread[at])
-        loose[at] = torn[row : row + rows, column : column + columns]
+        blocks = window.coarser(BLOCK_CELLS)
+        rows, columns = blocks.shape
+        _medians_around(block, count, torn, (row, column), height[blocks.slices], spread[blocks.slices])
+        loose[blocks.slices] = torn[row : row + rows, column : column + columns]
 
     tiles = list(grid.tiles(TILE_CELLS))
     for _ in executor.map(medians, tiles):
@@ -115,8 +114,7 @@ def _closed(grid: MapGrid, part_of: PartOf, smooth: SmoothSurface, window: Windo
     """Return the closed heights and their standard deviations in a window."""
     outer = grid.around_window(window, _MARGIN_CELLS)
     known, measured, sigma = part_of(outer)
-    at = (slice(window.row - outer.row, window.row - outer.row + window.shape[0]),
-          slice(window.column - outer.column, window.column - outer.column + window.shape[1]))  # fmt: skip
+    at = window.within(outer)
     torn = _torn(np.where(measured, known, np.float32(np.nan)), sigma, grid.cell_m)[at]
     known, own = known[at], np.where(measured, sigma, np.float32(grid.cell_m))[at]
     level, spread = (_between_blocks(a, window) for a in (smooth.height, smooth.spread))

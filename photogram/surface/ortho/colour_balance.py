@@ -148,9 +148,9 @@ def colours_in(
 def joined(parts: Sequence[tuple[IntArray, FloatArray]]) -> Samples:
     """Return the samples of what ``colours_in`` gives for every view in turn."""
     view = np.repeat(np.arange(len(parts)), [len(place) for place, _ in parts])
-    found = np.concatenate([out for _, out in parts]) if parts else np.zeros((0, 4))
+    colour = np.concatenate([out for _, out in parts]) if parts else np.zeros((0, 4))
     place = np.concatenate([place for place, _ in parts]) if parts else np.zeros(0, np.int64)
-    return Samples(place, view, found[:, 0], np.log(found[:, 1:]))
+    return Samples(place, view, colour[:, 0], np.log(colour[:, 1:]))
 
 
 def highlight_curve(lattice: Lattice, label: Int32Array, log_gain: FloatArray) -> float:

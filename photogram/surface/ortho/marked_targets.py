@@ -44,7 +44,7 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundTarget:
+class LocatedTarget:
     """A target in an orthophoto: easting and northing (2,), the median correlation, and of how many marks."""
 
     place_map_m: FloatArray
@@ -59,7 +59,7 @@ def target_window_cells() -> int:
 
 def find_target(
     orthophoto: ByteArray, centre_map_m: FloatArray, cell_m: float, neighbourhoods: Sequence[GreyImage]
-) -> FoundTarget | str:
+) -> LocatedTarget | str:
     """Return where an orthophoto shows a target, or why it was not found there.
 
     ``orthophoto`` (n, n, 4), red, green, blue, alpha, n as of target_window_cells, are the cells around the one whose
@@ -71,16 +71,16 @@ def find_target(
         return "the orthophoto does not show all of its neighbourhood"
     shown = cv2.cvtColor(np.ascontiguousarray(orthophoto[..., :3]), cv2.COLOR_RGB2GRAY).astype(np.float32)
     peaks = [_peak(shown, template) for template in neighbourhoods]
-    found = [peak for peak in peaks if not isinstance(peak, str)]
-    if not found:
+    certain = [peak for peak in peaks if not isinstance(peak, str)]
+    if not certain:
         return next(peak for peak in peaks if isinstance(peak, str))
-    middle = np.median([place for place, _ in found], axis=0)
-    agree = [(place, score) for place, score in found if float(np.max(np.abs(place - middle))) <= AGREE_CELLS]
+    middle = np.median([place for place, _ in certain], axis=0)
+    agree = [(place, score) for place, score in certain if float(np.max(np.abs(place - middle))) <= AGREE_CELLS]
     if 2 * len(agree) <= len(peaks):
         return "its marks do not agree on a place"
     off = np.mean([place for place, _ in agree], axis=0)
     place_map_m = centre_map_m[:2] + cell_m * off * np.array([1.0, -1.0])
-    return FoundTarget(place_map_m, float(np.median([score for _, score in agree])), len(agree))
+    return LocatedTarget(place_map_m, float(np.median([score for _, score in agree])), len(agree))
 
 
 def mark_neighbourhood(mark: Mark, centre_map_m: FloatArray, cell_m: float, frame: LocalFrame) -> GreyImage | None:

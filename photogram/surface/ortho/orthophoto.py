@@ -1,6 +1,6 @@
 """Orthophoto: photographs resampled on the surface, each cell from the photograph that shows it best.
 
-Three steps: ``find_seams`` chooses a photograph for every block of cells, for the whole survey at once;
+Three steps: ``seams_of`` chooses a photograph for every block of cells, for the whole survey at once;
 ``balance_exposure`` makes the photographs equally bright; then tile by tile each cell is read from the photograph of
 its block, from another where that one does not see it, and across seams from both for a few cells. What a cell holds
 depends on its place alone, never on the tile in which it is made.
@@ -49,7 +49,6 @@ from photogram.surface.ortho.seamlines import (
     SMALLEST_BLOCK,
     Seams,
     block_cells,
-    lattice_grid,
     rate_blocks,
     seams_of,
 )
@@ -106,10 +105,9 @@ def _above_ground_m(views: Views, terrain: SurfaceModel) -> FloatArray:
     Ground without a height counts with the mean of the heights there are.
     """
     dsm, low = terrain.grid, terrain.coarse[0]
-    column = np.floor((terrain.position_map_m[:, 0] - dsm.west_map_m) / dsm.cell_m).astype(int)
-    row = np.floor((dsm.north_map_m - terrain.position_map_m[:, 1]) / dsm.cell_m).astype(int)
+    row, column = dsm.cells_at(terrain.position_map_m)
     ground = np.full(len(views), float(np.mean(terrain.coarse[:, np.isfinite(low)])))
-    for n in np.flatnonzero((row >= 0) & (row < dsm.rows) & (column >= 0) & (column < dsm.columns)).tolist():
+    for n in np.flatnonzero(row >= 0).tolist():
         height = float(terrain.heights(Window(int(row[n]), int(column[n]), int(row[n]) + 1, int(column[n]) + 1))[0, 0])
         ground[n] = height if np.isfinite(height) else ground[n]
     return np.asarray(terrain.position_map_m[:, 2] - ground)
@@ -157,7 +155,7 @@ class Orthophoto:
     @property
     def blocks(self) -> MapGrid:
         """Return the grid of the blocks of the seams."""
-        return lattice_grid(self.grid, self.seams.block_cells)
+        return self.grid.coarser(self.seams.block_cells)
 
     def tone(self, view: int) -> Tone:
         """Return by what the colours of a view are multiplied."""
@@ -213,8 +211,7 @@ class Orthophoto:
         rgba = np.empty((*shape, 4), np.uint8)
         _rounded(colour, chosen.label, self.highlights, rgba)
         rgba[chosen.masked, 3] = ONLY_MASKED
-        row, column = window.row - wide.row, window.column - wide.column
-        return np.ascontiguousarray(rgba[row : row + window.shape[0], column : column + window.shape[1]])
+        return np.ascontiguousarray(rgba[window.within(wide)])
 
     def tiles(
         self, pixels_of: PixelsOf, executor: Executor, side: int = TILE_CELLS
@@ -279,7 +276,7 @@ def scored_samples(
     """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read."""
     terrain = SurfaceModel.under(views, frame, WindowedSurface.of(surface) if isinstance(surface, Raster) else surface)
     grid = grid or orthophoto_grid(views, terrain, settings.cell_m)
-    wanted = None if forced is None else forced(lattice_grid(grid, block_cells(grid)))
+    wanted = None if forced is None else forced(grid.coarser(block_cells(grid)))
     return BlockSamples.of(
         views, frame, terrain, grid, rate_blocks(views, frame, terrain, grid, executor, wanted), masks
     )

@@ -79,20 +79,20 @@ def seam_polygons(label: Int32Array, blocks: MapGrid, rim: Geometry) -> list[Sea
             views.append(view)
             whole.append(part)
     simple = shapely.coverage_simplify(np.array(whole, dtype=object), SEAM_BLOCKS * blocks.cell_m)
-    found = []
+    seams = []
     for view, polygon in zip(views, simple.tolist(), strict=True):
         inside = shapely.intersection(polygon, rim)
         parts = [p for p in shapely.get_parts(inside).tolist() if p.geom_type == "Polygon" and p.area > 0.0]
-        found += [SeamPolygon(view, shapely.normalize(part)) for part in parts]
-    return found
+        seams += [SeamPolygon(view, shapely.normalize(part)) for part in parts]
+    return seams
 
 
 def views_in_blocks(seams: Sequence[SeamPolygon], blocks: MapGrid) -> Int32Array:
     """Return the view (R, C) of the polygon in which the centre of each block lies, −1 outside of all."""
-    found = np.full((blocks.rows, blocks.columns), -1, np.int32)
+    view = np.full((blocks.rows, blocks.columns), -1, np.int32)
     for seam in seams:
-        found[cells_inside(sides_of(seam.polygon), blocks, blocks.whole)] = seam.view
-    return found
+        view[cells_inside(sides_of(seam.polygon), blocks, blocks.whole)] = seam.view
+    return view
 
 
 def sides_of(polygons: Geometry) -> FloatArray:
@@ -101,10 +101,10 @@ def sides_of(polygons: Geometry) -> FloatArray:
     for ring in shapely.get_rings(shapely.get_parts(polygons)).tolist():
         xy = shapely.get_coordinates(ring)
         sides.append(np.hstack([xy[:-1], xy[1:]]))
-    found = np.concatenate(sides)
-    down = found[:, 1] > found[:, 3]
-    found[down] = found[down][:, [2, 3, 0, 1]]
-    return np.ascontiguousarray(found)
+    upward = np.concatenate(sides)
+    down = upward[:, 1] > upward[:, 3]
+    upward[down] = upward[down][:, [2, 3, 0, 1]]
+    return np.ascontiguousarray(upward)
 
 
 def cells_inside(sides: FloatArray, grid: MapGrid, window: Window) -> BoolArray:

@@ -102,9 +102,9 @@ def _patches(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 def shifts_in(first: FloatArray, second: FloatArray, shown: BoolArray) -> FloatArray:
     """Return the shifts (n, 2), east and north, of the patches of two bands (rows, columns) that are ``shown`` whole in
     both, and tell."""
-    found = [
+    shifts = [
         shift
         for patch in _patches(shown.shape)
         if shown[patch].all() and (shift := shift_of(first[patch], second[patch])) is not None
     ]
-    return np.array(found).reshape(-1, 2)
+    return np.array(shifts).reshape(-1, 2)

@@ -142,12 +142,6 @@ def block_cells(grid: MapGrid) -> int:
     return side
 
 
-def lattice_grid(grid: MapGrid, block: int) -> MapGrid:
-    """Return the grid whose cells are the blocks of a grid."""
-    rows, columns = -(-grid.rows // block), -(-grid.columns // block)
-    return MapGrid(grid.west_map_m, grid.north_map_m, grid.cell_m * block, rows, columns)
-
-
 def rate_blocks(
     views: Views,
     frame: LocalFrame,
@@ -163,7 +157,8 @@ def rate_blocks(
     ``side_cells`` cells at once change nothing but memory and time.
     """
     block = block_cells(grid)
-    shape = (-(-grid.rows // block), -(-grid.columns // block))
+    blocks = grid.coarser(block)
+    shape = blocks.rows, blocks.columns
     wanted = np.full(shape, -1, np.int32) if forced is None else forced
     candidate = np.full((*shape, CANDIDATES), -1, np.int32)
     cost = np.full((*shape, CANDIDATES), np.inf, np.float32)
@@ -174,14 +169,14 @@ def rate_blocks(
     looks = np.zeros(shape, np.uint8)
 
     def fill(window: Window) -> None:
-        part = _blocks_of(window, block)
+        part = window.coarser(block).slices
         near, around = terrain.cells_around(grid, window, 1), terrain.cells_around(grid, window, beyond)
         _rate(
             terrain.heights(around), _corner(terrain.grid, around), views.cameras, terrain.views_over(near),
             terrain.position_map_m, grid.centres_map_m(window), (window.row, window.column),
             (float(frame.origin_map_m[2]), vertical_nodes(frame, grid, window)), (block, block * grid.cell_m),
             wanted[part], (candidate[part], cost[part], height[part], sample[part], centre[part], looks[part]),
-            _room(len(views)),
+            (np.empty(3), np.empty(len(views)), np.empty(len(views))),
         )  # fmt: skip
 
     for done in [executor.submit(fill, window) for window in grid.tiles(max(side_cells // block, 1) * block)]:
@@ -191,16 +186,17 @@ def rate_blocks(
 
 def sample_blocks(
     views: Views, frame: LocalFrame, terrain: SurfaceModel, grid: MapGrid, lattice: Lattice, seen: SeenCells, view: int,
-    picture: ByteArray | None,
+    picture: ByteArray,
 ) -> None:  # fmt: skip
-    """Fill in what a photograph sees of the blocks that list it: how much, and the grey values of its ``picture``.
+    """Fill in what a photograph sees of the blocks that list it: how much, and the grey values of its ``picture``
+    (H, W, 3), none of an empty one.
 
     Photographs may be looked at in any order, and at the same time.
     """
     box = terrain.shown[view]
     if box is None:
         return
-    blocks, dsm = lattice_grid(grid, lattice.block_cells), terrain.grid
+    blocks, dsm = grid.coarser(lattice.block_cells), terrain.grid
     corner = np.array([dsm.west_map_m, dsm.north_map_m])
     low = corner + dsm.cell_m * np.array([box.column, -box.row])
     high = corner + dsm.cell_m * np.array([box.column_end, -box.row_end])
@@ -213,9 +209,8 @@ def sample_blocks(
     east, south = cell_steps(frame, grid)
     up = -np.cross(east, south)
     up /= np.linalg.norm(up)
-    shown = np.zeros((0, 0, 3), np.uint8) if picture is None else picture
     _sample_blocks(
-        views.cameras, view, _corner(dsm, box), seen.of(view), shown,
+        views.cameras, view, _corner(dsm, box), seen.of(view), picture,
         (blocks.west_map_m, blocks.north_map_m, blocks.cell_m), first, (east, south, up), lattice.block_cells,
         lattice.candidate[part], lattice.height_map_m[part], lattice.sample_map_m[part], lattice.centre_world_m[part],
         (lattice.seen[part], lattice.inside[part], lattice.grey[part], lattice.masked[part]), np.empty(3),
@@ -238,29 +233,6 @@ def seams_of(lattice: Lattice, terrain: SurfaceModel, grid: MapGrid, log_gain: F
         lattice.block_cells, label, rated.candidate, rated.clear, rated.inside,
         np.ascontiguousarray(rated.height_map_m[..., 0]), rated.looks,
     )  # fmt: skip
-
-
-def find_seams(
-    views: Views, frame: LocalFrame, terrain: SurfaceModel, grid: MapGrid, executor: Executor, side_cells: int = 512
-) -> Seams:
-    """Choose a photograph for every block of a grid from the surface alone."""
-    lattice = rate_blocks(views, frame, terrain, grid, executor, None, side_cells)
-    seen = SeenCells(terrain)
-    futures = [
-        executor.submit(sample_blocks, views, frame, terrain, grid, lattice, seen, n, None) for n in range(len(views))
-    ]  # fmt: skip
-    for future in futures:
-        future.result()
-    return seams_of(lattice, terrain, grid, np.zeros(len(views)))
-
-
-def _room(views: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return np.empty(3), np.empty(views), np.empty(views)
-
-
-def _blocks_of(window: Window, block: int) -> tuple[slice, slice]:
-    rows = slice(window.row // block, -(-window.row_end // block))
-    return rows, slice(window.column // block, -(-window.column_end // block))
 
 
 def _corner(grid: MapGrid, window: Window) -> tuple[float, float, float]:

@@ -139,7 +139,7 @@ class SurfaceModel:
 
     def views_over(self, window: Window) -> Int32Array:
         """Return the photographs that may show something of a window of the DSM, in their order."""
-        return np.array([n for n, box in enumerate(self.shown) if box is not None and meet(box, window)], np.int32)
+        return np.array([n for n, box in enumerate(self.shown) if box is not None and box.common(window)], np.int32)
 
     def seen_by(self, view: int) -> ByteArray:
         """Return what each cell of the box ``shown`` of a photograph is in it: VISIBLE, BESIDE or HIDDEN; a cell
@@ -160,42 +160,28 @@ class SurfaceModel:
         targets = _targets(border, height.shape)
         _follow_rays(height, allowed, (row - outer.row, column - outer.column), above, grid.cell_m, targets, out)
         _add_rim(height, np.float32(RIM_RISE * grid.cell_m), out)
-        at = (
-            slice(box.row - outer.row, box.row_end - outer.row),
-            slice(box.column - outer.column, box.column_end - outer.column),
-        )
-        return np.ascontiguousarray(out[at])
-
-
-def meet(a: Window, b: Window) -> bool:
-    """Return whether two windows have a cell in common."""
-    return a.row < b.row_end and b.row < a.row_end and a.column < b.column_end and b.column < a.column_end
+        return np.ascontiguousarray(out[box.within(outer)])
 
 
 def _lowest_highest(surface: WindowedSurface) -> Float32Array:
     """Return the lowest and the highest height of every 64 × 64 cells."""
     grid = surface.grid
-    found = np.empty((2, -(-grid.rows // _COARSE_CELLS), -(-grid.columns // _COARSE_CELLS)), np.float32)
+    coarse = grid.coarser(_COARSE_CELLS)
+    extremes = np.empty((2, coarse.rows, coarse.columns), np.float32)
     for window in grid.tiles(_COARSE_CELLS * _COARSE_AT_ONCE):
         part = surface.heights(window)
         known = np.isfinite(part)
-        at = tuple(
-            slice(a // _COARSE_CELLS, -(-b // _COARSE_CELLS))
-            for a, b in ((window.row, window.row_end), (window.column, window.column_end))
-        )
+        at = window.coarser(_COARSE_CELLS).slices
         rows, columns = (np.arange(0, n, _COARSE_CELLS) for n in part.shape)
         for k, (reduce, none) in enumerate(((np.minimum, np.inf), (np.maximum, -np.inf))):
             across = reduce.reduceat(np.where(known, part, np.float32(none)), columns, axis=1)
-            found[k][at] = reduce.reduceat(across, rows, axis=0)
-    return found
+            extremes[k][at] = reduce.reduceat(across, rows, axis=0)
+    return extremes
 
 
 def _range_in(coarse: Float32Array, box: Window) -> tuple[float, float]:
     """Return the lowest and the highest height around a window, infinite where none is known."""
-    at = (
-        slice(box.row // _COARSE_CELLS, -(-box.row_end // _COARSE_CELLS)),
-        slice(box.column // _COARSE_CELLS, -(-box.column_end // _COARSE_CELLS)),
-    )
+    at = box.coarser(_COARSE_CELLS).slices
     return float(coarse[0][at].min()), float(coarse[1][at].max())
 
 
@@ -282,7 +268,7 @@ def _targets(border: FloatArray, shape: tuple[int, int]) -> IntArray:
     whole = np.array([[-1.0, -1.0], [-1.0, columns], [rows, columns], [rows, -1.0]])
     hull = shapely.convex_hull(shapely.MultiPoint(border if np.isfinite(border).all() else whole))
     ring = shapely.get_coordinates(shapely.intersection(hull.buffer(2.0), shapely.box(-1.0, -1.0, rows, columns)))
-    found = []
+    targets = []
     for axis, n in ((0, rows), (1, columns)):
         # where the outline crosses the middle of each row, and of each column
         middle = np.arange(n)
@@ -296,8 +282,8 @@ def _targets(border: FloatArray, shape: tuple[int, int]) -> IntArray:
         met = np.flatnonzero(low <= high)
         for side in (np.ceil(low[met]), np.floor(high[met])):
             other = np.clip(side, 0, shape[1 - axis] - 1).astype(np.int64)
-            found.append(np.column_stack([met, other] if axis == 0 else [other, met]))
-    return np.concatenate(found)
+            targets.append(np.column_stack([met, other] if axis == 0 else [other, met]))
+    return np.concatenate(targets)
 
 
 @njit(cache=True, nogil=True)
@@ -338,9 +324,9 @@ def _follow_rays(
         slope = minor / abs(major)
         start = nadir[0] if steep else nadir[1]
         other = nadir[1] if steep else nadir[0]
-        along, beside = (rows, columns) if steep else (columns, rows)
+        along, across = (rows, columns) if steep else (columns, rows)
         first = max(0.0, -start if sign > 0.0 else start - (along - 1))
-        first, last = _entry(other, slope, beside, first, abs(major) + 1e-9)
+        first, last = _entry(other, slope, across, first, abs(major) + 1e-9)
         # whole cells of the longer axis
         k = int(np.ceil(start + first)) if sign > 0.0 else int(np.floor(start - first))
         end = tr if steep else tc
@@ -353,7 +339,7 @@ def _follow_rays(
             m = int(np.floor(other + slope * t + 0.5))
             r, c = (k, m) if steep else (m, k)
             k += 1 if sign > 0.0 else -1
-            if m < 0 or m >= beside:
+            if m < 0 or m >= across:
                 continue
             h = height[r, c]
             if np.isnan(h):
@@ -406,15 +392,14 @@ class SeenCells:
         box."""
         box = self._terrain.shown[view]
         out = np.full(window.shape, HIDDEN, np.uint8)
-        if box is None or not meet(box, window):
+        both = None if box is None else box.common(window)
+        if box is None or both is None:
             return out
-        row, row_end = max(box.row, window.row), min(box.row_end, window.row_end)
-        column, column_end = max(box.column, window.column), min(box.column_end, window.column_end)
-        first = (column - box.column) // 8
-        packed = self._planes(view)[:, row - box.row : row_end - box.row, first : -(-(column_end - box.column) // 8)]
-        planes = np.unpackbits(packed, axis=2)[..., column - box.column - 8 * first :][..., : column_end - column]
-        at = (slice(row - window.row, row_end - window.row), slice(column - window.column, column_end - window.column))
-        out[at] = planes.sum(axis=0, dtype=np.uint8)
+        rows, columns = both.within(box)
+        first = columns.start // 8
+        packed = self._planes(view)[:, rows, first : -(-columns.stop // 8)]
+        planes = np.unpackbits(packed, axis=2)[..., columns.start - 8 * first : columns.stop - 8 * first]
+        out[both.within(window)] = planes.sum(axis=0, dtype=np.uint8)
         return out
 
     def _planes(self, view: int) -> ByteArray:
@@ -459,9 +444,9 @@ def height_at(height: Float32Array, y: float, x: float) -> float:
         u, v = x - 0.5 - c, y - 0.5 - r
         upper = (1.0 - u) * height[r, c] + u * height[r, c + 1]
         lower = (1.0 - u) * height[r + 1, c] + u * height[r + 1, c + 1]
-        found = (1.0 - v) * upper + v * lower
-        if not np.isnan(found):
-            return float(found)
+        between = (1.0 - v) * upper + v * lower
+        if not np.isnan(between):
+            return float(between)
     r, c = int(np.floor(y)), int(np.floor(x))
     if r < 0 or c < 0 or r >= rows or c >= columns:
         return np.nan

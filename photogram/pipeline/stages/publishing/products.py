@@ -65,8 +65,8 @@ from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
 from photogram.surface.dsm import FILLED, MEASURED, WATER, measured_in
 from photogram.surface.ortho.marked_targets import (
-    FoundTarget,
     GreyImage,
+    LocatedTarget,
     Mark,
     find_target,
     mark_neighbourhood,
@@ -206,7 +206,7 @@ MARKS_LOOKED_UP = 3
 
 def targets_in_orthophoto(
     run: Run, site: SurfaceFrame, points: Sequence[GroundPointRecord]
-) -> dict[str, FoundTarget | str]:
+) -> dict[str, LocatedTarget | str]:
     """Return where the orthophoto shows the targets of ground points, whose places are those of the frame ``site``, by
     name, or why one was not found."""
     path = run.workspace.file("orthophoto", "orthophoto.tif")
@@ -240,7 +240,7 @@ def targets_in_orthophoto(
             template = mark_neighbourhood(mark, centres[name], whole.cell_m, block.frame)
             if template is not None:
                 templates[name].append(template)
-    found: dict[str, FoundTarget | str] = {}
+    found: dict[str, LocatedTarget | str] = {}
     for name, centre in centres.items():
         corner = centre[:2] + whole.cell_m * (half + 0.5) * np.array([-1.0, 1.0])
         grid = MapGrid(float(corner[0]), float(corner[1]), whole.cell_m, 2 * half + 1, 2 * half + 1)
