@@ -46,7 +46,7 @@ from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.project.project import Project
-from photogram.report.figures.mark_patches import MarkPatch, mark_sheet
+from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
 from photogram.report.figures.style import save_picture
 from photogram.results import Adjustment
 from photogram.survey import Block
@@ -168,8 +168,8 @@ def sheets(
             words = (
                 f"{snapped.kind}, {np.hypot(*(points.mark_pixel[m] - snapped.pixel)):.2f} px" if snapped else "adjusted"
             )
-            own = block.photographs[i].name, patches.pixels(i, wanted), cut.left, cut.upper, (u, v)
-            made.append(MarkPatch(*own, "marked", words, adjusted_px=ring, half_px=HALF_PX / 2))
+            patch = PhotographPatch(patches.pixels(i, wanted), cut.left, cut.upper, half_px=HALF_PX / 2)
+            made.append(MarkPatch(block.photographs[i].name, patch, (u, v), "marked", words, adjusted_px=ring))
         if made:
             save_picture(mark_sheet(f"{name}: marks (cross) and what is measured (ring)", made), folder / f"{name}.png")
 

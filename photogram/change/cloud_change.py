@@ -1,6 +1,6 @@
 """Two clouds compared by M3C2, or a cloud with a mesh of the reference; written at the end."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,20 +10,21 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, FloatArray
 from photogram.change.cloud_registration import RigidMotion, register_clouds
 from photogram.change.differences import LEVEL
-from photogram.change.figure import DifferencePicture, difference_picture, gridded
+from photogram.change.figure import DifferencePicture, difference_figure, gridded
 from photogram.change.files.compared_clouds import ComparedCloud, read_compared, write_distances
 from photogram.change.files.polygon_files import read_polygons
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
-from photogram.change.surfaces import WINDOW_CELLS, StatedSigma, labels
+from photogram.change.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, labels
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.maps.rasters import RasterFile, open_raster, read_raster
 from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import NO_CRS, plan_of, same_plan
-from photogram.grid import MapGrid, Window
+from photogram.grid import Window, known_cells_map_m
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
+from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
 from photogram.wording import Progress, silent
 
@@ -78,7 +79,7 @@ class _Distances:
     place_map_m: FloatArray
     distance_m: FloatArray
     level_m: FloatArray
-    found: M3C2 | None = None
+    m3c2: M3C2 | None = None
 
 
 def compare_clouds(request: CloudRequest, output: Path, progress: Progress = silent) -> CloudChange:
@@ -109,26 +110,23 @@ def compare_clouds(request: CloudRequest, output: Path, progress: Progress = sil
     errors = _errors(request, earlier, later, aligned=motion is not None)
     progress(0, 0, "distances")
     if request.method == "m3c2":
-        found = _by_m3c2(request, earlier, later, errors, motion)
+        distances = _by_m3c2(request, earlier, later, errors, motion)
     else:
-        found = _by_mesh(earlier.points if raster is None else raster, later, errors, motion)
-    change = _summary(request, found, errors, registration, motion is not None)
+        distances = _by_mesh(earlier.points if raster is None else raster, later, errors, motion)
+    change = _summary(request, distances, errors, registration, motion is not None)
     progress(0, 0, "writing")
-    _write(output, change, found, crs)
+    _write(output, change, distances, crs)
     return change
 
 
 def _reference(request: CloudRequest) -> tuple[ComparedCloud, Raster | None]:
     """Return the earlier epoch as a cloud, and as the raster that it was, if it was one."""
-    if request.earlier.suffix.lower() not in {".tif", ".tiff"}:
+    if request.earlier.suffix.lower() not in SURFACE_SUFFIXES:
         return read_compared(request.earlier), None
     if request.method == "m3c2":
         raise ProjectError(f"M3C2 compares clouds, {request.earlier} is a surface: give its cloud, dense.laz")
     raster, crs = read_raster(request.earlier)
-    row, column = np.nonzero(np.isfinite(raster.values))
-    east, north = MapGrid.of(raster).centres_map_m(MapGrid.of(raster).whole)
-    cells = np.column_stack([east[column], north[row], raster.values[row, column].astype(np.float64)])
-    return ComparedCloud(request.earlier, PointCloud(cells), None, crs), raster
+    return ComparedCloud(request.earlier, PointCloud(known_cells_map_m(raster)), None, crs), raster
 
 
 def _common_crs(later: ComparedCloud, earlier: ComparedCloud) -> str:
@@ -147,15 +145,12 @@ def _errors(
 ) -> tuple[CloudErrors, CloudErrors] | None:
     """Return the standard deviations of both epochs, None where one tells none; without what is common where they were
     ``aligned`` on stable ground: the uncertainty of that takes its place."""
-    found = [
-        _errors_of(cloud, stated, request.correlation_m)
-        for cloud, stated in ((earlier, request.earlier_sigma), (later, request.sigma))
-    ]
-    if found[0] is None or found[1] is None:
+    first = _errors_of(earlier, request.earlier_sigma, request.correlation_m)
+    second = _errors_of(later, request.sigma, request.correlation_m)
+    if first is None or second is None:
         return None
-    first, second = (
-        CloudErrors(e.own_m, np.zeros_like(e.common_m), e.correlation_m) if aligned else e for e in (found[0], found[1])
-    )
+    if aligned:
+        first, second = (replace(errors, common_m=np.zeros_like(errors.common_m)) for errors in (first, second))
     return first, second
 
 
@@ -167,26 +162,24 @@ def _errors_of(cloud: ComparedCloud, stated: StatedSigma | None, correlation_m: 
     stem = "dsm" if cloud.path.name == "dense.laz" else cloud.path.stem.removesuffix("_filled")
     whole = cloud.path.with_name(f"{stem}_sigma.tif")
     sigma = cloud.sigma_height_m
-    if sigma is None and cloud.path.suffix.lower() in {".tif", ".tiff"} and whole.is_file():
+    if sigma is None and cloud.path.suffix.lower() in SURFACE_SUFFIXES and whole.is_file():
         sigma = _sampled(open_raster(whole), cloud.points.position_map_m)
     if sigma is None:
         return None
-    beside = cloud.path.with_name(f"{stem}_sigma_own.tif")
-    if not beside.is_file():  # the whole of it counts as common
+    part = cloud.path.with_name(f"{stem}_sigma_own.tif")
+    if not part.is_file():  # the whole of it counts as common
         return CloudErrors(np.zeros(count), sigma, length)
-    own = np.minimum(np.nan_to_num(_sampled(open_raster(beside), cloud.points.position_map_m)), sigma)
+    own = np.minimum(np.nan_to_num(_sampled(open_raster(part), cloud.points.position_map_m)), sigma)
     return CloudErrors(own, np.sqrt(sigma**2 - own**2), length)
 
 
 def _sampled(raster: RasterFile, points_map_m: FloatArray) -> FloatArray:
     """Return the values (N,) of the cells that points lie in, NaN without any; read by bands of rows."""
     grid = raster.grid
-    column = np.floor((points_map_m[:, 0] - grid.west_map_m) / grid.cell_m).astype(np.int64)
-    row = np.floor((grid.north_map_m - points_map_m[:, 1]) / grid.cell_m).astype(np.int64)
+    row, column = grid.cells_at(points_map_m)
     out = np.full(len(points_map_m), np.nan)
-    on = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
     for first in range(0, grid.rows, 1024):
-        chosen = np.flatnonzero(on & (row >= first) & (row < first + 1024))
+        chosen = np.flatnonzero((row >= first) & (row < first + 1024))
         if len(chosen):
             band = raster.read(Window(first, 0, min(first + 1024, grid.rows), grid.columns))
             out[chosen] = band[row[chosen] - first, column[chosen]]
@@ -201,8 +194,8 @@ def _by_m3c2(
     motion: RigidMotion | None,
 ) -> _Distances:
     aligned = None if motion is None else motion.sigma_m
-    found = m3c2(earlier.points, later.points, request.scales, errors, aligned)
-    return _Distances(found.core_map_m, found.distance_m, found.level_m, found)
+    result = m3c2(earlier.points, later.points, request.scales, errors, aligned)
+    return _Distances(result.core_map_m, result.distance_m, result.level_m, result)
 
 
 def _by_mesh(
@@ -227,26 +220,35 @@ def _by_mesh(
 
 def _summary(
     request: CloudRequest,
-    found: _Distances,
+    distances: _Distances,
     errors: tuple[CloudErrors, CloudErrors] | None,
     registration: Registration | None,
     applied: bool,
 ) -> CloudChange:
-    if not np.any(np.isfinite(found.distance_m)):
+    if not np.any(np.isfinite(distances.distance_m)):
         raise ProjectError(
             f"clouds {request.later} and {request.earlier}: no distance is found anywhere: check that both are of the "
             "same site and in the same CRS, or look further along the normals (--max-distance)"
         )
-    told = np.isfinite(found.level_m) & np.isfinite(found.distance_m)
-    of_m3c2 = found.found
+    distance_m, level_m, of_m3c2 = distances.distance_m, distances.level_m, distances.m3c2
+    tested = np.isfinite(level_m) & np.isfinite(distance_m)
+    later, reference = labels(request.later, request.earlier)
     return CloudChange(
-        *labels(request.later, request.earlier), request.method, _words(request.method, errors, applied),
-        registration, applied, len(found.distance_m), int(np.isfinite(found.distance_m).sum()), int(told.sum()),
-        int((np.abs(found.distance_m[told]) <= found.level_m[told]).sum()), statistics(found.distance_m),
-        float(np.median(found.level_m[told])) if told.any() else float("nan"),
-        float("nan") if of_m3c2 is None else float(np.nanmedian(of_m3c2.roughness_level_m)),
-        None if of_m3c2 is None else of_m3c2.settings,
-    )  # fmt: skip
+        later=later,
+        reference=reference,
+        method=request.method,
+        level_of_detection=_words(request.method, errors, applied),
+        registration=registration,
+        registration_applied=applied,
+        points=len(distance_m),
+        compared=int(np.isfinite(distance_m).sum()),
+        with_level=int(tested.sum()),
+        within_level=int((np.abs(distance_m[tested]) <= level_m[tested]).sum()),
+        distance=statistics(distance_m),
+        level_median_m=float(np.median(level_m[tested])) if tested.any() else float("nan"),
+        roughness_level_median_m=float("nan") if of_m3c2 is None else float(np.nanmedian(of_m3c2.roughness_level_m)),
+        scales=None if of_m3c2 is None else of_m3c2.settings,
+    )
 
 
 def _words(method: Method, errors: tuple[CloudErrors, CloudErrors] | None, applied: bool) -> str:
@@ -259,27 +261,27 @@ def _words(method: Method, errors: tuple[CloudErrors, CloudErrors] | None, appli
     return f"roughness{aligned or '; the alignment taken as free of errors, nothing says how large they are'}"
 
 
-def _write(output: Path, change: CloudChange, found: _Distances, crs: str) -> None:
-    known: BoolArray = np.isfinite(found.distance_m)
+def _write(output: Path, change: CloudChange, distances: _Distances, crs: str) -> None:
+    known: BoolArray = np.isfinite(distances.distance_m)
     fields: dict[str, tuple[NDArray[np.generic], str]] = {
-        "distance": (found.distance_m[known].astype(np.float32), "later minus earlier [m]"),
-        "lod": (found.level_m[known].astype(np.float32), "level of detection, 95 % [m]"),
+        "distance": (distances.distance_m[known].astype(np.float32), "later minus earlier [m]"),
+        "lod": (distances.level_m[known].astype(np.float32), "level of detection, 95 % [m]"),
         "significant": (
-            (np.abs(found.distance_m) > found.level_m)[known].astype(np.uint8), "1: distance beyond lod",
+            (np.abs(distances.distance_m) > distances.level_m)[known].astype(np.uint8), "1: distance beyond lod",
         ),
     }  # fmt: skip
-    if found.found is not None:
-        normal, count = found.found.normal[known], found.found.points[known]
-        fields["lod roughness"] = (found.found.roughness_level_m[known].astype(np.float32), "Lague et al. 2013 [m]")
+    if distances.m3c2 is not None:
+        normal, count = distances.m3c2.normal[known], distances.m3c2.points[known]
+        fields["lod roughness"] = (distances.m3c2.roughness_level_m[known].astype(np.float32), "Lague et al. 2013 [m]")
         for name, values in zip(("normal x", "normal y", "normal z"), normal.T, strict=True):
             fields[name] = (values.astype(np.float32), "of the earlier ground")
         for name, values in zip(("points earlier", "points later"), count.T, strict=True):
             fields[name] = (np.minimum(values, 65535).astype(np.uint16), "in the cylinder")
     make_folder(output)
-    write_distances(output / "distances.laz", found.place_map_m[known], crs, fields)
+    write_distances(output / "distances.laz", distances.place_map_m[known], crs, fields)
     write_json(output / "comparison.json", {Path(change.later).stem: asdict(change)})
-    within = np.abs(found.distance_m) <= found.level_m
+    within = np.abs(distances.distance_m) <= distances.level_m
     what = "M3C2 distance, m" if change.method == "m3c2" else "distance to the mesh, m"
-    values, pale, grid = gridded(found.place_map_m[known], found.distance_m[known], within[known])
+    values, pale, grid = gridded(distances.place_map_m[known], distances.distance_m[known], within[known])
     picture = DifferencePicture(values, pale, grid, (), (), change.later, change.reference, what=what)
-    difference_picture(output / "comparison.png", picture)
+    save_picture(difference_figure(picture), output / "comparison.png")

@@ -3,7 +3,6 @@ with their volumes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from matplotlib.patheffects import withStroke
 from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import MapGrid
 from photogram.measures.round_lengths import round_up
-from photogram.report.figures.style import map_axes, new_figure, save_picture
+from photogram.report.figures.style import map_axes, new_figure
 
 Geometry = Any  # of shapely, which has no types
 PALE = 0.45
@@ -52,45 +51,39 @@ class DifferencePicture:
     """What the colours show."""
 
 
-def difference_picture(path: Path, shown: DifferencePicture) -> None:
-    """Write ``difference_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(difference_figure(shown), path)
-
-
-def difference_figure(shown: DifferencePicture) -> Figure:
+def difference_figure(picture: DifferencePicture) -> Figure:
     """Draw a difference on a diverging scale around 0, pale within the level of detection, with polygons and what
     changed in them."""
-    d, grid = shown.difference_m, shown.grid
+    d, grid = picture.difference_m, picture.grid
     known = np.isfinite(d)
-    changed = np.abs(d[known & ~shown.within]) if np.any(known & ~shown.within) else np.abs(d[known])
+    changed = np.abs(d[known & ~picture.within]) if np.any(known & ~picture.within) else np.abs(d[known])
     limit_m = round_up(max(float(np.percentile(changed, 97)) if len(changed) else 0.0, 1e-3))
     scale = ScalarMappable(Normalize(-limit_m, limit_m), "RdBu_r")
     colours = scale.to_rgba(np.where(known, d, 0.0))
-    pale = shown.within & known
+    pale = picture.within & known
     colours[pale, :3] = 1.0 - PALE * (1.0 - colours[pale, :3])
     colours[..., 3] = known
-    east, south = grid.west_map_m + grid.columns * grid.cell_m, grid.north_map_m - grid.rows * grid.cell_m
     width = float(np.clip(8.5 * grid.columns / grid.rows, 3.5, 8.5))
     figure = new_figure(width + 1.6, max(width * grid.rows / grid.columns, 2.2) + 1.5)
     axes = figure.add_subplot(facecolor=NO_DATA)
-    axes.imshow(colours, extent=(grid.west_map_m, east, south, grid.north_map_m), interpolation="nearest")
+    axes.imshow(colours, extent=grid.extent_map_m, interpolation="nearest")
     frame = axes.get_xlim(), axes.get_ylim()
-    for outline in shown.stable:
+    for outline in picture.stable:
         _outline(axes, outline, STABLE_COLOUR, "--")
-    for name, outline in shown.polygons:
+    for name, outline in picture.polygons:
         _outline(axes, outline, "black", "-")
-        _label(axes, name, outline, shown.volumes.get(name))
+        _label(axes, name, outline, picture.volumes.get(name))
     axes.set(xlim=frame[0], ylim=frame[1])
     map_axes(axes)
-    axes.set_title(f"{shown.later} minus {shown.earlier}", fontsize=11)
+    axes.set_title(f"{picture.later} minus {picture.earlier}", fontsize=11)
     bar = figure.colorbar(scale, ax=axes, shrink=0.8, extend="both", pad=0.02)
-    bar.set_label(shown.what, fontsize=9)
+    bar.set_label(picture.what, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     signs: list[Patch | Line2D] = [Patch(facecolor=NO_DATA, label="not measured in both")]
     if pale.any():
         label = "pale: within the level of detection (95 %)"
         signs.insert(0, Patch(facecolor="#f3f3f3", edgecolor="#999999", label=label))
-    if shown.stable:
+    if picture.stable:
         signs.append(Line2D([], [], color=STABLE_COLOUR, linestyle="--", label="stable ground"))
     figure.legend(handles=signs, loc="outside lower center", ncols=len(signs), frameon=False, fontsize=8)
     return figure

@@ -11,6 +11,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.compilation import njit
+from photogram.grid import known_cells_map_m
 from photogram.quality.cloud_comparison import TriangulatedCloud, triangulate
 from photogram.survey import PointCloud, Raster
 
@@ -33,11 +34,7 @@ def mesh_of(reference: Raster | PointCloud) -> TriangulatedCloud:
     triangles that bridge gaps. Raises SurfaceError for fewer than three points, or points on one line."""
     if isinstance(reference, PointCloud):
         return triangulate(reference)
-    row, column = np.nonzero(np.isfinite(reference.values))
-    east = reference.west_map_m + (column + 0.5) * reference.cell_m
-    north = reference.north_map_m - (row + 0.5) * reference.cell_m
-    cells = PointCloud(np.column_stack([east, north, reference.values[row, column].astype(np.float64)]))
-    return triangulate(cells, 1.5 * reference.cell_m)
+    return triangulate(PointCloud(known_cells_map_m(reference)), 1.5 * reference.cell_m)
 
 
 def mesh_distances(points_map_m: FloatArray, mesh: TriangulatedCloud) -> FloatArray:

@@ -9,7 +9,7 @@ from photogram.files.clouds.points import read_cloud
 from photogram.files.npz_json import write_json
 from photogram.pipeline.stages.comparison import read_reference
 from photogram.quality.cloud_comparison import Comparison, compare_to_reference, triangulate
-from photogram.report.figures.style import comparison_picture
+from photogram.report.figures.style import comparison_figure, save_picture
 from photogram.survey import PointCloud
 from photogram.wording import Progress, silent
 
@@ -53,5 +53,5 @@ def write_comparison(folder: Path | str, results: Mapping[str, Comparison]) -> t
             for name, r in results.items()
         },
     )
-    comparison_picture(picture, results)
+    save_picture(comparison_figure(results), picture)
     return figures, picture

@@ -132,7 +132,7 @@ def _stable_cells(difference: Difference, polygon: Any) -> _Stable:  # noqa: ANN
     # the centres of the chosen cells, which are those at the north-west of each step × step
     shift = (step - 1) / 2 * whole.cell_m
     grid = MapGrid(west - shift, north + shift, step * whole.cell_m, *shape)
-    found = _Stable(
+    stable = _Stable(
         grid, np.zeros(shape, dtype=bool), np.zeros(shape), (np.zeros(shape), np.zeros(shape)),
         np.zeros((difference.patterns(), *shape)),
     )  # fmt: skip
@@ -145,18 +145,17 @@ def _stable_cells(difference: Difference, polygon: Any) -> _Stable:  # noqa: ANN
             window.row + tile.row * step, window.column + tile.column * step,
             window.row + (tile.row_end - 1) * step + 1, window.column + (tile.column_end - 1) * step + 1,
         )  # fmt: skip
-        outer = Window(*(fine.row - SLOPE_STEPS, fine.column - SLOPE_STEPS, fine.row_end + SLOPE_STEPS,
-                         fine.column_end + SLOPE_STEPS))  # fmt: skip
+        outer = fine.around(SLOPE_STEPS)
         cells = difference.cells(outer)
         at = tuple(slice(s.start, s.stop, step) for s in fine.within(outer))
         known = inside & cells.known[at] & ~cells.interpolated[at]
-        found.known[tile.slices] = known
-        found.difference_m[tile.slices] = np.where(known, cells.difference_m[at], 0.0)
-        for own, of, width in zip(found.own, cells.own, cells.width, strict=True):
+        stable.known[tile.slices] = known
+        stable.difference_m[tile.slices] = np.where(known, cells.difference_m[at], 0.0)
+        for own, of, width in zip(stable.own, cells.own, cells.width, strict=True):
             own[tile.slices] = (of * width)[at]
         signs = np.repeat([-1.0, 1.0], len(cells.pattern_m) // 2)
-        found.pattern_m[:, *tile.slices] = signs[:, None, None] * cells.pattern_m[:, *at]
-    return found
+        stable.pattern_m[:, *tile.slices] = signs[:, None, None] * cells.pattern_m[:, *at]
+    return stable
 
 
 def _weights(stable: _Stable, keep: BoolArray) -> FloatArray:

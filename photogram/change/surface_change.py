@@ -1,6 +1,7 @@
 """Two surfaces compared, tile by tile: the difference, its standard deviation, what has changed, volumes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -9,11 +10,7 @@ import numpy as np
 import shapely
 
 from photogram.arrays import IntArray
-from photogram.change.differences import (
-    Correction,
-    Difference,
-    difference_of,
-)
+from photogram.change.differences import Correction, Difference, difference_of
 from photogram.change.files.change_files import MOST_SHOWN, TILE_CELLS, Layers, SurfaceChange, every_cell, write_change
 from photogram.change.files.polygon_files import SitePolygon, read_polygons
 from photogram.change.outlines import coverage, window_of
@@ -80,11 +77,10 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
     if stable:
         progress(0, 0, "stable ground")
         motion: Literal["offset", "tilt"] = "tilt" if request.coregister == "tilt" else "offset"
-        registration, found = registration_of(difference, [p.polygon for p in stable], motion)
-        correction = found if request.coregister is not None else None
+        registration, correction = registration_of(difference, [p.polygon for p in stable], motion)
+        correction = correction if request.coregister is not None else None
     _check_place(request, polygons, difference.grid)
-    with scratch_folder(temporary_name(_existing(output))) as folder:
-        layers = Layers(*(GridFile(folder / name, difference.grid) for name in ("d", "sigma", "common", "codes")))
+    with _scratch_layers(output, difference.grid) as layers:
         sums, counts = _over_tiles(difference, correction, polygons, request.outline_sigma_m, layers, progress)
         names = labels(difference.later.heights.path, difference.earlier.heights.path)
         change = _summary(difference, names, registration, correction is not None, (), sums, counts, layers)
@@ -111,17 +107,16 @@ def _over_rims(request: SurfaceRequest, difference: Difference, output: Path, pr
     grid = difference.grid
     polygons = read_polygons(request.polygons, difference.later.heights.crs)
     _check_place(request, polygons, grid)
-    found = [base_of(difference, polygon) for polygon in polygons]
-    with scratch_folder(temporary_name(_existing(output))) as folder:
-        layers = Layers(*(GridFile(folder / name, grid) for name in ("d", "sigma", "common", "codes")))
+    bases = [base_of(difference, polygon) for polygon in polygons]
+    with _scratch_layers(output, grid) as layers:
         sums, counts = [], np.zeros(4, np.int64)
         _make_empty(layers)
-        for done, (polygon, (_, correction)) in enumerate(zip(polygons, found, strict=True), 1):
+        for done, (polygon, (_, correction)) in enumerate(zip(polygons, bases, strict=True), 1):
             outline = request.outline_sigma_m
             part = VolumeSums(polygon.name, polygon.polygon, grid, difference.patterns(correction), outline)
             within = window_of(polygon.polygon, grid)
             for tile in grid.tiles(TILE_CELLS):
-                common = None if within is None else _common(within, tile)
+                common = None if within is None else within.common(tile)
                 if common is not None:
                     counts += _fill(difference, correction, common, [part], layers, polygon)
             sums.append(part)
@@ -129,21 +124,18 @@ def _over_rims(request: SurfaceRequest, difference: Difference, output: Path, pr
         if not counts.sum():
             raise ProjectError(f"surface {request.later}: it has no height in any of the polygons: check both")
         names = labels(difference.later.heights.path, Path("the plane through the rim"))
-        bases = tuple(base for base, _ in found)
-        change = _summary(difference, names, None, False, bases, sums, counts, layers)
+        change = _summary(difference, names, None, False, tuple(base for base, _ in bases), sums, counts, layers)
         progress(0, 0, "writing")
         write_change(output, change, difference, layers, polygons, ())
     return change
 
 
-def _common(first: Window, second: Window) -> Window | None:
-    """Return the cells that lie in two windows, None where none do."""
-    if not _meet(first, second):
-        return None
-    return Window(
-        max(first.row, second.row), max(first.column, second.column), min(first.row_end, second.row_end),
-        min(first.column_end, second.column_end),
-    )  # fmt: skip
+@contextmanager
+def _scratch_layers(output: Path, grid: MapGrid) -> Iterator[Layers]:
+    """Yield layers that lie beside the folder of results until they are written there."""
+    above = (output.absolute(), *output.absolute().parents)
+    with scratch_folder(temporary_name(next(place for place in above if place.is_dir()))) as folder:
+        yield Layers(*(GridFile(folder / name, grid) for name in ("d", "sigma", "common", "codes")))
 
 
 def _make_empty(layers: Layers) -> None:
@@ -168,29 +160,23 @@ def _fill(
 ) -> IntArray:
     """Fill a tile of the layers, of a polygon alone if there is one, and add its cells to sums; return cells by code
     and, last, interpolated ones."""
-    margin, counts = difference.margin, np.zeros(4, np.int64)
-    outer = Window(tile.row - margin, tile.column - margin, tile.row_end + margin, tile.column_end + margin)
+    outer, counts = tile.around(difference.margin), np.zeros(4, np.int64)
     cells, inner = difference.cells(outer, correction), tile.within(outer)
     values = (
         cells.difference_m[inner], cells.sigma_m[inner], np.sqrt(np.sum(cells.pattern_m**2, axis=0))[inner],
         cells.codes[inner].astype(np.float64),
     )  # fmt: skip
-    shown = np.ones(tile.shape, dtype=bool)
+    chosen = np.ones(tile.shape, dtype=bool)
     if within is not None:
-        shown = coverage(within.polygon, difference.grid, tile) > 0.0
+        chosen = coverage(within.polygon, difference.grid, tile) > 0.0
     for layer, new in zip(vars(layers).values(), values, strict=True):
-        layer.write(tile, np.where(shown, new, layer.read(tile)).astype(np.float32))
-    codes = cells.codes[inner][shown]
+        layer.write(tile, np.where(chosen, new, layer.read(tile)).astype(np.float32))
+    codes = cells.codes[inner][chosen]
     counts[:3] = np.bincount(codes[codes < 3], minlength=3)
-    counts[3] = int((cells.interpolated & cells.known)[inner][shown].sum())
+    counts[3] = int((cells.interpolated & cells.known)[inner][chosen].sum())
     for part in sums:
         part.add(difference, cells, outer, tile)
     return counts
-
-
-def _existing(folder: Path) -> Path:
-    """Return a folder, or the nearest one above it that is there."""
-    return next(place for place in (folder.absolute(), *folder.absolute().parents) if place.is_dir())
 
 
 def _over_tiles(
@@ -210,7 +196,7 @@ def _over_tiles(
     for layer in vars(layers).values():
         layer.make()
     for done, tile in enumerate(tiles, 1):
-        parts = [part for part, window in zip(sums, windows, strict=True) if window and _meet(window, tile)]
+        parts = [part for part, window in zip(sums, windows, strict=True) if window and window.common(tile)]
         counts += _fill(difference, correction, tile, parts, layers)
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     if not counts.sum():
@@ -219,15 +205,6 @@ def _over_tiles(
             "height: check that they are of the same site"
         )
     return sums, counts
-
-
-def _meet(first: Window, second: Window) -> bool:
-    return (
-        first.row < second.row_end
-        and second.row < first.row_end
-        and first.column < second.column_end
-        and second.column < first.column_end
-    )
 
 
 def _summary(
@@ -243,14 +220,14 @@ def _summary(
     grid, (earlier, later) = difference.grid, (difference.earlier, difference.later)
     step = block_of((grid.rows, grid.columns), MOST_SHOWN)
     d, sigma, common = (every_cell(layer, step) for layer in (layers.difference, layers.sigma, layers.common))
-    told = np.isfinite(sigma)
+    known = np.isfinite(sigma)
     return SurfaceChange(
         *names, later.sigma_source, "the ground around each polygon" if bases else earlier.sigma_source,
         later.correlation_m, earlier.correlation_m, grid.cell_m, grid.rows, grid.columns, difference.resampled,
         () if bases else difference.undeclared_heights, registration, applied,
         int(counts.sum()), int(counts[3]), int(counts[0]), int(counts[1]), int(counts[2]), statistics(d.ravel()),
-        float(np.median(sigma[told])) if told.any() else float("nan"),
-        float(np.median(common[told])) if told.any() else float("nan"),
+        float(np.median(sigma[known])) if known.any() else float("nan"),
+        float(np.median(common[known])) if known.any() else float("nan"),
         bases, tuple(part.volume() for part in sums),
         total(sums, 2 * PATTERNS if bases else None) if sums and not _overlap(sums) else None,
     )  # fmt: skip

@@ -24,6 +24,9 @@ over unless it is stated."""
 SLOPE_STEPS = 2
 """Cells to each side over which a slope is taken."""
 
+SURFACE_SUFFIXES = (".tif", ".tiff")
+"""Of files of surfaces, in lower case."""
+
 LARGEST_M = 20_000.0
 """Of a height or its standard deviation: what is larger is damage."""
 
@@ -137,10 +140,10 @@ def _beside(heights: RasterFile, name: str) -> RasterFile | None:
     path = heights.path.with_name(name)
     if not path.is_file():
         return None
-    found = open_raster(path)
-    if found.grid != heights.grid:
+    raster = open_raster(path)
+    if raster.grid != heights.grid:
         raise ProjectError(f"raster {path}: its cells are not those of {heights.path.name}: make both again together")
-    return found
+    return raster
 
 
 def _block_errors(path: Path) -> BlockErrors | None:
@@ -213,10 +216,10 @@ def _patterns(
         pattern[1] = surface.block.shift_north_m * slope_north  # rows go south
         pattern[2] = surface.block.tilt * (east - middle_east)
         pattern[3] = surface.block.tilt * (north - middle_north)[:, None]
-    told = np.sqrt(np.sum(pattern**2, axis=0))
+    by_block = np.sqrt(np.sum(pattern**2, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
-        pattern *= np.where(told > common_m, common_m / told, 1.0)
-    pattern[4] = np.sqrt(np.maximum(common_m**2 - told**2, 0.0))
+        pattern *= np.where(by_block > common_m, common_m / by_block, 1.0)
+    pattern[4] = np.sqrt(np.maximum(common_m**2 - by_block**2, 0.0))
     return pattern
 
 

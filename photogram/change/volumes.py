@@ -83,14 +83,14 @@ class VolumeSums:
         known = cells.known
         d = np.where(known, cells.difference_m, 0.0)
         weights = np.stack([area * known, area * (d > 0.0), area * (d < 0.0)])
-        told = ~cells.interpolated
-        self.measured_m2 += float(weights[0][inner][told[inner]].sum())
-        self.interpolated_m2 += float(weights[0][inner][~told[inner]].sum())
-        self.interpolated_m3 += float((weights[0] * d)[inner][~told[inner]].sum())
+        measured = ~cells.interpolated
+        self.measured_m2 += float(weights[0][inner][measured[inner]].sum())
+        self.interpolated_m2 += float(weights[0][inner][~measured[inner]].sum())
+        self.interpolated_m3 += float((weights[0] * d)[inner][~measured[inner]].sum())
         self.volume_m3 += np.sum((weights * d)[:, *inner], axis=(1, 2)) * [1, 1, -1]
         detected = weights * d * np.isin(cells.codes, (1, 2))
         self.detected_m3 += np.sum(detected[:, *inner], axis=(1, 2)) * [1, 1, -1]
-        weights *= told
+        weights *= measured
         lengths = difference.correlation_m
         self.own_m6 += [own_variance(w, cells, lengths, self.grid.cell_m, inner) for w in weights]
         self.pattern_m3 += np.einsum("krc,mrc->km", weights[:, *inner], cells.pattern_m[:, *inner])
@@ -100,9 +100,7 @@ class VolumeSums:
     def _add_outline(self, d: FloatArray, outer: Window, window: Window) -> None:
         if self.samples is None:
             return
-        grid, place = self.grid, self.samples.place_map_m
-        column = np.floor((place[:, 0] - grid.west_map_m) / grid.cell_m).astype(np.int64)
-        row = np.floor((grid.north_map_m - place[:, 1]) / grid.cell_m).astype(np.int64)
+        row, column = self.grid.cells_at(self.samples.place_map_m)
         within = (row >= window.row) & (row < window.row_end) & (column >= window.column) & (column < window.column_end)
         at = d[row[within] - outer.row, column[within] - outer.column]
         for kind, values in enumerate((at, np.maximum(at, 0.0), np.maximum(-at, 0.0))):

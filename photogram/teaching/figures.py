@@ -88,10 +88,10 @@ def inliers_by_sample_size(path: Path, study: RansacStudy) -> None:
         right.plot(smooth, needed_iterations(fraction, smooth, 0.99), color=colour, linewidth=1.4)
         done = reached[:, t] > 0
         # Marks of several thresholds would hide each other.
-        beside = sizes + 0.3 * (t - (len(study.thresholds_px) - 1) / 2)
-        right.plot(beside[done], reached[done, t], marker, color=colour, markersize=6)
+        apart = sizes + 0.3 * (t - (len(study.thresholds_px) - 1) / 2)
+        right.plot(apart[done], reached[done, t], marker, color=colour, markersize=6)
         right.plot(
-            beside[~done], np.full(int((~done).sum()), total), marker, color=colour, markersize=6, fillstyle="none"
+            apart[~done], np.full(int((~done).sum()), total), marker, color=colour, markersize=6, fillstyle="none"
         )
     right.axhline(total, color=VERMILION, linewidth=0.9, linestyle="--")
     end = (float(sizes.max()), float(total))

@@ -25,8 +25,8 @@ def _show(result: RansacStudy) -> None:
     for s, size in enumerate(result.sample_sizes):
         for t, threshold in enumerate(result.thresholds_px):
             needed = float(needed_iterations(float(result.inlier_fraction[t]), size))
-            found = [str(int(n)) for n in result.best_inliers[s, t]]
-            table.add_row(str(size), f"{threshold:g}", *found, f"{needed:.0f}")
+            best_counts = [str(int(n)) for n in result.best_inliers[s, t]]
+            table.add_row(str(size), f"{threshold:g}", *best_counts, f"{needed:.0f}")
     console.print(table)
 
 

@@ -12,11 +12,11 @@ from photogram.change.figure import (
     NO_DATA,
     DifferencePicture,
     difference_figure,
-    difference_picture,
     gridded,
     volume_label,
 )
 from photogram.grid import MapGrid
+from photogram.report.figures.style import save_picture
 
 GRID = MapGrid(500_000.0, 6_000_000.0, 1.0, 30, 40)
 
@@ -51,10 +51,10 @@ def test_raised_ground_is_red_lowered_blue_and_what_is_not_known_grey() -> None:
 
 def test_the_picture_is_the_same_for_the_same_data(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        difference_picture(tmp_path / name, shown())
+        save_picture(difference_figure(shown()), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     nothing = replace(shown(), difference_m=np.full((30, 40), np.nan))
-    difference_picture(tmp_path / "none.png", nothing)
+    save_picture(difference_figure(nothing), tmp_path / "none.png")
 
 
 def test_points_become_means_over_cells() -> None:

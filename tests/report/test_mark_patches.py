@@ -27,11 +27,10 @@ LEFT, UPPER, SIDE = 400, 300, 61
 
 def patch(**more: Any) -> MarkPatch:
     """A black patch of 61 × 61 px with the mark in its middle."""
-    given: dict[str, Any] = {
-        "photograph": "1.jpg", "pixels": np.zeros((SIDE, SIDE, 3), np.uint8), "left_px": LEFT, "upper_px": UPPER,
-        "mark_px": (LEFT + 30.0, UPPER + 30.0), "sign": "marked", "words": "raw",
-    }  # fmt: skip
-    return MarkPatch(**{**given, **more})
+    given: dict[str, Any] = {"mark_px": (LEFT + 30.0, UPPER + 30.0), "sign": "marked", "words": "raw"}
+    of_photograph = {name: more.pop(name) for name in ("reduction", "half_px") if name in more}
+    pixels = more.pop("pixels", np.zeros((SIDE, SIDE, 3), np.uint8))
+    return MarkPatch("1.jpg", PhotographPatch(pixels, LEFT, UPPER, **of_photograph), **{**given, **more})
 
 
 def drawn(figure: Figure) -> ByteArray:

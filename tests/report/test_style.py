@@ -15,9 +15,9 @@ from PIL.PngImagePlugin import PngImageFile
 
 from photogram.camera import Camera, LensField
 from photogram.errors import WorkspaceError
+from photogram.grid import decimated
 from photogram.lens.fields import free_field
 from photogram.quality.cloud_comparison import Comparison, statistics
-from photogram.report.figures import plan_view as plan
 from photogram.report.figures.plan_view import (
     FEW,
     MAXIMUM_PHOTOGRAPH_NAMES,
@@ -25,20 +25,19 @@ from photogram.report.figures.plan_view import (
     enlargement,
     overlap_levels,
     place_labels,
-    plan_picture,
+    plan_figure,
 )
 from photogram.report.figures.style import (
+    MAXIMUM_RASTER_PX,
     _grid_means,
-    _thinned,
     candidate_and_verified_matches,
-    comparison_picture,
+    comparison_figure,
     field_figure,
-    field_picture,
     length_label,
     new_figure,
-    residual_picture,
+    residual_figure,
     save_picture,
-    shaded_surface,
+    surface_figure,
 )
 from photogram.survey import Raster, Role
 from photogram.teaching.figures import inliers_by_iteration, inliers_by_sample_size
@@ -106,15 +105,24 @@ def a_field() -> LensField:
 
 DRAWINGS: dict[str, Callable[[Path], None]] = {
     "matches": draw_matches,
-    "surface": lambda path: shaded_surface(path, a_raster(), "surface"),
-    "comparison": lambda path: comparison_picture(path, {"linear": a_comparison(0.3), "adjusted": a_comparison(0.05)}),
-    "residuals": lambda path: residual_picture(path, CAMERA, np.mgrid[0:600:9, 0:400:9].reshape(2, -1).T * 1.0,
-                                               np.random.default_rng(0).normal(0, 1, (67 * 45, 2)), "residuals"),
-    "lens field": lambda path: field_picture(path, CAMERA, a_field(), 1e-4 * np.eye(60), "lens field"),
-    "plan": lambda path: plan_picture(path, contents(), "plan"),
+    "surface": lambda path: save_picture(surface_figure(a_raster(), "surface"), path),
+    "comparison": lambda path: save_picture(
+        comparison_figure({"linear": a_comparison(0.3), "adjusted": a_comparison(0.05)}), path
+    ),
+    "residuals": lambda path: save_picture(
+        residual_figure(
+            CAMERA,
+            np.mgrid[0:600:9, 0:400:9].reshape(2, -1).T * 1.0,
+            np.random.default_rng(0).normal(0, 1, (67 * 45, 2)),
+            "residuals",
+        ),
+        path,
+    ),
+    "lens field": lambda path: save_picture(field_figure(CAMERA, a_field(), 1e-4 * np.eye(60), "lens field"), path),
+    "plan": lambda path: save_picture(plan_figure(contents(), "plan"), path),
     "iterations": lambda path: inliers_by_iteration(path, a_study(), 1),
     "sample sizes": lambda path: inliers_by_sample_size(path, a_study()),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", list(DRAWINGS))
@@ -147,7 +155,7 @@ def test_a_lens_field_is_drawn_as_large_as_it_is() -> None:
 def test_an_unwritable_path_is_named_and_leaves_nothing_behind(tmp_path: Path) -> None:
     (tmp_path / "plain file").write_text("")
     with pytest.raises(WorkspaceError, match="plain file"):
-        shaded_surface(tmp_path / "plain file" / "surface.png", a_raster(), "surface")
+        save_picture(surface_figure(a_raster(), "surface"), tmp_path / "plain file" / "surface.png")
     (tmp_path / "taken.png").mkdir()
     with pytest.raises(WorkspaceError, match=r"taken\.png"):
         save_picture(new_figure(2, 2), tmp_path / "taken.png")
@@ -189,7 +197,7 @@ def test_the_light_comes_from_the_north_west_and_holes_are_grey(tmp_path: Path) 
     hill = 30 - np.hypot(x - 100, y - 100) * 0.25
     hill[95:105, 95:105] = np.nan
     path = tmp_path / "hill.png"
-    shaded_surface(path, Raster(hill.astype(np.float32), SITE[0], SITE[1], 1.0), "hill")
+    save_picture(surface_figure(Raster(hill.astype(np.float32), SITE[0], SITE[1], 1.0), "hill"), path)
     grey = np.asarray(Image.open(path).convert("RGB")).astype(np.int64)
     hole = np.argwhere((grey == 221).all(axis=2))
     row, column = hole.mean(axis=0).astype(int)
@@ -206,17 +214,18 @@ def test_the_light_comes_from_the_north_west_and_holes_are_grey(tmp_path: Path) 
 def test_a_thinned_raster_keeps_its_means_and_its_corner() -> None:
     values = np.arange(3000 * 7, dtype=np.float32).reshape(3000, 7)
     values[0, 0] = np.nan
-    thinned, cell_m = _thinned(Raster(values, 0.0, 0.0, 0.5))
-    assert thinned.shape == (1000, 3)
-    assert cell_m == 1.5
-    assert thinned[0, 0] == np.nanmean(values[:3, :3])
-    assert thinned[-1, -1] == values[-3:, 6].mean()
+    thinned, _ = decimated(Raster(values, 0.0, 0.0, 0.5), MAXIMUM_RASTER_PX)
+    assert thinned.values.shape == (1000, 3)
+    assert thinned.cell_m == 1.5
+    assert thinned.values[0, 0] == np.nanmean(values[:3, :3])
+    assert thinned.values[-1, -1] == values[-3:, 6].mean()
     values[:] = np.nan
-    assert np.isnan(_thinned(Raster(values, 0.0, 0.0, 0.5))[0]).all()
+    assert np.isnan(decimated(Raster(values, 0.0, 0.0, 0.5), MAXIMUM_RASTER_PX)[0].values).all()
 
 
 def test_an_empty_raster_is_still_a_picture(tmp_path: Path) -> None:
-    shaded_surface(tmp_path / "empty.png", Raster(np.full((3, 9), np.nan, dtype=np.float32), 0.0, 0.0, 1.0), "empty")
+    empty = Raster(np.full((3, 9), np.nan, dtype=np.float32), 0.0, 0.0, 1.0)
+    save_picture(surface_figure(empty, "empty"), tmp_path / "empty.png")
     assert (tmp_path / "empty.png").exists()
 
 
@@ -232,21 +241,14 @@ def test_grid_means_by_hand() -> None:
 def test_few_residuals_and_none_are_drawn(tmp_path: Path) -> None:
     for count in (0, 1, 12):
         path = tmp_path / f"{count}.png"
-        residual_picture(path, CAMERA, np.full((count, 2), 100.0), np.full((count, 2), 0.5), "marks")
+        save_picture(residual_figure(CAMERA, np.full((count, 2), 100.0), np.full((count, 2), 0.5), "marks"), path)
         assert pixels_near(path, VERMILION) > 20
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures as they were saved."""
-    figures: list[Figure] = []
-
-    def keep(figure: Figure, path: Path) -> None:
-        figures.append(figure)
-        save_picture(figure, path)
-
-    monkeypatch.setattr(plan, "save_picture", keep)
-    return figures
+def saved_plan(path: Path, contents: PlanContents) -> Figure:
+    figure = plan_figure(contents, "plan")
+    save_picture(figure, path)
+    return figure
 
 
 def legend_of(figure: Figure) -> list[str]:
@@ -263,23 +265,25 @@ def words_in(figure: Figure) -> str:
 )
 @pytest.mark.filterwarnings("error")
 def test_plans_of_every_size(tmp_path: Path, photographs: int, ground: int, unregistered: int, flights: int) -> None:
-    plan_picture(tmp_path / "plan.png", contents(photographs, ground, unregistered, flights), "plan")
+    saved_plan(tmp_path / "plan.png", contents(photographs, ground, unregistered, flights))
     assert (pixels_near(tmp_path / "plan.png", VERMILION) > 30) == (ground > 0)
     assert (pixels_near(tmp_path / "plan.png", GREEN) > 30) == (ground > 0)
 
 
-def test_the_legend_counts_what_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
-    plan_picture(tmp_path / "one.png", contents(12, 6), "plan")
-    assert legend_of(drawn[0]) == ["photographs (12)", "control points (3)", "check points (3)"]
-    plan_picture(tmp_path / "two.png", contents(12, 0, 2, 2), "plan")
-    assert legend_of(drawn[1]) == ["flight 0 (5)", "flight 1 (5)", "not registered (2)"]
-    plan_picture(tmp_path / "nine.png", contents(90, 0, 0, 9), "plan")
-    assert legend_of(drawn[2]) == [*(f"flight {i} (10)" for i in range(5)), "4 more flights (40)"]
+@pytest.mark.parametrize(
+    ("plan", "texts"),
+    [
+        (contents(12, 6), ["photographs (12)", "control points (3)", "check points (3)"]),
+        (contents(12, 0, 2, 2), ["flight 0 (5)", "flight 1 (5)", "not registered (2)"]),
+        (contents(90, 0, 0, 9), [*(f"flight {i} (10)" for i in range(5)), "4 more flights (40)"]),
+    ],
+)
+def test_the_legend_counts_what_is_drawn(tmp_path: Path, plan: PlanContents, texts: list[str]) -> None:
+    assert legend_of(saved_plan(tmp_path / "plan.png", plan)) == texts
 
 
-def test_the_scale_of_the_arrows_is_said_and_true(tmp_path: Path, drawn: list[Figure]) -> None:
-    plan_picture(tmp_path / "plan.png", contents(12, 6), "plan")
-    axes = drawn[0].axes[0]
+def test_the_scale_of_the_arrows_is_said_and_true(tmp_path: Path) -> None:
+    axes = saved_plan(tmp_path / "plan.png", contents(12, 6)).axes[0]
     arrows = [child for child in axes.get_children() if isinstance(child, Quiver)]
     keys = [child for child in axes.get_children() if isinstance(child, QuiverKey)]
     assert len(arrows) == len(keys) == 3
@@ -291,22 +295,22 @@ def test_the_scale_of_the_arrows_is_said_and_true(tmp_path: Path, drawn: list[Fi
     assert arrows[0].N == 11, "a photograph without GNSS has no arrow"
 
 
-def test_few_photographs_are_named_and_many_are_not(tmp_path: Path, drawn: list[Figure]) -> None:
-    plan_picture(tmp_path / "few.png", contents(8, 3), "plan")
-    plan_picture(tmp_path / "many.png", contents(MAXIMUM_PHOTOGRAPH_NAMES + 1, 3, 1), "plan")
-    assert words_in(drawn[0]).count("DJI_") > 5
-    assert "DJI_0000" in words_in(drawn[1])
-    assert words_in(drawn[1]).count("DJI_") == 1, "only the one that was left out"
-    assert "Δh" in words_in(drawn[1])
+def test_few_photographs_are_named_and_many_are_not(tmp_path: Path) -> None:
+    few = words_in(saved_plan(tmp_path / "few.png", contents(8, 3)))
+    many = words_in(saved_plan(tmp_path / "many.png", contents(MAXIMUM_PHOTOGRAPH_NAMES + 1, 3, 1)))
+    assert few.count("DJI_") > 5
+    assert "DJI_0000" in many
+    assert many.count("DJI_") == 1, "only the one that was left out"
+    assert "Δh" in many
 
 
-def test_photographs_of_another_place_do_not_shrink_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_photographs_of_another_place_do_not_shrink_the_plan(tmp_path: Path) -> None:
     here = contents(12, 3, 2)
     away = here.photograph_map_m.copy()
     away[0] += [0.0, 30_000.0, 0.0]
     away[1] = np.nan
-    plan_picture(tmp_path / "here.png", here, "plan")
-    plan_picture(tmp_path / "away.png", replace(here, photograph_map_m=away), "plan")
+    places = (("here.png", here), ("away.png", replace(here, photograph_map_m=away)))
+    drawn = [saved_plan(tmp_path / name, plan) for name, plan in places]
     limits = [(figure.axes[0].get_xlim(), figure.axes[0].get_ylim()) for figure in drawn]
     assert limits[0] == limits[1]
     assert "1 not registered, outside the plan" in words_in(drawn[1])
@@ -314,13 +318,13 @@ def test_photographs_of_another_place_do_not_shrink_the_plan(tmp_path: Path, dra
     assert "not registered" not in words_in(drawn[0])
 
 
-def test_overlap_has_whole_numbers_and_a_colour_each(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_overlap_has_whole_numbers_and_a_colour_each(tmp_path: Path) -> None:
     shown = contents(8, 0)
-    plan_picture(tmp_path / "plan.png", shown, "plan")
-    bar = drawn[0].axes[1]
+    figure = saved_plan(tmp_path / "plan.png", shown)
+    bar = figure.axes[1]
     labels = [label.get_text() for label in bar.get_yticklabels()]
     assert labels == ["0", "1", "2", "3", "4", "5", "6–7", "8–9", "10–14", "15–19"]
-    (picture,) = drawn[0].axes[0].get_images()
+    (picture,) = figure.axes[0].get_images()
     rgba = np.asarray(picture.get_array())
     assert shown.overlap is not None
     for number, colour in enumerate(FEW):
@@ -329,14 +333,13 @@ def test_overlap_has_whole_numbers_and_a_colour_each(tmp_path: Path, drawn: list
     assert np.all(rgba[np.isnan(shown.overlap.values)][:, 3] == 0)
     # north is up, and the raster lies where it says
     assert tuple(picture.get_extent()) == (SITE[0], SITE[0] + 60, SITE[1], SITE[1] + 40)
-    plan_picture(tmp_path / "none.png", replace(shown, overlap=None), "plan")
-    assert len(drawn[1].axes) == 1
+    assert len(saved_plan(tmp_path / "none.png", replace(shown, overlap=None)).axes) == 1
 
 
-def test_the_whole_ground_is_on_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
+def test_the_whole_ground_is_on_the_plan(tmp_path: Path) -> None:
     shown = contents(3, 0)
-    plan_picture(tmp_path / "plan.png", replace(shown, photograph_map_m=np.tile(SITE + 5, (3, 1))), "plan")
-    (west, east), (south, north) = drawn[0].axes[0].get_xlim(), drawn[0].axes[0].get_ylim()
+    figure = saved_plan(tmp_path / "plan.png", replace(shown, photograph_map_m=np.tile(SITE + 5, (3, 1))))
+    (west, east), (south, north) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
     assert west < SITE[0]
     assert east > SITE[0] + 60
     assert south < SITE[1]
@@ -377,11 +380,11 @@ def test_names_never_cover_each_other_or_a_point() -> None:
         assert not np.any((others[:, :2] < (east, north)).all(axis=1) & (others[:, 2:] > (west, south)).all(axis=1))
 
 
-def test_an_empty_plan_or_comparison_is_a_defect(tmp_path: Path) -> None:
+def test_an_empty_plan_or_comparison_is_a_defect() -> None:
     with pytest.raises(ValueError, match="no registered photograph"):
-        plan_picture(tmp_path / "plan.png", contents(0, 0), "plan")
+        plan_figure(contents(0, 0), "plan")
     with pytest.raises(ValueError, match="no comparison"):
-        comparison_picture(tmp_path / "comparison.png", {})
+        comparison_figure({})
 
 
 @pytest.mark.parametrize(

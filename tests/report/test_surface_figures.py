@@ -158,9 +158,9 @@ def test_profile_holds_heights_gaps_and_the_check_points_beside_it() -> None:
     np.testing.assert_allclose(found.height_m[known & on_ground], ground_m(places)[known & on_ground], atol=2e-5)
     ((low, high),) = gaps(found)  # columns 100 to 109, which are 20 to 22 m, and half a cell beside them
     assert (low, high) == pytest.approx((20.0 - 0.1 - 2.0, 22.0 + 0.1 - 2.0), abs=0.21)
-    assert found.beside.name == ("P0",)  # P1 is too far off, P2 is control
-    assert found.beside_distance_m == pytest.approx([3.0])
-    assert found.beside_difference_m == pytest.approx([0.05], abs=2e-5)
+    assert found.check_points.name == ("P0",)  # P1 is too far off, P2 is control
+    assert found.check_distance_m == pytest.approx([3.0])
+    assert found.check_difference_m == pytest.approx([0.05], abs=2e-5)
 
 
 def test_a_profile_begins_and_ends_where_there_is_a_surface() -> None:

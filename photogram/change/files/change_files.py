@@ -10,7 +10,7 @@ import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
 from photogram.change.differences import LOWERED, RAISED, UNCHANGED, Difference
-from photogram.change.figure import DifferencePicture, difference_picture, volume_label
+from photogram.change.figure import DifferencePicture, difference_figure, volume_label
 from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.stable_ground import Registration
 from photogram.change.volumes import Volume
@@ -21,6 +21,7 @@ from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics
+from photogram.report.figures.style import save_picture
 
 TILE_CELLS = 1024
 MOST_SHOWN = 1400
@@ -126,13 +127,13 @@ def write_change(
     write_json(output / "comparison.json", {Path(change.later).stem: {"method": "height", **asdict(change)}})
     step = block_of((grid.rows, grid.columns), MOST_SHOWN)
     thinned = every_cell(layers.difference, step)
-    shown = MapGrid(grid.west_map_m, grid.north_map_m, grid.cell_m * step, *thinned.shape)
+    coarse = MapGrid(grid.west_map_m, grid.north_map_m, grid.cell_m * step, *thinned.shape)
     picture = DifferencePicture(
-        thinned, every_cell(layers.codes, step) == UNCHANGED, shown,
+        thinned, every_cell(layers.codes, step) == UNCHANGED, coarse,
         [(p.name, p.polygon) for p in polygons], [p.polygon for p in stable], change.later, change.reference,
         {v.name: _words(v) for v in change.volumes},
     )  # fmt: skip
-    difference_picture(output / "comparison.png", picture)
+    save_picture(difference_figure(picture), output / "comparison.png")
 
 
 def _words(volume: Volume) -> str:

@@ -51,7 +51,7 @@ def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
     unit_m = map_units(crs).plan_m
     columns = {str(name).casefold(): values for name, values in zip(meta["fields"], fields, strict=True)}
     named = next((columns[name] for name in NAME_FIELDS if name in columns), None)
-    errors, found = [], []
+    errors, polygons = [], []
     for number, shape in enumerate(shapes.tolist(), 1):
         given = None if named is None else named[number - 1]
         name = str(number) if given is None or not str(given).strip() else str(given).strip()
@@ -60,14 +60,15 @@ def read_polygons(path: Path, crs: str) -> list[SitePolygon]:
             errors.append(f"polygon {number} ({name}): {error}")
         else:
             plan = shapely.force_2d(shape)
-            found.append(SitePolygon(name, plan if unit_m == 1.0 else shapely.transform(plan, lambda at: unit_m * at)))
+            plan = plan if unit_m == 1.0 else shapely.transform(plan, lambda at: unit_m * at)
+            polygons.append(SitePolygon(name, plan))
     if errors:
         more = f" (and {len(errors) - 3} more)" if len(errors) > 3 else ""
         raise ProjectError(f"polygons {path}: {'; '.join(errors[:3])}{more}")
-    names = [polygon.name for polygon in found]
+    names = [polygon.name for polygon in polygons]
     if len(set(names)) < len(names):
         raise ProjectError(f"polygons {path}: two are called {max(names, key=names.count)!r}: rename one")
-    return found
+    return polygons
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Any, list[Any]]:

@@ -13,7 +13,7 @@ from photogram.change.m3c2 import M3C2Settings
 from photogram.change.reference_comparison import compare_files_to_reference, write_comparison
 from photogram.change.stable_ground import Motion
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
-from photogram.change.surfaces import StatedSigma
+from photogram.change.surfaces import SURFACE_SUFFIXES, StatedSigma
 from photogram.change.work.tables import show_cloud_change, show_surface_change
 from photogram.errors import ProjectError
 from photogram.quality.cloud_comparison import Comparison
@@ -33,8 +33,6 @@ FIGURES: dict[str, Callable[[Comparison], str]] = {
 
 RIM = Path("rim")
 """In place of a reference: planes through the rims of the polygons."""
-
-SURFACE_SUFFIXES = (".tif", ".tiff")
 
 
 @dataclass(frozen=True)

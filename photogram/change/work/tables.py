@@ -24,20 +24,21 @@ def _figures(title: str, rows: dict[str, str]) -> None:
     console.print(table)
 
 
-def registration_words(found: Registration, applied: bool) -> str:
+def registration_words(registration: Registration, applied: bool) -> str:
     """Return what stable ground says of two epochs, in a sentence."""
     values = ", ".join(
         f"{name} {value:+.6f} ± {sigma:.6f}" if "tilt" in name or "rotation" in name else
         f"{name.removesuffix('_m')} {value:+.4f} ± {sigma:.4f} m"
-        for name, value, sigma in zip(found.names, found.value, found.sigma, strict=True)
+        for name, value, sigma in zip(registration.names, registration.value, registration.sigma, strict=True)
     ).replace("_", " ")  # fmt: skip
-    stated = found.expected_sigma[0]
-    beside = "" if not stated > 0.0 else f"; both epochs state ± {stated:.4f} m for the offset"
-    rest = f", ± {found.remaining_m:.4f} m between its parts beyond noise" if found.remaining_m > 0.0 else ""
+    stated = registration.expected_sigma[0]
+    expected = "" if not stated > 0.0 else f"; both epochs state ± {stated:.4f} m for the offset"
+    remaining_m = registration.remaining_m
+    rest = f", ± {remaining_m:.4f} m between its parts beyond noise" if remaining_m > 0.0 else ""
     done = "taken off" if applied else "not taken off (--coregister does)"
     return (
-        f"Stable ground: {values}{beside}; {done}. Residuals: RMS {found.after_rms_m:.4f} m over {found.cells}"
-        f"{rest}; {found.rejected} contradict the rest."
+        f"Stable ground: {values}{expected}; {done}. Residuals: RMS {registration.after_rms_m:.4f} m over "
+        f"{registration.cells}{rest}; {registration.rejected} contradict the rest."
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from photogram.files.tables.surveyed_points import Proposal
 from photogram.marking.page.patches import PatchReader, Window
-from photogram.report.figures.mark_patches import MarkPatch, mark_sheet
+from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
 from photogram.report.figures.style import save_picture
 
 HALF_PX = 32
@@ -42,18 +42,8 @@ def _patches(proposals: Sequence[Proposal], numbers: Mapping[str, int], patches:
         cut = patches.window(numbers[mark.photograph], wanted)
         sigma = "" if mark.sigma_px is None else f", ± {max(mark.sigma_px):.2f} px"
         pixels = patches.pixels(numbers[mark.photograph], wanted)
-        made.append(
-            MarkPatch(
-                mark.photograph,
-                pixels,
-                cut.left,
-                cut.upper,
-                mark.pixel,
-                "proposed",
-                f"{mark.kind}{sigma}",
-                half_px=HALF_PX,
-            )
-        )
+        patch = PhotographPatch(pixels, cut.left, cut.upper, half_px=HALF_PX)
+        made.append(MarkPatch(mark.photograph, patch, mark.pixel, "proposed", f"{mark.kind}{sigma}"))
     return made
 
 

@@ -1,7 +1,6 @@
 """Patches of photographs around a ground point, side by side at one scale, with what was marked or proposed in them,
 and where the adjustment puts the point."""
 
-import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from matplotlib.patches import Circle
 
 from photogram.arrays import ByteArray
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.figures.style import BLUE, SKY, VERMILION, new_figure, write_figure
+from photogram.report.figures.style import BLUE, SKY, VERMILION, data_uri, new_figure, write_figure
 from photogram.report.marks import UNKNOWN, by_misfit, largest_w, residual_length_px
 from photogram.report.numbers.wording import signed
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
@@ -39,15 +38,26 @@ _THICK, _THIN = 2.8, 1.4  # of what is drawn, black below and its colour above
 
 
 @dataclass(frozen=True, eq=False)
-class MarkPatch:
-    """A patch of a photograph."""
+class PhotographPatch:
+    """What a photograph shows around a mark."""
 
-    photograph: str
     pixels: ByteArray
     """RGB (rows, columns, 3); the centre of the photograph's pixel in its top-left corner is at ``left_px``,
     ``upper_px``."""
     left_px: float
     upper_px: float
+    reduction: int = 1
+    """Of how many of the photograph's pixels, across, one of the patch is the mean."""
+    half_px: float | None = None
+    """Half of the side of what is drawn around the mark; None for the whole patch."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkPatch:
+    """A patch of a photograph, with what was marked in it."""
+
+    photograph: str
+    patch: PhotographPatch
     mark_px: tuple[float, float]
     """Where the mark is, u and v."""
     sign: Sign
@@ -56,10 +66,6 @@ class MarkPatch:
     """What is said of it."""
     adjusted_px: tuple[float, float] | None = None
     """Where the adjustment puts the point, drawn as a ring; None where that is not known."""
-    reduction: int = 1
-    """Of how many of the photograph's pixels, across, one of the patch is the mean."""
-    half_px: float | None = None
-    """Half of the side of what is shown around the mark; None shows the patch itself."""
 
 
 def mark_sheet(title: str, patches: Sequence[MarkPatch]) -> Figure:
@@ -80,20 +86,21 @@ def mark_sheet(title: str, patches: Sequence[MarkPatch]) -> Figure:
 
 
 def _draw(axes: Axes, patch: MarkPatch) -> None:
-    rows, columns = (patch.reduction * side for side in patch.pixels.shape[:2])
-    left, upper = patch.left_px - 0.5, patch.upper_px - 0.5
-    axes.imshow(patch.pixels, extent=(left, left + columns, upper + rows, upper), interpolation="nearest")
-    u, v = patch.mark_px
-    half = patch.half_px
-    shown = (left, left + columns, upper + rows, upper) if half is None else (u - half, u + half, v + half, v - half)
-    unit = (shown[1] - shown[0]) / 30.0
+    photograph, (u, v) = patch.patch, patch.mark_px
+    rows, columns = (photograph.reduction * side for side in photograph.pixels.shape[:2])
+    left, upper = photograph.left_px - 0.5, photograph.upper_px - 0.5
+    whole = (left, left + columns, upper + rows, upper)
+    axes.imshow(photograph.pixels, extent=whole, interpolation="nearest")
+    half = photograph.half_px
+    limits = whole if half is None else (u - half, u + half, v + half, v - half)
+    unit = (limits[1] - limits[0]) / 30.0
     for thick, shade in ((_THICK, "black"), (_THIN, _COLOURS[patch.sign])):
         _sign(axes, patch, unit, thick, shade)
     if patch.adjusted_px is not None:
         for thick, shade in ((_THICK, "black"), (_THIN, SKY)):
             _adjusted(axes, patch.adjusted_px, (u, v), unit, thick, shade)
-    axes.set_xlim(shown[0], shown[1])
-    axes.set_ylim(shown[2], shown[3])
+    axes.set_xlim(limits[:2])
+    axes.set_ylim(limits[2:])
     axes.set_facecolor("#dfe5e9")
     axes.set_xticks([])
     axes.set_yticks([])
@@ -139,21 +146,6 @@ def _short(name: str) -> str:
 # ---- on the page ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class PhotographPatch:
-    """What a photograph shows around a mark."""
-
-    pixels: ByteArray
-    """RGB (rows, columns, 3)."""
-    left_px: float
-    """Of the photograph's pixel in its top-left corner, as ``upper_px``."""
-    upper_px: float
-    reduction: int
-    """Of how many of the photograph's pixels, across, one of the patch is the mean."""
-    half_px: float
-    """Half of the side of what is to be shown around the mark."""
-
-
 def figure_key(point: str) -> str:
     """Return the key of the figure of a point's marks."""
     return f"marks {point}"
@@ -180,15 +172,11 @@ def _patch(mark: MarkRecord, patch: PhotographPatch) -> MarkPatch:
     (u, v), residual_px = mark["pixel"], mark["residual_px"]
     return MarkPatch(
         mark["photograph"],
-        patch.pixels,
-        patch.left_px,
-        patch.upper_px,
+        patch,
         (u, v),
         "rejected" if mark["left_out"] else "marked",
         _words(mark),
         None if residual_px is None else (u + residual_px[0], v + residual_px[1]),
-        patch.reduction,
-        patch.half_px,
     )
 
 
@@ -206,7 +194,7 @@ def _uri(figure: Figure) -> str:
     stream = io.BytesIO()
     figure.dpi = DPI
     write_figure(figure, stream, "jpeg", pil_kwargs={"quality": QUALITY, "optimize": True})
-    return f"data:image/jpeg;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+    return data_uri("jpeg", stream.getvalue())
 
 
 def reduced(pixels: ByteArray, reduction: int) -> ByteArray:

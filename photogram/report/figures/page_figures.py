@@ -3,7 +3,6 @@
 Vector graphics, the same bytes for the same data, sized for a page of A4.
 """
 
-import base64
 import io
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -31,11 +30,12 @@ from photogram.report.figures.style import (
     SKY,
     VERMILION,
     comparison_figure,
+    data_uri,
     field_figure,
     length_label,
     map_axes,
     new_figure,
-    relabel_plane,
+    plain_axes,
     residual_figure,
     surface_figure,
     write_figure,
@@ -70,7 +70,7 @@ def embedded(figure: Figure) -> str:
     figure.dpi = IMAGE_DPI
     with mpl.rc_context({"svg.hashsalt": "photogram", "svg.fonttype": "path", "svg.image_inline": True}):
         write_figure(figure, stream, "svg", metadata={"Date": None, "Creator": None})
-    return f"data:image/svg+xml;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+    return data_uri("svg+xml", stream.getvalue())
 
 
 def page_figures(
@@ -307,10 +307,7 @@ def _histograms(result: Adjustment) -> PageFigure | None:
     right.bar(np.arange(2, 2 + len(rays)), rays, color=SKY, width=0.8)
     right.set(xlabel="photographs per point", ylabel="tie points")
     for axes in (left, right):
-        axes.tick_params(labelsize=8)
-        axes.xaxis.label.set_size(9)
-        axes.yaxis.label.set_size(9)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes)
     caption = (
         f"Left: residuals of {len(values)} tie-point observations; their RMS is {spread:.2f} px per coordinate, "
         f"the median of the stated sigmas {stated:.2f} px. Right: how many photographs see a tie point; two "
@@ -363,9 +360,7 @@ def _surface(surface: Raster, upright: bool) -> PageFigure:
         f"Digital surface model of {columns} × {rows} cells of {surface.cell_m:g} m, lit from the {light} "
         f"({np.isfinite(surface.values).mean():.0%} of the cells hold a height)."
     )
-    figure = surface_figure(surface, widest_in=WIDTH_IN)
-    if upright:
-        relabel_plane(figure)
+    figure = surface_figure(surface, widest_in=WIDTH_IN, upright=upright)
     return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", embedded(figure))
 
 

@@ -16,6 +16,7 @@ from matplotlib.text import Annotation
 from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray, check_shape
+from photogram.grid import MapGrid
 from photogram.measures.round_lengths import round_down
 from photogram.report.figures.style import (
     BLUE,
@@ -26,7 +27,6 @@ from photogram.report.figures.style import (
     length_label,
     map_axes,
     new_figure,
-    save_picture,
 )
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.numbers.overlap import Overlap
@@ -126,11 +126,6 @@ class _Sheet:
         return np.asarray(np.all((places_m[:, :2] > self.low) & (places_m[:, :2] < self.high), axis=1))
 
 
-def plan_picture(path: Path, contents: PlanContents, title: str) -> None:
-    """Write ``plan_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(plan_figure(contents, title), path)
-
-
 def plan_figure(contents: PlanContents, title: str = "", widest_in: float = 9.0) -> Figure:
     """Draw the survey in plan: photographs by flight, ground points, residuals as enlarged arrows, and the overlap.
 
@@ -198,13 +193,9 @@ def _draw_overlap(figure: Figure, axes: Axes, overlap: Raster) -> None:
     shades = [to_hex(ENOUGH(k / max(enough - 1, 1))) for k in range(enough)]
     bounds = np.array([*levels, most + 1]) - 0.5
     scale = ScalarMappable(BoundaryNorm(bounds.tolist(), len(levels)), ListedColormap([*FEW[: len(levels)], *shades]))
-    rows, columns = overlap.values.shape
-    east, south = overlap.west_map_m + columns * overlap.cell_m, overlap.north_map_m - rows * overlap.cell_m
     limits = axes.get_xlim(), axes.get_ylim()
     colours = scale.to_rgba(np.ma.masked_invalid(overlap.values))
-    axes.imshow(
-        colours, extent=(overlap.west_map_m, east, south, overlap.north_map_m), interpolation="nearest", zorder=0.4
-    )
+    axes.imshow(colours, extent=MapGrid.of(overlap).extent_map_m, interpolation="nearest", zorder=0.4)
     axes.set(xlim=limits[0], ylim=limits[1])
     bar = figure.colorbar(scale, ax=axes, shrink=0.7, pad=0.015, spacing="uniform", aspect=28)
     bar.set_ticks(((bounds[:-1] + bounds[1:]) / 2).tolist())

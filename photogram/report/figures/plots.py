@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from photogram.grid import MapGrid
 from photogram.results import Adjustment
 from photogram.survey import PointCloud, Raster
 
@@ -16,11 +17,9 @@ ERROR_SHARE = 0.05
 
 def plot_raster(raster: Raster) -> None:
     """Draw a raster as a picture in the map, with a bar of its values."""
-    rows, columns = raster.values.shape
-    east, south = raster.west_map_m + columns * raster.cell_m, raster.north_map_m - rows * raster.cell_m
     axes = plt.gca()
-    shown = axes.imshow(raster.values, extent=(raster.west_map_m, east, south, raster.north_map_m), cmap="terrain")
-    plt.colorbar(shown, ax=axes, label="m")
+    picture = axes.imshow(raster.values, extent=MapGrid.of(raster).extent_map_m, cmap="terrain")
+    plt.colorbar(picture, ax=axes, label="m")
     _name(axes)
 
 
@@ -42,13 +41,13 @@ def plot_adjustment(result: Adjustment) -> None:
     block, axes = result.block, plt.gca()
     centre = np.array([pose.position_world_m for pose in block.poses if pose is not None])
     axes.plot(*block.frame.map_from_world(centre)[:, :2].T, "^", color="tab:blue", label="photographs")
-    points = block.control_points
+    roles = np.array(block.control_points.role, dtype=np.str_)
     for role, mark in (("control", "s"), ("check", "o")):
-        chosen = np.array([own == role for own in points.role], dtype=bool)
+        chosen = roles == role
         if chosen.any():
-            place = block.frame.map_from_world(points.position_world_m[chosen])
+            place = block.frame.map_from_world(block.control_points.position_world_m[chosen])
             axes.plot(*place[:, :2].T, mark, fillstyle="none", label=f"{role} points")
-    control = np.flatnonzero(np.array([own == "control" for own in points.role], dtype=bool))
+    control = np.flatnonzero(roles == "control")
     if len(control):
         _draw_residuals(axes, result, control)
     axes.legend()

@@ -11,10 +11,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.grid import bands, decimated
+from photogram.grid import MapGrid, bands, decimated
 from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
-from photogram.report.figures.style import BLUE, GREEN, GREY, NORTH_UP, SKY, VERMILION, new_figure
+from photogram.report.figures.style import BLUE, GREEN, GREY, NORTH_UP, SKY, VERMILION, new_figure, plain_axes
 from photogram.report.numbers.dense_surface import DenseSurface
 
 PLAN_CELLS = 500
@@ -52,7 +52,7 @@ def profile_figure(dense: DenseSurface, profiles: Sequence[Profile], width_in: f
         drawn.append((upper, profile))
     _plan(figure.add_subplot(grid[count - 1, 1]), dense, profiles)
     handles, labels = drawn[0][0].get_legend_handles_labels()
-    if any(len(profile.beside.name) for profile in profiles):
+    if any(profile.check_points.name for profile in profiles):
         handles.append(drawn[0][0].plot([], [], "o", ls="", color=GREEN, mec="white", ms=6)[0])
         labels.append("check point beside the line, as surveyed")
     if any(np.isnan(profile.height_m).any() for profile in profiles):
@@ -86,11 +86,9 @@ def _heights(axes: Axes, profile: Profile) -> None:
         label="± 2 sigma",
     )  # fmt: skip
     axes.plot(profile.distance_m, profile.height_m, color=BLACK, linewidth=0.8, label="surface")
-    points = profile.beside
-    axes.plot(profile.beside_distance_m, points.place_map_m[:, 2], "o", color=GREEN, mec="white", ms=6, zorder=5)
-    for name, distance_m, height_m in zip(
-        points.name, profile.beside_distance_m, points.place_map_m[:, 2], strict=True
-    ):
+    points = profile.check_points
+    axes.plot(profile.check_distance_m, points.place_map_m[:, 2], "o", color=GREEN, mec="white", ms=6, zorder=5)
+    for name, distance_m, height_m in zip(points.name, profile.check_distance_m, points.place_map_m[:, 2], strict=True):
         axes.annotate(name, (distance_m, height_m), (0, 7), textcoords="offset points", ha="center", fontsize=7.5,
                       path_effects=HALO, zorder=6)  # fmt: skip
     known = profile.height_m[np.isfinite(profile.height_m)]
@@ -112,7 +110,7 @@ def _heights(axes: Axes, profile: Profile) -> None:
 def _strip(axes: Axes, profile: Profile) -> None:
     """Draw ± 2 sigma around nought, on a scale on which it can be seen, and by what check points lie off."""
     band_m = BAND_SIGMAS * profile.sigma_m
-    survey_m, off_m = BAND_SIGMAS * profile.beside.sigma_m[:, 2], profile.beside_difference_m
+    survey_m, off_m = BAND_SIGMAS * profile.check_points.sigma_m[:, 2], profile.check_difference_m
     known = band_m[np.isfinite(band_m)]
     usual_m = float(np.percentile(known, 97)) if len(known) else 0.0
     reach_m = 1.15 * max(usual_m, float(np.max((np.abs(off_m) + survey_m)[np.isfinite(off_m)], initial=1e-4)))
@@ -120,7 +118,7 @@ def _strip(axes: Axes, profile: Profile) -> None:
     _shade_gaps(axes, profile)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     axes.fill_between(profile.distance_m, -scale * band_m, scale * band_m, color=SKY, alpha=0.6, linewidth=0)
-    axes.errorbar(profile.beside_distance_m, scale * off_m, scale * survey_m, fmt="o", color=GREEN, mec="white", ms=5,
+    axes.errorbar(profile.check_distance_m, scale * off_m, scale * survey_m, fmt="o", color=GREEN, mec="white", ms=5,
                   elinewidth=1.2)  # fmt: skip
     axes.set_ylim(-scale * reach_m, scale * reach_m)
     axes.set_ylabel(unit, fontsize=8)
@@ -135,10 +133,8 @@ def _plan(axes: Axes, dense: DenseSurface, profiles: Sequence[Profile]) -> None:
     """Draw where the profiles run, over the shaded surface."""
     small, share = decimated(dense.heights, PLAN_CELLS)
     shaded = hillshade(np.where(share >= 0.5, small.values, np.nan).astype(np.float64), small.cell_m)
-    rows, columns = shaded.shape
-    east, south = small.west_map_m + columns * small.cell_m, small.north_map_m - rows * small.cell_m
     axes.set_facecolor("white")
-    axes.imshow(shaded, cmap="gray", vmin=-0.6, vmax=1.15, extent=(small.west_map_m, east, south, small.north_map_m))
+    axes.imshow(shaded, cmap="gray", vmin=-0.6, vmax=1.15, extent=MapGrid.of(small).extent_map_m)
     axes.set(xticks=[], yticks=[], aspect="equal")
     axes.spines[:].set_visible(False)
     axes.annotate(NORTH_UP, (0.99, 0.99), xycoords="axes fraction", ha="right", va="top", fontsize=9, fontweight="bold")
@@ -150,7 +146,7 @@ def _plan(axes: Axes, dense: DenseSurface, profiles: Sequence[Profile]) -> None:
             text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
             text |= {"color": LINE_COLOURS[line.letter], "path_effects": HALO, "annotation_clip": False}
             axes.annotate(name, tuple(end), tuple(way * 6 * line.direction), textcoords="offset points", **text)
-        axes.plot(*profile.beside.place_map_m[:, :2].T, "o", color=GREEN, mec="white", ms=4.5, mew=0.6)
+        axes.plot(*profile.check_points.place_map_m[:, :2].T, "o", color=GREEN, mec="white", ms=4.5, mew=0.6)
 
 
 def hillshade(values: FloatArray, cell_m: float) -> FloatArray:
@@ -240,10 +236,7 @@ def sigma_histogram_figure(dense: DenseSurface, target_m: float | None, width_in
     left.legend(framealpha=1.0, edgecolor="none", fontsize=8)
     _by_rays(right, counts, edges)
     for axes in (left, right):
-        axes.tick_params(labelsize=8)
-        axes.xaxis.label.set_size(9)
-        axes.yaxis.label.set_size(9)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes)
     return figure
 
 

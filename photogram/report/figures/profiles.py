@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter, uniform_filter1d
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.grid import decimated
+from photogram.grid import decimated, known_cells_map_m
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, Sampled, sampled
 from photogram.survey import Raster
 
@@ -62,16 +62,16 @@ class ProfileLine:
 @dataclass(frozen=True, eq=False)
 class Profile:
     """Heights and their standard deviations (N,) along a line at distances (N,), m, NaN in gaps; and the check points
-    ``beside`` it: their distances (K,) along the line, and how much higher (K,) the surface is at their own places than
+    beside it: their distances (K,) along the line, and how much higher (K,) the surface is at their own places than
     they were surveyed, NaN over a hole."""
 
     line: ProfileLine
     distance_m: FloatArray
     height_m: FloatArray
     sigma_m: FloatArray
-    beside: GroundMarks
-    beside_distance_m: FloatArray
-    beside_difference_m: FloatArray
+    check_points: GroundMarks
+    check_distance_m: FloatArray
+    check_difference_m: FloatArray
 
 
 def surface_profiles(dense: DenseSurface, ground: GroundMarks) -> list[Profile]:
@@ -84,12 +84,7 @@ def surface_profiles(dense: DenseSurface, ground: GroundMarks) -> list[Profile]:
     measured = np.isfinite(dense.heights.values)
     measured &= ~dense.filled
     coarse, share = decimated(dense.heights, COARSE_CELLS, measured)
-    heights = Raster(
-        np.where(share >= 0.5, coarse.values, np.nan).astype(np.float32),
-        coarse.west_map_m,
-        coarse.north_map_m,
-        coarse.cell_m,
-    )
+    heights = replace(coarse, values=np.where(share >= 0.5, coarse.values, np.nan).astype(np.float32))
     if np.isfinite(heights.values).sum() < 3:
         return []
     lines = site_lines(heights, ground.place_map_m[ground.checks_height, :2])
@@ -99,16 +94,9 @@ def surface_profiles(dense: DenseSurface, ground: GroundMarks) -> list[Profile]:
     return [profile(dense, line, ground) for line in [*lines, *([] if step is None else [step])]]
 
 
-def _centres(raster: Raster) -> FloatArray:
-    """Return the centres (K, 2) of the cells with data."""
-    row, column = np.nonzero(np.isfinite(raster.values))
-    east = raster.west_map_m + (column + 0.5) * raster.cell_m
-    return np.column_stack([east, raster.north_map_m - (row + 0.5) * raster.cell_m])
-
-
 def site_lines(heights: Raster, checks_map_m: FloatArray) -> list[ProfileLine]:
     """Return a line along the longer side of the smallest rectangle around the cells with data, and one across it."""
-    centres = _centres(heights)
+    centres = known_cells_map_m(heights)[:, :2]
     middle = centres.mean(axis=0)
     corner = cv2.boxPoints(cv2.minAreaRect((centres - middle).astype(np.float32))).astype(np.float64)
     longest = max(corner[1] - corner[0], corner[2] - corner[1], key=lambda side: float(np.hypot(*side)))
@@ -186,7 +174,7 @@ def step_line(heights: Raster, least_m: float) -> ProfileLine | None:
     (south, east), direction = place
     middle = np.array([heights.west_map_m + (east + 0.5) * cell_m, heights.north_map_m - (south + 0.5) * cell_m])
     direction = _as_read(direction / np.hypot(*direction))
-    centres = _centres(heights)
+    centres = known_cells_map_m(heights)[:, :2]
     near = np.abs((centres - middle) @ direction) <= STEP_REACH * box * cell_m
     return _clipped("C", "over a sharp edge", centres[near], middle, direction, cell_m)
 
@@ -239,15 +227,13 @@ def profile(dense: DenseSurface, line: ProfileLine, ground: GroundMarks) -> Prof
     if len(known) > 1:
         inner = slice(int(known[0]), int(known[-1]) + 1)
         ends = line.start_map_m + distance_m[known[[0, -1]], None] * line.direction
-        line, distance_m = (
-            replace(line, start_map_m=ends[0], end_map_m=ends[1]),
-            distance_m[inner] - distance_m[inner][0],
-        )
+        line = replace(line, start_map_m=ends[0], end_map_m=ends[1])
+        distance_m = distance_m[inner] - distance_m[inner][0]
         at = Sampled(at.height_m[inner], at.slope[inner], at.sigma_m[inner], at.inside[inner], at.filled[inner])
     checks = ground.select(ground.checks_height)
     along, offset = line.along_and_across_m(checks.place_map_m)
     near_m = max(NEAR_SHARE * line.length_m, 2.0 * dense.cell_m)
     near = np.flatnonzero((np.abs(offset) <= near_m) & (along >= 0) & (along <= line.length_m))
-    beside = checks.select(near)
-    difference_m = sampled(dense, beside.place_map_m).height_m - beside.place_map_m[:, 2]
-    return Profile(line, distance_m, at.height_m, at.sigma_m, beside, along[near], difference_m)
+    checks = checks.select(near)
+    difference_m = sampled(dense, checks.place_map_m).height_m - checks.place_map_m[:, 2]
+    return Profile(line, distance_m, at.height_m, at.sigma_m, checks, along[near], difference_m)

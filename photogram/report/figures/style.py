@@ -1,10 +1,11 @@
 """Pictures of a finished survey: matches, surface, comparisons, residuals.
 
-Every function writes one PNG, whole or not at all, the same bytes for the same data. Colours are told apart with
-every kind of colour vision (Okabe & Ito 2008; diverging scale of Brewer). Figures are drawn through matplotlib's
+`save_picture` writes a figure as PNG, whole or not at all, the same bytes for the same data. Colours can be told apart
+with every kind of colour vision (Okabe & Ito 2008; diverging scale of Brewer). Figures are drawn through matplotlib's
 object interface: no global state, no display.
 """
 
+import base64
 from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -28,7 +29,7 @@ from scipy.ndimage import distance_transform_edt
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, LensField
 from photogram.files.atomic import make_folder, replacing
-from photogram.grid import decimated
+from photogram.grid import MapGrid, decimated
 from photogram.measures.round_lengths import round_down, round_up
 from photogram.quality.cloud_comparison import Comparison
 from photogram.survey import Raster
@@ -83,6 +84,11 @@ def save_picture(figure: Figure, path: Path) -> None:
     figure.set_layout_engine("none")  # which else measures every text once more
 
 
+def data_uri(kind: Literal["jpeg", "svg+xml"], picture: bytes) -> str:
+    """Return the bytes of a picture as an address that holds them."""
+    return f"data:image/{kind};base64,{base64.b64encode(picture).decode('ascii')}"
+
+
 def length_label(length_m: float) -> str:
     """Return a length with a unit that suits it: 2 mm, 5 cm, 20 m, 1 km."""
     for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01)):
@@ -118,6 +124,22 @@ def map_axes(axes: Axes) -> None:
     axes.annotate(
         NORTH, (0.95, 0.98), (0, -24), "axes fraction", "offset points", arrow, ha="center", va="top", fontweight="bold"
     )
+
+
+def plain_axes(axes: Axes) -> None:
+    """Make axes a plain diagram: small figures and labels, and no frame above and on the right."""
+    axes.tick_params(labelsize=8)
+    axes.xaxis.label.set_size(9)
+    axes.yaxis.label.set_size(9)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def map_figure(shape: tuple[int, ...], widest_in: float, beside_in: float) -> Figure:
+    """Return an empty figure for a map of so many rows and columns, ``widest_in`` inches wide at most, with room on its
+    right."""
+    rows, columns = shape
+    width = float(np.clip(18 / 17 * widest_in * columns / rows, 3.0, widest_in))
+    return new_figure(width + beside_in, max(width * rows / columns, 2.0) + 0.9)
 
 
 def relabel_plane(figure: Figure) -> None:
@@ -195,19 +217,11 @@ def _reduced(rgb: ByteArray, scale: float) -> ByteArray:
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def shaded_surface(path: Path, raster: Raster, title: str, *, upright: bool = False) -> None:
-    """Write ``surface_figure`` as PNG, of a surface in plan or on an ``upright`` plane. Raises WorkspaceError when the
-    file cannot be written."""
-    figure = surface_figure(raster, title)
-    if upright:
-        relabel_plane(figure)
-    save_picture(figure, path)
-
-
 def shaded_relief(raster: Raster) -> tuple[FloatArray, ScalarMappable, float]:
     """Return a surface lit from the north-west and tinted by height (rows, columns, 4), 0 to 1, alpha 0 without data;
     what tints it; and the size of its cells, m, of which a picture has few enough."""
-    values, cell_m = _thinned(raster)
+    small, _ = decimated(raster, MAXIMUM_RASTER_PX)
+    values, cell_m = small.values.astype(np.float64), small.cell_m
     known = np.isfinite(values)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = values[tuple(nearest)] if known.any() else np.zeros_like(values)
@@ -219,36 +233,25 @@ def shaded_relief(raster: Raster) -> tuple[FloatArray, ScalarMappable, float]:
     return np.dstack([shaded, known.astype(np.float64)]), tint, cell_m
 
 
-def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5) -> Figure:
-    """Draw a surface lit from the north-west, tinted by height, with a colour bar; cells without data stay grey.
+def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5, *, upright: bool = False) -> Figure:
+    """Draw a surface, in plan or on an ``upright`` plane, lit from the north-west, tinted by height, with a colour bar;
+    cells without data stay grey.
 
     The map is ``widest_in`` inches wide at most.
     """
     picture, tint, cell_m = shaded_relief(raster)
-    rows, columns = picture.shape[:2]
-    east, south = raster.west_map_m + columns * cell_m, raster.north_map_m - rows * cell_m
-
-    width = float(np.clip(18 / 17 * widest_in * columns / rows, 3.0, widest_in))
-    figure = new_figure(width + 1.6, max(width * rows / columns, 2.0) + 0.9)
+    figure = map_figure(picture.shape[:2], widest_in, 1.6)
     axes = figure.add_subplot(facecolor="#dddddd")
-    axes.imshow(picture, extent=(raster.west_map_m, east, south, raster.north_map_m), interpolation="nearest")
+    grid = MapGrid(raster.west_map_m, raster.north_map_m, cell_m, *picture.shape[:2])
+    axes.imshow(picture, extent=grid.extent_map_m, interpolation="nearest")
     map_axes(axes)
     axes.set_title(title, fontsize=12)
     bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02)
     bar.set_label(HEIGHTS, fontsize=9)
     bar.ax.tick_params(labelsize=8)
+    if upright:
+        relabel_plane(figure)
     return figure
-
-
-def _thinned(raster: Raster) -> tuple[FloatArray, float]:
-    """Return the values as means of blocks, few enough for a picture, and the size of a block in m."""
-    small, _ = decimated(raster, MAXIMUM_RASTER_PX)
-    return small.values.astype(np.float64), small.cell_m
-
-
-def comparison_picture(path: Path, comparisons: Mapping[str, Comparison]) -> None:
-    """Write ``comparison_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(comparison_figure(comparisons), path)
 
 
 def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = False) -> Figure:
@@ -325,11 +328,6 @@ def _difference_histogram(axes: Axes, comparison: Comparison, limit_m: float) ->
     axes.add_artist(AnchoredText(text.replace("-", "−"), "upper left", prop={"size": 8}, frameon=False, pad=0.2))
 
 
-def residual_picture(path: Path, camera: Camera, pixel: FloatArray, residual_px: FloatArray, title: str) -> None:
-    """Write ``residual_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(residual_figure(camera, pixel, residual_px, title), path)
-
-
 def residual_figure(
     camera: Camera, pixel: FloatArray, residual_px: FloatArray, title: str = "", width_in: float = 9.5
 ) -> Figure:
@@ -364,11 +362,6 @@ def residual_figure(
     axes.quiverkey(arrows, 0.05, 1.03, key_px, label, labelpos="E", fontproperties={"size": 9})
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
     return figure
-
-
-def field_picture(path: Path, camera: Camera, field: LensField, covariance_px2: FloatArray, title: str) -> None:
-    """Write ``field_figure`` as PNG. Raises WorkspaceError when the file cannot be written."""
-    save_picture(field_figure(camera, field, covariance_px2, title), path)
 
 
 def field_figure(

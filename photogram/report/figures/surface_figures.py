@@ -14,7 +14,7 @@ from PIL import Image
 from photogram.report.figures.page_figures import PLAN_IN, WIDTH_IN, PageFigure, embedded
 from photogram.report.figures.profile_figure import profile_figure, sigma_histogram_figure
 from photogram.report.figures.profiles import Profile, surface_profiles
-from photogram.report.figures.style import relabel_plane, save_picture
+from photogram.report.figures.style import data_uri, relabel_plane, save_picture
 from photogram.report.figures.surface_maps import (
     orthophoto_figure,
     rays_figure,
@@ -79,8 +79,8 @@ def on_plane(drawn: DrawnFigure) -> DrawnFigure:
     """Return a figure of a surface whose heights count from a plane that is not level, with the words for that."""
     relabel_plane(drawn.figure)
     caption = drawn.caption.replace("lit from the north-west", "lit from the upper left")
-    said = "On the plane, as the photographs see it; heights are distances in front of it."
-    return replace(drawn, caption=f"{caption} {said}")
+    on_it = "On the plane, as the photographs see it; heights are distances in front of it."
+    return replace(drawn, caption=f"{caption} {on_it}")
 
 
 def surface_figures(drawn: Sequence[DrawnFigure]) -> list[PageFigure]:
@@ -100,20 +100,19 @@ def _uri(drawn: DrawnFigure) -> str:
     uri = embedded(drawn.figure)
     if not drawn.tones:
         return uri
-    head, _, body = uri.partition(",")
-    picture = SVG_PICTURE.sub(_as_jpeg, base64.b64decode(body))
-    return f"{head},{base64.b64encode(picture).decode('ascii')}"
+    picture = SVG_PICTURE.sub(_as_jpeg, base64.b64decode(uri.partition(",")[2]))
+    return data_uri("svg+xml", picture)
 
 
-def _as_jpeg(found: re.Match[bytes]) -> bytes:
+def _as_jpeg(png: re.Match[bytes]) -> bytes:
     """Return a PNG within an SVG as JPEG on the ground of maps, where that is smaller."""
-    with Image.open(io.BytesIO(base64.b64decode(found[1])), formats=["PNG"]) as picture:
+    with Image.open(io.BytesIO(base64.b64decode(png[1])), formats=["PNG"]) as picture:
         ground = Image.new("RGBA", picture.size, (*GROUND_RGB, 255))
         flat = Image.alpha_composite(ground, picture.convert("RGBA")).convert("RGB")
     stream = io.BytesIO()
     flat.save(stream, "JPEG", quality=JPEG_QUALITY, subsampling=0)
-    text = base64.b64encode(stream.getvalue())
-    return b"data:image/jpeg;base64," + text if len(text) < len(found[1]) else found[0]
+    jpeg = data_uri("jpeg", stream.getvalue()).encode("ascii")
+    return min(png[0], jpeg, key=lambda uri: len(uri.partition(b",")[2]))
 
 
 # ---- one by one ----------------------------------------------------------------------------------------------------
@@ -153,11 +152,11 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
         if cells["filled"]
         else ""
     )
-    beside = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
+    differences = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
     caption = (
         f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
         f"enlarged for the shading.{part} Grey: holes, where the photographs do not agree on a height.{filled}"
-        f"{beside}"
+        f"{differences}"
     )
     figure = relief_figure(dense, ground, tested, WIDTH_IN)
     return DrawnFigure("dense surface", figure, caption, "Dense surface model, shaded and tinted by height", tones=True)
@@ -217,11 +216,10 @@ def _rays(dense: DenseSurface, numbers: DenseRecord) -> DrawnFigure:
 
 def _profiles(dense: DenseSurface, profiles: Sequence[Profile], datum_sigma_m: float | None) -> DrawnFigure:
     lines = "; ".join(f"{p.line.letter} runs {p.line.why}" for p in profiles)
-    beside = sum(len(p.beside.name) for p in profiles)
     checks = (
         " Discs are check points beside a line with their surveyed heights; in the strip, the surface at their own "
         "place minus the survey, with 2 sigma of the survey."
-        if beside
+        if any(p.check_points.name for p in profiles)
         else " No check point lies beside a line."
     )
     caption = (

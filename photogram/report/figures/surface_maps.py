@@ -1,6 +1,7 @@
 """Maps of the dense surface: orthophoto, relief, uncertainty, number of photographs and confidence."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,10 @@ from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize,
 from matplotlib.figure import Figure
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.grid import bands, block_means, block_of, decimated
+from photogram.grid import MapGrid, bands, block_means, block_of, decimated
 from photogram.report.figures.plan_view import ENOUGH, FEW, HALO, overlap_levels, place_labels
-from photogram.report.figures.style import GREEN, VERMILION, map_axes, new_figure, surface_figure
+from photogram.report.figures.style import GREEN, VERMILION, map_axes, map_figure, new_figure, surface_figure
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
-from photogram.survey import Raster
 
 MAP_CELLS = 1200
 """Cells of a drawn map along its longer side, at most."""
@@ -29,16 +29,6 @@ TARGET_STEPS = (0.0, 0.25, 0.5, 1.0, 2.0)
 TARGET_COLOURS = ("#2c6e8f", "#7fb0c4", "#d9e6ea", "#f4c1a0", "#d5603a")
 FILLED_SHARE, KNOWN_SHARE = 0.5, 0.5
 """Shares of the cells under a drawn one from which it counts as filled, or as known."""
-
-
-def _extent(west_m: float, north_m: float, cell_m: float, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
-    return west_m, west_m + shape[1] * cell_m, north_m - shape[0] * cell_m, north_m
-
-
-def _map_figure(shape: tuple[int, ...], widest_in: float, beside_in: float) -> Figure:
-    rows, columns = shape
-    width = float(np.clip(18 / 17 * widest_in * columns / rows, 3.0, widest_in))
-    return new_figure(width + beside_in, max(width * rows / columns, 2.0) + 0.9)
 
 
 def _halo(axes: Axes) -> None:
@@ -73,10 +63,10 @@ def draw_ground(figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence
 def orthophoto_figure(orthophoto: OrthophotoPicture, ground: GroundMarks, widest_in: float) -> Figure:
     """Draw an orthophoto with coordinates, scale bar and north arrow, and the ground points on it by name."""
     shape = orthophoto.rgba.shape[:2]
-    figure = _map_figure(shape, widest_in, 0.8)
+    figure = map_figure(shape, widest_in, 0.8)
     axes = figure.add_subplot(facecolor=NO_DATA)
-    extent = _extent(orthophoto.west_map_m, orthophoto.north_map_m, orthophoto.cell_m, shape)
-    axes.imshow(orthophoto.rgba, extent=extent, interpolation="antialiased")
+    grid = MapGrid(orthophoto.west_map_m, orthophoto.north_map_m, orthophoto.cell_m, *shape)
+    axes.imshow(orthophoto.rgba, extent=grid.extent_map_m, interpolation="antialiased")
     map_axes(axes)
     _halo(axes)
     draw_ground(figure, axes, ground, ground.name)
@@ -93,7 +83,7 @@ def relief_figure(
     """Draw the surface lit from the north-west and tinted by height, holes grey, filled cells washed out, with the
     ground points; ``differences_m`` (surface minus survey) stand beside those that they name."""
     small, share = decimated(dense.heights, MAP_CELLS)
-    known = Raster(np.where(share >= KNOWN_SHARE, small.values, np.nan), *_corner(small))
+    known = replace(small, values=np.where(share >= KNOWN_SHARE, small.values, np.nan))
     figure = surface_figure(known, "", widest_in)
     axes = figure.axes[0]
     axes.set_facecolor(NO_DATA)
@@ -101,14 +91,10 @@ def relief_figure(
     if (washed & np.isfinite(known.values)).any():
         veil = np.ones((*washed.shape, 4), dtype=np.float32)
         veil[..., 3] = 0.6 * (washed & np.isfinite(known.values))
-        axes.imshow(veil, extent=_extent(*_corner(small), washed.shape), interpolation="nearest")
+        axes.imshow(veil, extent=MapGrid.of(small).extent_map_m, interpolation="nearest")
     _halo(axes)
     draw_ground(figure, axes, ground, [f"{n}{_signed_cm(differences_m.get(n))}" for n in ground.name])
     return figure
-
-
-def _corner(raster: Raster) -> tuple[float, float, float]:
-    return raster.west_map_m, raster.north_map_m, raster.cell_m
 
 
 def _filled_share(dense: DenseSurface, maximum: int) -> FloatArray:
@@ -139,7 +125,7 @@ def sigma_figure(dense: DenseSurface, target_m: float | None, widest_in: float) 
     measured &= ~dense.filled
     small, share = decimated(dense.sigma, MAP_CELLS, measured)
     values = np.where(share >= KNOWN_SHARE, small.values, np.nan).astype(np.float64)
-    figure = _map_figure(values.shape, widest_in, 1.6)
+    figure = map_figure(values.shape, widest_in, 1.6)
     axes = figure.add_subplot(facecolor=NO_DATA)
     known = values[np.isfinite(values)]
     if target_m is None:
@@ -150,7 +136,7 @@ def sigma_figure(dense: DenseSurface, target_m: float | None, widest_in: float) 
         bounds = [*target_bounds_m(target_m)[:-1].tolist(), top]
         tint = ScalarMappable(BoundaryNorm(bounds, len(TARGET_COLOURS)), ListedColormap(list(TARGET_COLOURS)))
         values = np.minimum(values, 0.999 * top)
-    _draw(axes, tint, values, small, _filled_share(dense, MAP_CELLS) >= FILLED_SHARE)
+    _draw(axes, tint, values, MapGrid.of(small), _filled_share(dense, MAP_CELLS) >= FILLED_SHARE)
     map_axes(axes)
     _halo(axes)
     bar = figure.colorbar(tint, ax=axes, shrink=0.8, pad=0.02, spacing="uniform", extend="max" if target_m is None else
@@ -165,13 +151,13 @@ def sigma_figure(dense: DenseSurface, target_m: float | None, widest_in: float) 
     return figure
 
 
-def _draw(axes: Axes, tint: ScalarMappable, values: FloatArray, grid: Raster, filled: BoolArray) -> None:
+def _draw(axes: Axes, tint: ScalarMappable, values: FloatArray, grid: MapGrid, filled: BoolArray) -> None:
     """Draw values in the colours of a scale; unknown ones let the ground show through, filled ones have one colour."""
     colours = np.asarray(tint.to_rgba(np.ma.masked_invalid(values)))
     colours[~np.isfinite(values)] = 0.0
     if filled.any():
         colours[filled & ~np.isfinite(values)] = (*(int(FILLED[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
-    axes.imshow(colours, extent=_extent(*_corner(grid), values.shape), interpolation="nearest")
+    axes.imshow(colours, extent=grid.extent_map_m, interpolation="nearest")
 
 
 def _key(figure: Figure, axes: Axes, dense: DenseSurface) -> None:
@@ -191,15 +177,15 @@ def _key(figure: Figure, axes: Axes, dense: DenseSurface) -> None:
 def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
     """Draw how many photographs each height was matched in, beside or above the confidence, for wide sites."""
     rows, columns = dense.heights.values.shape
-    beside = columns <= 1.8 * rows
-    panel_in = (0.5 if beside else 0.8) * width_in - 0.9
+    is_narrow = columns <= 1.8 * rows
+    panel_in = (0.5 if is_narrow else 0.8) * width_in - 0.9
     height_in = panel_in * rows / columns
-    figure = new_figure(width_in, (height_in + 1.9) if beside else 2 * height_in + 1.3)
-    panels: Any = figure.subplots(1, 2) if beside else figure.subplots(2, 1)
+    figure = new_figure(width_in, (height_in + 1.9) if is_narrow else 2 * height_in + 1.3)
+    panels: Any = figure.subplots(1, 2) if is_narrow else figure.subplots(2, 1)
     measured = dense.measured()
     block = block_of(measured.shape, RAYS_CELLS)
     filled = block_means(dense.filled, block)[0] >= FILLED_SHARE
-    grid = Raster(np.zeros((1, 1), dtype=np.float32), *_corner(dense.heights)[:2], block * dense.cell_m)
+    grid = MapGrid.of(dense.heights).coarser(block)
     rays, share = block_means(dense.rays, block, measured)
     rays = np.where(share >= KNOWN_SHARE, np.round(rays), np.nan)
     confidence, share = block_means(dense.confidence, block, measured)
@@ -216,7 +202,7 @@ def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
         _halo(axes)
         for axis in (axes.xaxis, axes.yaxis):
             axis.get_major_locator().set_params(nbins=3)
-        bar = figure.colorbar(tint, ax=axes, pad=0.02, aspect=30, location="bottom" if beside else "right")
+        bar = figure.colorbar(tint, ax=axes, pad=0.02, aspect=30, location="bottom" if is_narrow else "right")
         bar.set_label(label, fontsize=9)
         bar.ax.tick_params(labelsize=8)
         if ticks_at is not None and texts is not None:
@@ -224,7 +210,7 @@ def rays_figure(dense: DenseSurface, width_in: float) -> Figure:
             bar.set_ticklabels(texts)
             bar.ax.minorticks_off()
             bar.ax.tick_params(length=0)
-    if beside:
+    if is_narrow:
         panels[1].set_ylabel("")
     _key(figure, panels[0], dense)
     return figure

@@ -1,6 +1,5 @@
 """The small pictures of the page's first screen: what was flown, and what was made of it, without axes and words."""
 
-import base64
 import io
 
 import numpy as np
@@ -8,7 +7,7 @@ from PIL import Image
 
 from photogram.arrays import ByteArray
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.figures.style import shaded_relief
+from photogram.report.figures.style import data_uri, shaded_relief
 from photogram.report.numbers.dense_surface import OrthophotoPicture
 from photogram.survey import Raster
 
@@ -20,15 +19,15 @@ ORTHOPHOTO, SURFACE = "thumbnail orthophoto", "thumbnail surface"
 
 def thumbnails(orthophoto: OrthophotoPicture | None, surface: Raster | None) -> list[PageFigure]:
     """Return orthophoto and surface (heights in m, NaN in holes) as small pictures, where there are such."""
-    found = []
+    figures = []
     if orthophoto is not None:
-        found.append(PageFigure(ORTHOPHOTO, "Orthophoto", "The orthophoto, small", _uri(orthophoto.rgba)))
+        figures.append(PageFigure(ORTHOPHOTO, "Orthophoto", "The orthophoto, small", _uri(orthophoto.rgba)))
     if surface is not None and np.isfinite(surface.values).any():
         relief = (255.0 * shaded_relief(surface)[0] + 0.5).astype(np.uint8)
-        found.append(
+        figures.append(
             PageFigure(SURFACE, "Surface model", "The surface model, shaded and tinted by height", _uri(relief))
         )
-    return found
+    return figures
 
 
 def _uri(rgba: ByteArray) -> str:
@@ -39,4 +38,4 @@ def _uri(rgba: ByteArray) -> str:
     flat = flat.resize([max(1, round(scale * side)) for side in flat.size], Image.Resampling.LANCZOS)
     stream = io.BytesIO()
     flat.save(stream, "JPEG", quality=JPEG_QUALITY)
-    return f"data:image/jpeg;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+    return data_uri("jpeg", stream.getvalue())

@@ -58,13 +58,14 @@ from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageNote
 from photogram.report.figures.page_figures import page_figures
-from photogram.report.figures.plan_view import plan_contents, plan_picture
+from photogram.report.figures.plan_view import plan_contents, plan_figure
 from photogram.report.figures.style import (
     candidate_and_verified_matches,
-    comparison_picture,
-    field_picture,
-    residual_picture,
-    shaded_surface,
+    comparison_figure,
+    field_figure,
+    residual_figure,
+    save_picture,
+    surface_figure,
 )
 from photogram.report.local_frame import constraint_numbers, distance_numbers, local_frame_numbers, marked_points
 from photogram.report.marks import mark_kind_numbers
@@ -206,26 +207,27 @@ def _pictures(outcome: _Outcome) -> list[str]:
     if StoredSurface(run).is_there:
         products.append("pictures/surface.png")
         upright = made_frame(run).plane is not None
-        shaded_surface(pictures / "surface.png", StoredSurface(run).heights(), "Digital surface model", upright=upright)
+        figure = surface_figure(StoredSurface(run).heights(), "Digital surface model", upright=upright)
+        save_picture(figure, pictures / "surface.png")
     if outcome.whole.block.has_scale:
         contents = plan_contents(result, outcome.overlap)
-        plan_picture(pictures / "plan.png", contents, "Photographs, ground points and overlap")
+        save_picture(plan_figure(contents, "Photographs, ground points and overlap"), pictures / "plan.png")
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
             name = f"residuals_{file_stem(c + 1, camera.name)}.png"
             title = f"Residuals of tie points in {camera.name}"
-            residual_picture(
-                pictures / name, camera, block.tie_points.pixel[seen], result.estimates.residual_px[seen], title
-            )
+            pixel, residual_px = block.tie_points.pixel[seen], result.estimates.residual_px[seen]
+            save_picture(residual_figure(camera, pixel, residual_px, title), pictures / name)
             products.append(f"pictures/{name}")
         if camera.field is not None:
             name, title = f"lens_field_{file_stem(c + 1, camera.name)}.png", f"Lens field of {camera.name}"
-            field_picture(pictures / name, camera, camera.field, result.covariances.lens_field_px2[c], title)
+            figure = field_figure(camera, camera.field, result.covariances.lens_field_px2[c], title)
+            save_picture(figure, pictures / name)
             products.append(f"pictures/{name}")
     comparisons = stored_comparisons(run)
     if comparisons:
-        comparison_picture(pictures / "comparison.png", comparisons)
+        save_picture(comparison_figure(comparisons), pictures / "comparison.png")
         products.append("pictures/comparison.png")
     return products
 
