@@ -30,7 +30,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.projection import PARAMETER_NAMES
-from photogram.quality.accuracy import AXES
+from photogram.quality.asprs import AXES
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 import photogram as pg
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
-from photogram.quality.accuracy import AXES
+from photogram.quality.asprs import AXES
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity

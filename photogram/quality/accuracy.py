@@ -9,6 +9,7 @@ from scipy.stats import norm
 from photogram.adjustment.reliability import CRITICAL
 from photogram.arrays import FloatArray
 from photogram.measures.mark_covariances import lower_factors
+from photogram.quality.asprs import AXES
 from photogram.results import Adjustment
 
 
@@ -47,7 +48,6 @@ def check_accuracy(difference_map_m: FloatArray) -> CheckAccuracy:
 
 
 FALSE_ALARMS = 0.002  # of surveys without a blunder, in which something is suspected all the same
-AXES = ("easting", "northing", "height")
 Kind = Literal["control point", "mark", "GNSS position"]
 
 
@@ -83,16 +83,18 @@ def suspects(result: Adjustment) -> list[Suspect]:
     The limit of |w| is that which keeps false alarms among all tests together at FALSE_ALARMS. One blunder spreads to
     its neighbours: only the first is named with confidence, the others may be its effect.
     """
-    r, points, photographs = result.tests.reliability, result.block.control_points, result.block.photographs
+    r = result.tests.reliability
+    points = result.block.control_points
+    photographs = result.block.photographs
     tests = [r.ground_w, r.mark_w, r.gnss_w]
     count = sum(int(np.isfinite(w).sum()) for w in tests)
     if not count:
         return []
     limit = max(CRITICAL, float(norm.isf(FALSE_ALARMS / (2.0 * count))))
-    found: list[Suspect] = []
+    suspected: list[Suspect] = []
 
     def add(kind: Kind, name: str, axis: str, sigma: float, redundancy: float, w: float) -> None:
-        found.append(Suspect(kind, name, axis, float(w), float(w * sigma / np.sqrt(redundancy))))
+        suspected.append(Suspect(kind, name, axis, float(w), float(w * sigma / np.sqrt(redundancy))))
 
     for g, axis in np.argwhere(np.abs(r.ground_w) > limit).tolist():
         sigma = points.sigma_m[g, axis]
@@ -106,4 +108,4 @@ def suspects(result: Adjustment) -> list[Suspect]:
         if sigma_m is not None:
             name = photographs[i].name
             add("GNSS position", name, AXES[axis], sigma_m[axis], r.gnss_redundancy[i, axis], r.gnss_w[i, axis])
-    return sorted(found, key=lambda s: -abs(s.w))
+    return sorted(suspected, key=lambda s: -abs(s.w))

@@ -143,17 +143,17 @@ def axis_targets_m(settings: ReportSettings) -> tuple[float | None, float | None
 
 def blunders(difference_m: FloatArray, names: Sequence[str], settings: ReportSettings) -> list[str]:
     """Return a sentence for every difference (n, 3) beyond three times its target, to be explained."""
-    found = []
+    sentences = []
     for k, target_m in enumerate(axis_targets_m(settings)):
         if target_m is None:
             continue
         limit_m = BLUNDER_FACTOR * target_m
-        found += [
+        sentences += [
             f"check point {names[i]}, {AXES[k]}: {difference_m[i, k]:+.3f} m is beyond three times the target RMSE "
             f"({limit_m:.3f} m): a blunder to be explained"
             for i in np.flatnonzero(np.abs(difference_m[:, k]) > limit_m).tolist()
         ]
-    return found
+    return sentences
 
 
 def systematic(accuracy: Accuracy, settings: ReportSettings) -> list[str]:
@@ -190,34 +190,24 @@ def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, 
     if not count or rmse_m > target_m:
         return None
     graded = f"{_centimetres(target_m)} {accuracy_class} Accuracy Class."
-    found = f"{finding} = {_centimetres(rmse_m)}"
+    tested = f"{finding} = {_centimetres(rmse_m)}"
     if count >= MINIMUM_POINTS:
-        return f"This data set was tested to meet {STANDARD} for a {graded} {found}."
+        return f"This data set was tested to meet {STANDARD} for a {graded} {tested}."
     return (
-        f"{_reduced(count)} This data set was produced to meet a {graded} {found} using the reduced number of "
+        f"{_reduced(count)} This data set was produced to meet a {graded} {tested} using the reduced number of "
         "checkpoints."
     )
 
 
-def statement_h(accuracy: Accuracy, target_m: float) -> str | None:
-    """Return the standard's statement of horizontal accuracy (sec. 7.16), None where it cannot be made: without check
-    points, or where the class is not met."""
-    return stated_h(accuracy.n_h, accuracy.rmse_h_m, target_m)
-
-
-def statement_v(accuracy: Accuracy, target_m: float) -> str | None:
-    """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16), None where it cannot be made."""
-    return stated_v(accuracy.n_v, accuracy.rmse_v_m, target_m)
-
-
-def stated_h(n: int, rmse_h_m: float, target_m: float) -> str | None:
-    """Return the statement of horizontal accuracy from the RMSE_H of ``n`` check points, m; None as statement_h."""
+def statement_h(n: int, rmse_h_m: float, target_m: float) -> str | None:
+    """Return the standard's statement of horizontal accuracy (sec. 7.16) from the RMSE_H of ``n`` check points, m; None
+    where it cannot be made: without check points, or where the class is not met."""
     finding = "The tested horizontal positional accuracy was found to be RMSE_H"
     return _statement(n, rmse_h_m, target_m, "RMSE_H Horizontal Positional", finding)
 
 
-def stated_v(n: int, rmse_v_m: float, target_m: float) -> str | None:
-    """Return the statement of vertical accuracy from the RMSE_V of ``n`` check points, m; None as statement_v."""
+def statement_v(n: int, rmse_v_m: float, target_m: float) -> str | None:
+    """Return the standard's statement of non-vegetated vertical accuracy (sec. 7.16) in the same way."""
     finding = "The Non-Vegetated Vertical Accuracy (NVA) was found to be RMSE_V"
     return _statement(n, rmse_v_m, target_m, "RMSE_V Vertical", finding)
 

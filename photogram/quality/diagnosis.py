@@ -18,8 +18,8 @@ from photogram.adjustment.solvability import POSITION_WEAK
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.projection import CAMERA_PARAMETERS, PARAMETERS
+from photogram.quality.datum_precision import DatumPrecision, datum_precision, datum_sentence
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
-from photogram.quality.placing import DatumPrecision, datum_precision, datum_sentence
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation, LensFieldDecision
 from photogram.wording import things
@@ -28,7 +28,7 @@ STRONG = 0.95  # correlation beyond which two quantities are not separable in pr
 HALF = 0.7  # correlation beyond which half of the variance of a quantity comes with another
 FEWEST, FEWEST_WITH_TILT = 4, 7  # points from which a dome is fitted, and fitted beside a tilt
 SIGNIFICANCE = 0.001
-TOLD = 0.7  # posterior over prior sigma, above which the photographs hardly determine a parameter
+UNDETERMINED = 0.7  # posterior over prior sigma, above which the photographs hardly determine a parameter
 HELPS = 0.95  # of a sigma, to which a remedy must bring it to be of use
 HIDDEN_TIMES = 1.1  # the sigma of heights, beyond which the effect of a fixed calibration is reported
 
@@ -75,6 +75,11 @@ class Remedy:
     sigma_dome_after_m: float
 
     @property
+    def title(self) -> str:
+        """Return what would be done."""
+        return REMEDIES[self.what]
+
+    @property
     def helps(self) -> bool:
         """Return whether heights or dome become noticeably better known by it."""
         heights = self.sigma_height_after_m < HELPS * self.sigma_height_before_m
@@ -85,7 +90,7 @@ class Remedy:
         """Return what there is to say of it."""
         where = "there" if self.what == "control_in_the_middle" else "over the block"
         return (
-            f"{REMEDIES[self.what]}: sigma of the heights {where} {self.sigma_height_before_m:.3f} m now, "
+            f"{self.title}: sigma of the heights {where} {self.sigma_height_before_m:.3f} m now, "
             f"{self.sigma_height_after_m:.3f} m with it; sigma of the dome {self.sigma_dome_before_m:.3f} m now, "
             f"{self.sigma_dome_after_m:.3f} m with it"
         )
@@ -176,7 +181,9 @@ def _dome(result: Adjustment) -> Dome:
     known = result.covariances.deformation
     place, difference, sigma, left = height_differences_m(result)
     predicted = float(np.sqrt(known.covariance[DOME, DOME])) if known.known else float("nan")
-    measured, spread, significant = float("nan"), float("nan"), False
+    measured = float("nan")
+    spread = float("nan")
+    significant = False
     if known.known and len(place):
         measured, spread, significant = fitted_dome(place, difference, sigma, known.centre_world_m, known.radius_m)
     return Dome(known.radius_m, measured, spread, significant, predicted, len(place), left)
@@ -259,7 +266,7 @@ def unmodelled(
 ) -> list[str]:
     """Return a sentence for each camera whose residuals show that its model leaves something out; ``fields`` say why it
     has no lens field."""
-    without = {found.camera: f"; no lens field is estimated: {found.why}" for found in fields if found.why}
+    without = {field.camera: f"; no lens field is estimated: {field.why}" for field in fields if field.why}
     slopes, dome = known.pattern_sigma_m[:2], float(known.pattern_sigma_m[2])
     effect = (
         f"what the block may follow of it tilts it by {slopes.max():.3f} m and domes it by {dome:.3f} m (1 sigma, over "
@@ -301,10 +308,10 @@ def undetermined(
     start = parameters_of(0, len(cameras)).start
     names, units = _names(cameras, flights), _units(cameras, flights)
     sigma = np.sqrt(np.diag(known.covariance))
-    told = np.divide(sigma[start:], prior, out=np.zeros_like(prior), where=np.isfinite(prior) & (prior > 0))
+    sigma_share = np.divide(sigma[start:], prior, out=np.zeros_like(prior), where=np.isfinite(prior) & (prior > 0))
     weak = [
         f"{names[k]} (± {sigma[start + k]:.3g}{units[k]}; stated ± {prior[k]:.3g}{units[k]})"
-        for k in np.flatnonzero(told > TOLD)
+        for k in np.flatnonzero(sigma_share > UNDETERMINED)
     ]
     sentences = [f"hardly determined by the observations, so the stated values remain: {', '.join(weak)}"] * bool(weak)
     freed, after = known.freed_prior.copy(), known.freed_sigma.ravel()
@@ -312,14 +319,16 @@ def undetermined(
     freed[[c for c, camera in enumerate(cameras) if camera.considered_focal_sigma_px > 0], 0] = 0.0
     freed = freed.ravel()
     if freed.any():
-        untold = [
-            f"{names[k]} (to {after[k]:.3g}{units[k]})" for k in np.flatnonzero(freed) if after[k] > TOLD * freed[k]
+        undetermined_names = [
+            f"{names[k]} (to {after[k]:.3g}{units[k]})"
+            for k in np.flatnonzero(freed)
+            if after[k] > UNDETERMINED * freed[k]
         ]
         sentences.append(
             f"fixed at the given values, which nothing tests: {', '.join(names[k] for k in np.flatnonzero(freed))}; "
             + (
-                f"if released, the photographs would hardly determine {', '.join(untold)}"
-                if untold
+                f"if released, the photographs would hardly determine {', '.join(undetermined_names)}"
+                if undetermined_names
                 else "if released, the photographs would determine them"
             )
         )

@@ -23,6 +23,7 @@ from photogram.report.record.local_frame import (
     MarkedPointRecord,
     RelativePrecisionRecord,
 )
+from photogram.report.values import finite
 from photogram.results import Adjustment
 from photogram.sfm.local_frame import SPACING, Vertical, VerticalBy, vertical_by_view
 from photogram.survey import Block
@@ -52,7 +53,7 @@ def _figures(result: Adjustment, measured: Block) -> Iterator[tuple[Observed, Co
         stated = measured.constraints[observed.constraint]
         sigma_m = stated.sigmas_m[observed.row]
         columns = (tests.residual_m, tests.adjusted_sigma_m, tests.redundancy, tests.w, tests.z)
-        residual, adjusted, redundancy, w, z = (_finite(values[k]) for values in columns)
+        residual, adjusted, redundancy, w, z = (finite(values[k]) for values in columns)
         mdb = float(minimal_detectable_blunder(np.array(sigma_m), np.array(redundancy or 0.0)))
         yield (
             observed,
@@ -65,7 +66,7 @@ def _figures(result: Adjustment, measured: Block) -> Iterator[tuple[Observed, Co
                 "adjusted_sigma_m": adjusted,
                 "redundancy": redundancy,
                 "w": w,
-                "mdb_m": _finite(mdb),
+                "mdb_m": finite(mdb),
                 "z": z,
                 "rejected": not np.isfinite(constraints[observed.constraint].sigmas_m[observed.row]),
             },
@@ -94,10 +95,6 @@ def constraint_numbers(result: Adjustment, measured: Block) -> list[ConstraintRe
         for observed, stated, figures in _figures(result, measured)
         if not isinstance(stated, Distance)
     ]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def marked_points(result: Adjustment) -> list[MarkedPointRecord]:
@@ -138,8 +135,8 @@ def _vertical(block: Block, measured: Block, wanted: Vertical) -> tuple[Vertical
     if wanted == "auto" and any(attitudes):
         return "attitudes", True
     rotation = np.array([pose.rotation_world_from_camera for pose in block.poses if pose is not None])
-    found = vertical_by_view(rotation, wanted)
-    return found.by, found.sure
+    vertical = vertical_by_view(rotation, wanted)
+    return vertical.by, vertical.sure
 
 
 _BY = {
@@ -159,16 +156,16 @@ def local_frame_numbers(result: Adjustment, measured: Block, wanted: Vertical) -
     scale, relative = block.has_scale, _relative(result)
     unit = "metres" if scale else f"1 = {SPACING}"
     count, baselines = sum(gives_scale([constraint]) for constraint in block.constraints), give_scale(block.rigs)
-    held = f"scale by {count} measured distance{'s' if count > 1 else ''}"
+    source = f"scale by {count} measured distance{'s' if count > 1 else ''}"
     if baselines:
-        held = f"{held} and " if count else "scale by "
-        held += "the given baseline between cameras of one body"
+        source = f"{source} and " if count else "scale by "
+        source += "the given baseline between cameras of one body"
     if not scale:
-        held = f"no scale: lengths are in units, {unit}, and not in metres; a distance gives the scale"
+        source = f"no scale: lengths are in units, {unit}, and not in metres; a distance gives the scale"
     doubt = "" if sure else ", which the photographs do not prove: orientation: {vertical: down} where they look down"
     sentence = (
-        f"Free network without georeference: {held}; vertical {_BY[by]}{doubt}. Standard deviations are relative, with "
-        "inner constraints on the tie points: neither the place nor the direction of the frame is measured"
+        f"Free network without georeference: {source}; vertical {_BY[by]}{doubt}. Standard deviations are relative, "
+        "with inner constraints on the tie points: neither the place nor the direction of the frame is measured"
     )
     return {
         "scale_known": scale,

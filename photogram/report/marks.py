@@ -128,12 +128,12 @@ def by_misfit(marks: Iterable[MarkRecord]) -> list[MarkRecord]:
 
 def point_marks(points: Iterable[GroundPointRecord]) -> list[PointMarks]:
     """Return the marks of each point that has any."""
-    found = []
+    rows = []
     for point in points:
         kept = [mark for mark in by_misfit(point["marks"]) if not mark["left_out"] and mark["residual_px"] is not None]
         rejected = sum(mark["left_out"] for mark in point["marks"])
         flagged = rejected > 0 or any(mark["suspect"] for mark in point["marks"])
         if point["marks"]:
             largest = kept[0] if kept else None
-            found.append(PointMarks(point["name"], point["role"], len(point["marks"]), rejected, largest, flagged))
-    return found
+            rows.append(PointMarks(point["name"], point["role"], len(point["marks"]), rejected, largest, flagged))
+    return rows

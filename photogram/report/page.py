@@ -11,27 +11,13 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
 from photogram.projection import CAMERA_PARAMETERS
+from photogram.quality.asprs import AXES
 from photogram.report.figures.mark_patches import figure_key
 from photogram.report.identity import grouped
 from photogram.report.marks import point_marks
 from photogram.report.numbers.overall import length
-from photogram.report.numbers.traffic_lights import AXES, number
-from photogram.report.numbers.wording import (
-    capitalised,
-    css_string,
-    matching_settings,
-    memory,
-    plain,
-    probability,
-    rich,
-    share,
-    signed,
-    small,
-    whole,
-)
-from photogram.report.numbers.wording import (
-    fixed as fixed,
-)
+from photogram.report.numbers.traffic_lights import number
+from photogram.report.numbers.wording import FILTERS
 from photogram.report.record.block import CameraRecord
 from photogram.report.record.diagnosis import CalibrationRecord
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
@@ -84,22 +70,7 @@ def report_page(
     """Return the page of a completed report with its figures, as `page_figures` drew them; a stage is called by its
     name where it has no title."""
     environment = templates(ChainableUndefined)
-    environment.filters.update(
-        fixed=fixed,
-        signed=signed,
-        share=share,
-        whole=whole,
-        rich=rich,
-        memory=memory,
-        plain=plain,
-        small=small,
-        probability=probability,
-        capitalised=capitalised,
-        css_string=css_string,
-        grouped=grouped,
-        sigma_length=length,
-        matching_settings=matching_settings,
-    )
+    environment.filters.update(FILTERS, grouped=grouped, sigma_length=length)
     environment.globals.update(
         grades=GRADES,
         axes=AXES,
@@ -249,11 +220,11 @@ def _photographs(report: Report) -> Row:
         residual = entry[1]["gnss_residual_m"]
         return math.hypot(*residual) if residual else -1.0
 
-    shown = list(oriented(report["photographs"]).items())
-    total = len(shown)
+    entries = list(oriented(report["photographs"]).items())
+    total = len(entries)
     if total > MAXIMUM_PHOTOGRAPHS:
-        shown = sorted(shown, key=size, reverse=True)[:MAXIMUM_PHOTOGRAPHS]
-    return {"rows": [{"name": name, **photograph} for name, photograph in shown], "total": total}
+        entries = sorted(entries, key=size, reverse=True)[:MAXIMUM_PHOTOGRAPHS]
+    return {"rows": [{"name": name, **photograph} for name, photograph in entries], "total": total}
 
 
 def _calibration(report: Report) -> list[Row]:
@@ -271,7 +242,7 @@ def _calibration(report: Report) -> list[Row]:
 
 
 def _parameters(camera: CameraRecord) -> list[Row]:
-    held, prior = camera["held"], camera["prior_sigma"]
+    fixed, prior = camera["held"], camera["prior_sigma"]
     values = {
         "focal_px": [camera["focal_px"]],
         "principal_point_px": camera["principal_point_px"],
@@ -287,7 +258,7 @@ def _parameters(camera: CameraRecord) -> list[Row]:
             continue  # a report of an earlier version
         value = values[p.key][place]
         sigma = camera["sigma"].get(p.name)
-        if value == 0 and sigma is None and p.name not in held:
+        if value == 0 and sigma is None and p.name not in fixed:
             continue  # a parameter that this camera has not
         rows.append(
             {
@@ -297,7 +268,7 @@ def _parameters(camera: CameraRecord) -> list[Row]:
                 "digits": p.digits,
                 "sigma": sigma,
                 "prior": prior.get(p.name),
-                "why": held.get(p.name) if sigma is None else None,
+                "why": fixed.get(p.name) if sigma is None else None,
             }
         )
     return rows

@@ -42,17 +42,17 @@ def find_browser() -> str | None:
     named = os.environ.get("CHROME")
     if named:
         return shutil.which(named)
-    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
 def browser_version(browser: str) -> int:
     """Return the main version of a browser, 0 where it does not say."""
     try:
-        said = subprocess.run([browser, "--version"], capture_output=True, text=True, timeout=30, check=False).stdout
+        output = subprocess.run([browser, "--version"], capture_output=True, text=True, timeout=30, check=False).stdout
     except (OSError, subprocess.TimeoutExpired):
         return 0  # printing itself will fail, and say why
-    found = re.search(r"\b(\d{2,4})\.\d", said)
-    return int(found[1]) if found else 0
+    number = re.search(r"\b(\d{2,4})\.\d", output)
+    return int(number[1]) if number else 0
 
 
 def browser_options(profile: Path) -> list[str]:
@@ -80,5 +80,5 @@ def print_pdf(page: Path, target: Path) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise ReportError(f"{browser} could not print the report ({error}): {remedy}") from error
     if done.returncode or not target.is_file():
-        said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
-        raise ReportError(f"{browser} could not print the report ({said}): {remedy}")
+        reason = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        raise ReportError(f"{browser} could not print the report ({reason}): {remedy}")

@@ -54,10 +54,10 @@ def _sentence(text: bytes | str, error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     if first["type"] == "json_invalid":
         return f"damaged ({printable(first['ctx']['error'])})"
-    found: object = from_json(text)
-    if not isinstance(found, dict):
+    content: object = from_json(text)
+    if not isinstance(content, dict):
         return "no report of photogram, it is no block of keys"
-    absent = next((key for key in NEEDED if key not in found), None)
+    absent = next((key for key in NEEDED if key not in content), None)
     if absent is not None:
         return f"no report of photogram, {absent} is not in it"
     place = printable(shortened(_place(first["loc"]), 100))

@@ -21,9 +21,10 @@ from photogram.measures.round_lengths import round_down
 from photogram.projection import RADIAL_TERMS
 from photogram.report.distances import error_grid
 from photogram.report.identity import grouped
+from photogram.report.numbers.wording import fixed
 from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
 from photogram.report.packing import as_text as packed_text
-from photogram.report.page import fixed, templates
+from photogram.report.page import templates
 from photogram.report.record.block import CameraRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.thinning import even_choice
@@ -55,8 +56,8 @@ def view_page(
     """
     _check_together(cloud.position_map_m, report, cloud_name)
     total = len(cloud)
-    shown = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
-    scene, arrays = _cloud(shown)
+    thinned = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
+    scene, arrays = _cloud(thinned)
     origin = np.array(scene["origin_map_m"])
     photographs = _photographs(report, origin)
     in_plan = scene["sigma_plan_step_m"] is not None

@@ -84,12 +84,12 @@ def test_point_that_checks_one_axis_counts_there_alone() -> None:
 
 def test_statement_from_thirty_points_is_that_of_the_standard() -> None:
     found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
-    assert statement_h(found, 0.05) == (
+    assert statement_h(found.n_h, found.rmse_h_m, 0.05) == (
         "This data set was tested to meet ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, "
         "Version 2 (2024) for a 5.0 (cm) RMSE_H Horizontal Positional Accuracy Class. The tested horizontal positional "
         "accuracy was found to be RMSE_H = 3.2 (cm)."
     )
-    assert statement_v(found, 0.05) == (
+    assert statement_v(found.n_v, found.rmse_v_m, 0.05) == (
         "This data set was tested to meet ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, "
         "Version 2 (2024) for a 5.0 (cm) RMSE_V Vertical Accuracy Class. The Non-Vegetated Vertical Accuracy (NVA) was "
         "found to be RMSE_V = 2.2 (cm)."
@@ -98,14 +98,14 @@ def test_statement_from_thirty_points_is_that_of_the_standard() -> None:
 
 def test_statement_below_thirty_points_is_the_reduced_one() -> None:
     found = asprs_accuracy(alternating((0.01, 0.01, 0.01), 29), np.full((29, 3), 0.02))
-    assert statement_h(found, 0.05) == (
+    assert statement_h(found.n_h, found.rmse_h_m, 0.05) == (
         "This data set was tested as required by ASPRS Positional Accuracy Standards for Digital Geospatial Data, "
         "Edition 2, Version 2 (2024). Although the Standards call for a minimum of thirty (30) checkpoints, this test "
         "was performed using ONLY 29 checkpoints. This data set was produced to meet a 5.0 (cm) RMSE_H Horizontal "
         "Positional Accuracy Class. The tested horizontal positional accuracy was found to be RMSE_H = 3.2 (cm) using "
         "the reduced number of checkpoints."
     )
-    vertical = statement_v(found, 0.05)
+    vertical = statement_v(found.n_v, found.rmse_v_m, 0.05)
     assert vertical is not None
     assert vertical.endswith("was found to be RMSE_V = 2.2 (cm) using the reduced number of checkpoints.")
     assert "ONLY 29 checkpoints" in vertical
@@ -113,11 +113,11 @@ def test_statement_below_thirty_points_is_the_reduced_one() -> None:
 
 def test_nothing_is_stated_that_was_not_met_or_not_tested() -> None:
     found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), np.full((30, 3), 0.02))
-    assert statement_h(found, 0.0316) is None  # the fit alone, 1.4 cm, would have met it
-    assert statement_v(found, 0.0223) is None
+    assert statement_h(found.n_h, found.rmse_h_m, 0.0316) is None  # the fit alone, 1.4 cm, would have met it
+    assert statement_v(found.n_v, found.rmse_v_m, 0.0223) is None
     nothing = asprs_accuracy(np.zeros((0, 3)), np.zeros((0, 3)))
-    assert statement_h(nothing, 1.0) is None
-    assert statement_v(nothing, 1.0) is None
+    assert statement_h(nothing.n_h, nothing.rmse_h_m, 1.0) is None
+    assert statement_v(nothing.n_v, nothing.rmse_v_m, 1.0) is None
     assert math.isnan(nothing.rmse_3d_m)
 
 

@@ -23,7 +23,6 @@ from photogram.report.numbers.dense_surface import (
     DenseSurface,
     GroundMarks,
     OrthophotoPicture,
-    Rim,
     ground_marks,
     sampled,
 )
@@ -188,7 +187,7 @@ def test_a_surface_without_any_height_has_no_statistics() -> None:
 def test_orthophoto_is_told_by_its_own_cells() -> None:
     rgba = np.zeros((10, 20, 4), dtype=np.uint8)
     rgba[:5, :, 3] = 255
-    picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400), Rim(101.0, 0.002))
+    picture = OrthophotoPicture(rgba, WEST, NORTH, 1.0, 0.05, (200, 400), {"area_m2": 101.0, "transparent": 0.002})
     numbers = {"cell_m": 0.05, "rows": 200, "columns": 400, "covered": 0.5}
     assert orthophoto_numbers(picture) == numbers | {"rim": {"area_m2": 101.0, "transparent": 0.002}}
 

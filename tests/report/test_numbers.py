@@ -571,7 +571,7 @@ def numbers_of_broken(broken: tuple[Adjustment, Orientation, Block], tmp_path_fa
     overlap = ground_overlap(result, result.block.frame.map_from_world(result.block.tie_points.position_world_m))
     value = report_numbers(
         result, orientation, {}, {}, overlap, version="1", seconds={"adjustment": 1.0},
-        held={"simulated": {"k3": "fixed at its given value"}}, sources=("the laboratory",),
+        fixed={"simulated": {"k3": "fixed at its given value"}}, sources=("the laboratory",),
     )  # fmt: skip
     path = tmp_path_factory.mktemp("broken") / "report.json"
     write_json(path, value)

@@ -25,7 +25,7 @@ from photogram.report.figures.surface_figures import (
 )
 from photogram.report.figures.surface_maps import rays_scale, target_bounds_m, target_shares
 from photogram.report.numbers.dense import dense_numbers
-from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, Rim
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.survey import Raster
 
 WEST, NORTH, CELL = 602_300.0, 5_794_200.0, 0.2
@@ -77,7 +77,7 @@ def an_orthophoto() -> OrthophotoPicture:
     rgba = np.zeros((300, 500, 4), dtype=np.uint8)
     tone = np.random.default_rng(2).integers(0, 40, (300, 500, 3)) + np.arange(500)[:, None] // 4
     rgba[..., :3], rgba[..., 3] = tone, np.where(np.arange(500) < 400, 255, 0)
-    return OrthophotoPicture(rgba, WEST, NORTH, 0.1, 0.05, (600, 1000), Rim(1400.0, 0.001))
+    return OrthophotoPicture(rgba, WEST, NORTH, 0.1, 0.05, (600, 1000), {"area_m2": 1400.0, "transparent": 0.001})
 
 
 POINTS = marks((5.0, 14.0), (45.0, 16.0), (30.0, 3.0), (25.0, 25.0), error_m=0.03)

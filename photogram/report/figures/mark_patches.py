@@ -158,13 +158,13 @@ def shown_marks(point: GroundPointRecord) -> list[MarkRecord]:
 
 def mark_figure(point: GroundPointRecord, patches: Mapping[str, PhotographPatch]) -> PageFigure | None:
     """Return the marks of a point in the patches that photographs gave, by their names; None without any."""
-    shown = [mark for mark in shown_marks(point) if mark["photograph"] in patches]
-    if not shown:
+    marks = [mark for mark in shown_marks(point) if mark["photograph"] in patches]
+    if not marks:
         return None
     total, name = len(point["marks"]), point["name"]
-    some = f"{len(shown)} of {things(total, 'mark')}" if len(shown) < total else things(total, "mark")
+    some = f"{len(marks)} of {things(total, 'mark')}" if len(marks) < total else things(total, "mark")
     caption = f"{name}: {some}, those first that fit worst."
-    sheet = mark_sheet("", [_patch(mark, patches[mark["photograph"]]) for mark in shown])
+    sheet = mark_sheet("", [_patch(mark, patches[mark["photograph"]]) for mark in marks])
     return PageFigure(figure_key(name), caption, f"Patches of photographs with {some} of {name}", _uri(sheet))
 
 

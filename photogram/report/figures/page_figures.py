@@ -244,7 +244,9 @@ def _draw_ellipses(axes: Axes, colour: str, place: FloatArray, covariance_m2: Fl
 
 
 def _residuals(result: Adjustment) -> list[PageFigure]:
-    block, figures, patterns = result.block, [], residual_patterns(result)
+    block = result.block
+    figures = []
+    patterns = residual_patterns(result)
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
         if seen.any():
@@ -277,10 +279,10 @@ def residual_caption(camera: str, pattern: ResidualPattern | None) -> str:
     )
     if pattern is None:
         return caption
-    told = "significant" if pattern.significant else "not significant"
+    significance = "significant" if pattern.significant else "not significant"
     return (
         f"{caption} Their systematic part, common to all photographs, has an RMS of "
-        f"{pattern.pattern_px:.2g} px for a coordinate, of the residuals' {pattern.residual_px:.2g} px: {told}."
+        f"{pattern.pattern_px:.2g} px for a coordinate, of the residuals' {pattern.residual_px:.2g} px: {significance}."
     )
 
 

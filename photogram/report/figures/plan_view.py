@@ -87,7 +87,9 @@ class PlanContents:
 
 def plan_contents(result: Adjustment, overlap: Overlap | None) -> PlanContents:
     """Gather what the plan of an adjusted block shows; GNSS residuals without the offsets of the flights."""
-    block, frame, points = result.block, result.block.frame, result.block.control_points
+    block = result.block
+    frame = result.block.frame
+    points = result.block.control_points
     place = np.full((len(block.photographs), 3), np.nan)
     for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
         if pose is not None:
@@ -164,7 +166,9 @@ def _sheet(contents: PlanContents) -> _Sheet:
     corners = [contents.ground_map_m[:, :2], registered]
     if contents.overlap is not None:
         rows, columns = np.nonzero(np.isfinite(contents.overlap.values))
-        west, north, cell_m = contents.overlap.west_map_m, contents.overlap.north_map_m, contents.overlap.cell_m
+        west = contents.overlap.west_map_m
+        north = contents.overlap.north_map_m
+        cell_m = contents.overlap.cell_m
         corners += [np.column_stack([west + (columns + e) * cell_m, north - (rows + e) * cell_m]) for e in (0, 1)]
     every = np.vstack(corners)
     low, high = every.min(axis=0), every.max(axis=0)
@@ -285,26 +289,26 @@ def enlargement(vectors_m: FloatArray, typical_m: float) -> float | None:
 def _annotate(figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet, tips: FloatArray) -> None:
     """Name ground points and, when they are few, photographs; say what is not shown."""
     places = contents.photograph_map_m[:, :2]
-    shown = sheet.holds(places)
-    named = np.flatnonzero(shown)
+    inside = sheet.holds(places)
+    named = np.flatnonzero(inside)
     if len(named) > MAXIMUM_PHOTOGRAPH_NAMES:
-        outsiders = np.flatnonzero(shown & ~contents.registered)
+        outsiders = np.flatnonzero(inside & ~contents.registered)
         named = outsiders if len(outsiders) <= MAXIMUM_OUTSIDER_NAMES else outsiders[:0]
     ground = min(len(contents.ground_names), MAXIMUM_GROUND_NAMES)
     texts = [f"{contents.ground_names[g]}{_height_label(contents.ground_residual_m[g])}" for g in range(ground)]
     texts += [Path(contents.photograph_names[i]).stem for i in named.tolist()]
     anchors = np.vstack([contents.ground_map_m[:ground, :2], places[named]])
     # among hundreds of photographs no name would find a free place: there it may cover some
-    crowded = np.count_nonzero(shown) > MAXIMUM_CLEAR
+    crowded = np.count_nonzero(inside) > MAXIMUM_CLEAR
     obstacles = np.vstack(
-        [contents.ground_map_m[:, :2], places[named if crowded else shown], tips[:0] if crowded else tips]
+        [contents.ground_map_m[:, :2], places[named if crowded else inside], tips[:0] if crowded else tips]
     )
     left_out = len(texts) - place_labels(figure, axes, anchors, texts, obstacles)
     notes = []
     if left_out:
         notes.append(f"{left_out} of {len(texts)} names omitted for lack of space")
     nowhere = int(np.count_nonzero(np.isnan(places[:, 0])))
-    far = int(np.count_nonzero(~shown)) - nowhere
+    far = int(np.count_nonzero(~inside)) - nowhere
     if far:
         notes.append(f"{far} not registered, outside the plan")
     if nowhere:

@@ -129,8 +129,8 @@ def map_axes(axes: Axes) -> None:
 def plain_axes(axes: Axes) -> None:
     """Make axes a plain diagram: small figures and labels, and no frame above and on the right."""
     axes.tick_params(labelsize=8)
-    axes.xaxis.label.set_size(9)
-    axes.yaxis.label.set_size(9)
+    axes.xaxis.label.set_fontsize(9)
+    axes.yaxis.label.set_fontsize(9)
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -301,11 +301,11 @@ def comparison_figure(comparisons: Mapping[str, Comparison], *, upright: bool = 
 
 def _difference_map(axes: Axes, comparison: Comparison, scale: ScalarMappable) -> None:
     known = np.flatnonzero(np.isfinite(comparison.surface_difference_m))
-    shown = known[_evenly(len(known), MAXIMUM_DOTS)]
-    size = float(np.clip(20_000 / max(len(shown), 1), 1.5, 16.0))
+    drawn = known[_evenly(len(known), MAXIMUM_DOTS)]
+    size = float(np.clip(20_000 / max(len(drawn), 1), 1.5, 16.0))
     axes.set_facecolor("#c8c8c8")
-    easting, northing = comparison.position_map_m[shown, :2].T
-    colours = scale.to_rgba(comparison.surface_difference_m[shown])
+    easting, northing = comparison.position_map_m[drawn, :2].T
+    colours = scale.to_rgba(comparison.surface_difference_m[drawn])
     axes.scatter(easting, northing, s=size, color=colours, linewidths=0, rasterized=True)
 
 

@@ -10,15 +10,13 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from photogram.quality.asprs import (
+    AXES,
     STANDARD,
     Accuracy,
-    AxisAccuracy,
     ReportSettings,
     asprs_accuracy,
     blunders,
     coarse_survey,
-    stated_h,
-    stated_v,
     statement_h,
     statement_v,
     systematic,
@@ -26,7 +24,7 @@ from photogram.quality.asprs import (
 from photogram.report.identity import report_id
 from photogram.report.numbers.overall import overall
 from photogram.report.numbers.ranked_warnings import ranked_warnings
-from photogram.report.numbers.traffic_lights import AXES, traffic_lights
+from photogram.report.numbers.traffic_lights import traffic_lights
 from photogram.report.numbers.wording import without_metres
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.report import Report, SurveyNumbers
@@ -37,6 +35,7 @@ from photogram.report.record.verdict import (
     ProductAccuracyRecord,
 )
 from photogram.report.titles import CLOUD_TITLES
+from photogram.report.values import record_of
 
 ValueT = TypeVar("ValueT")
 
@@ -52,9 +51,8 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     diagnosis = numbers["diagnosis"]
     if unscaled:
         warnings, diagnosis = _without_metres(warnings), _without_metres(diagnosis)
-    lights = [light.record for light in traffic_lights(numbers, asprs)]
-    if unscaled:
-        lights = _without_metres(lights)
+    lights = traffic_lights(numbers, asprs)
+    lights = _without_metres(lights) if unscaled else lights
     whole: Report = {
         **numbers,
         "diagnosis": diagnosis,
@@ -98,28 +96,29 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
     difference_m = np.array([p["residual_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
     difference_m = np.where(checked, difference_m, np.nan)
     sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
-    found, names = asprs_accuracy(difference_m, sigma_m), [p["name"] for p in rows]
-    statements, not_stated = _stated(found, settings)
+    accuracy, names = asprs_accuracy(difference_m, sigma_m), [p["name"] for p in rows]
+    statements, not_stated = _stated(accuracy, settings)
+    east, north, height = (record_of(AxisAccuracyRecord, axis) for axis in accuracy.axes)
     return {
         "standard": STANDARD,
-        "n_h": found.n_h,
-        "n_v": found.n_v,
-        "axes": {"easting": _axis(found.axes[0]), "northing": _axis(found.axes[1]), "height": _axis(found.axes[2])},
-        "fit_rmse_h_m": found.fit_h_m,
-        "fit_rmse_v_m": found.fit_v_m,
-        "survey_rmse_h_m": found.survey_h_m,
-        "survey_rmse_v_m": found.survey_v_m,
-        "rmse_h_m": found.rmse_h_m,
-        "rmse_v_m": found.rmse_v_m,
-        "rmse_3d_m": found.rmse_3d_m,
+        "n_h": accuracy.n_h,
+        "n_v": accuracy.n_v,
+        "axes": {"easting": east, "northing": north, "height": height},
+        "fit_rmse_h_m": accuracy.fit_h_m,
+        "fit_rmse_v_m": accuracy.fit_v_m,
+        "survey_rmse_h_m": accuracy.survey_h_m,
+        "survey_rmse_v_m": accuracy.survey_v_m,
+        "rmse_h_m": accuracy.rmse_h_m,
+        "rmse_v_m": accuracy.rmse_v_m,
+        "rmse_3d_m": accuracy.rmse_3d_m,
         "target_rmse_h_m": settings.target_rmse_h_m,
         "target_rmse_v_m": settings.target_rmse_v_m,
         "statements": statements,
         "not_stated": not_stated,
         "blunders": blunders(difference_m, names, settings),
-        "systematic": systematic(found, settings),
-        "survey": coarse_survey(found, settings),
-        "legacy_95": {"horizontal_m": found.legacy_95_h_m, "vertical_m": found.legacy_95_v_m}
+        "systematic": systematic(accuracy, settings),
+        "survey": coarse_survey(accuracy, settings),
+        "legacy_95": {"horizontal_m": accuracy.legacy_95_h_m, "vertical_m": accuracy.legacy_95_v_m}
         if settings.legacy_95
         else None,
     }
@@ -129,19 +128,19 @@ def product_accuracies(numbers: SurveyNumbers | Report, settings: ReportSettings
     """Return the accuracy of the products themselves at the check points: of the surface model in height, where one was
     matched, and of the orthophoto in plan, where one was made and its targets were looked for. The standard knows
     heights and plan: there is none of products on a plane of their own."""
-    found = list[ProductAccuracyRecord]()
+    products = list[ProductAccuracyRecord]()
     if "plane" in numbers and numbers["plane"]["used"]:
-        return found
+        return products
     dense, orthophoto = numbers.get("dense"), numbers.get("orthophoto")
     if dense is not None:
-        test = dense["check_points"]
-        rmse_m = test["rmse_m"], test["survey_rmse_m"], test["rmse_v_m"]
-        found.append(_product("dsm.tif", "height", test["n"], rmse_m, settings.target_rmse_v_m))
+        heights = dense["check_points"]
+        rmse_m = heights["rmse_m"], heights["survey_rmse_m"], heights["rmse_v_m"]
+        products.append(_product("dsm.tif", "height", heights["n"], rmse_m, settings.target_rmse_v_m))
     if orthophoto is not None and "check_points" in orthophoto:
-        shown = orthophoto["check_points"]
-        rmse_m = shown["fit_rmse_h_m"], shown["survey_rmse_h_m"], shown["rmse_h_m"]
-        found.append(_product("orthophoto.tif", "plan", shown["n"], rmse_m, settings.target_rmse_h_m))
-    return found
+        plan = orthophoto["check_points"]
+        rmse_m = plan["fit_rmse_h_m"], plan["survey_rmse_h_m"], plan["rmse_h_m"]
+        products.append(_product("orthophoto.tif", "plan", plan["n"], rmse_m, settings.target_rmse_h_m))
+    return products
 
 
 def _product(
@@ -153,7 +152,7 @@ def _product(
 ) -> ProductAccuracyRecord:
     fit_m, survey_m, together_m = rmse_m
     statement = not_stated = None
-    name, letter, stated = ("horizontal", "h", stated_h) if where == "plan" else ("vertical", "v", stated_v)
+    name, letter, stated = ("horizontal", "h", statement_h) if where == "plan" else ("vertical", "v", statement_v)
     if together_m is None:
         on_it = f"{n} check point{'s' if n != 1 else ''}" if n else "no check points"
         not_stated = f"No statement of the {name} accuracy of {product}: it is tested at {on_it}."
@@ -182,10 +181,6 @@ def _product(
     }
 
 
-def _axis(axis: AxisAccuracy) -> AxisAccuracyRecord:
-    return {"n": axis.n, "rmse_m": axis.rmse_m, "mean_m": axis.mean_m, "sd_m": axis.sd_m}
-
-
 def _stated(accuracy: Accuracy, settings: ReportSettings) -> tuple[list[str], list[str]]:
     """Return the standard's statements, and for each that cannot be made a sentence that says why."""
     statements, missing = list[str](), list[str]()
@@ -194,7 +189,7 @@ def _stated(accuracy: Accuracy, settings: ReportSettings) -> tuple[list[str], li
         ("vertical", "v", accuracy.n_v, accuracy.rmse_v_m, settings.target_rmse_v_m, statement_v),
     )
     for name, letter, n, rmse_m, target_m, statement in rows:
-        text = None if target_m is None else statement(accuracy, target_m)
+        text = None if target_m is None else statement(n, rmse_m, target_m)
         if text is not None:
             statements.append(text)
         elif not n:
@@ -220,11 +215,11 @@ CONTRADICTED = "it contradicts all other observations"
 
 def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
     """Return what took no part in the result, and why."""
-    adjustment, found = report["adjustment"], list[DiscardedRecord]()
+    adjustment, entries = report["adjustment"], list[DiscardedRecord]()
 
     def add(what: str, count: int, reason: str) -> None:
         if count:
-            found.append({"what": what, "count": count, "reason": reason})
+            entries.append({"what": what, "count": count, "reason": reason})
 
     for name, photograph in report["photographs"].items():
         if not photograph["registered"]:
@@ -252,4 +247,4 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
     for name, cloud in report["clouds"].items():
         reason = "removed by the statistical outlier filter before the comparison"
         add(f"points of the {CLOUD_TITLES.get(name, name)} cloud", cloud.get("removed_by_sor", 0), reason)
-    return found
+    return entries

@@ -18,7 +18,6 @@ from photogram.report.record.surfaces import (
     OrthophotoCheckRecord,
     OrthophotoPointRecord,
     OrthophotoRecord,
-    RimRecord,
     SigmaRecord,
     SurfaceCheckRecord,
     SurfacePointRecord,
@@ -128,16 +127,21 @@ def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> n
 def water_numbers(areas: Sequence[WaterAreaRecord], cells: int, others: CellsRecord) -> WaterRecord:
     """Return the key `dense.water` of report.json: of the cells that enough photographs show, ``cells`` lie on water,
     beside the ``others``."""
-    shown = cells + others["footprint"]
-    return {"cells": cells, "share": cells / shown if shown else None, "areas": list(areas)}
+    footprint = cells + others["footprint"]
+    return {"cells": cells, "share": cells / footprint if footprint else None, "areas": list(areas)}
 
 
 def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:
     """Return the key `orthophoto` of report.json: size, which part of it shows anything, and its rim."""
     rows, columns = orthophoto.source_shape
     covered = float(np.mean(orthophoto.rgba[..., 3] > 0))
-    rim: RimRecord = {"area_m2": orthophoto.rim.area_m2, "transparent": orthophoto.rim.transparent}
-    return {"cell_m": orthophoto.source_cell_m, "rows": rows, "columns": columns, "covered": covered, "rim": rim}
+    return {
+        "cell_m": orthophoto.source_cell_m,
+        "rows": rows,
+        "columns": columns,
+        "covered": covered,
+        "rim": orthophoto.rim,
+    }
 
 
 # ---- the surface at the check points -------------------------------------------------------------------------------
@@ -194,15 +198,15 @@ def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> S
             "rms_z": None,
         }
     plan = np.full((n, 2), np.nan)
-    found = asprs_accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
-    height, tested = found.axes[2], z[np.isfinite(z)]
+    accuracy = asprs_accuracy(np.column_stack([plan, difference_m]), np.column_stack([plan, survey_m]))
+    height, tested = accuracy.axes[2], z[np.isfinite(z)]
     return {
         "n": n,
         "mean_m": height.mean_m,
         "sd_m": height.sd_m,
         "rmse_m": height.rmse_m,
-        "survey_rmse_m": found.survey_v_m,
-        "rmse_v_m": found.rmse_v_m,
+        "survey_rmse_m": accuracy.survey_v_m,
+        "rmse_v_m": accuracy.rmse_v_m,
         "rms_z": float(np.sqrt(np.mean(tested**2))) if len(tested) else None,
     }
 
@@ -220,8 +224,8 @@ def _sentence(
             f"no check point lies on a measured part of the dense surface{why}: its heights are predicted, not tested"
         )
     if n < FEWEST_CHECKS:
-        found = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
-        return f"the dense surface is tested by {found} only: too few check points for an RMSE"
+        differences = " and ".join(f"{p['name']} {p['difference_m']:+.3f} m" for p in points).replace("-", "−")
+        return f"the dense surface is tested by {differences} only: too few check points for an RMSE"
     few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
     mean = f"{summary['mean_m']:+.3f}".replace("-", "−")
     times = "" if summary["rms_z"] is None else f", {summary['rms_z']:.2g} times the predicted sigmas"
@@ -247,16 +251,16 @@ def checks_plan(point: GroundPointRecord) -> bool:
 
 
 def orthophoto_check_numbers(
-    points: list[GroundPointRecord], found: Mapping[str, LocatedTarget | str], *, upright: bool = False
+    points: list[GroundPointRecord], targets: Mapping[str, LocatedTarget | str], *, upright: bool = False
 ) -> OrthophotoCheckRecord:
     """Return by how much the orthophoto shows the targets of check points off their surveyed places.
 
-    ``found`` are the targets by the name of their point, or why one was not found; places of both are those on the
+    ``targets`` are the targets by the name of their point, or why one was not found; places of both are those on the
     plane of an ``upright`` surface. Control points never enter: the adjustment was fitted to them.
     """
     rows, not_tested = list[OrthophotoPointRecord](), list[UntestedPointRecord]()
     for point in points:
-        target = found.get(point["name"])
+        target = targets.get(point["name"])
         if target is None or not checks_plan(point):
             continue
         if isinstance(target, str):
@@ -299,16 +303,16 @@ def orthophoto_check_numbers(
 
 def _plan_sentence(record: OrthophotoCheckRecord, upright: bool) -> str:
     n, missing = record["n"], len(record["not_tested"])
-    beside = f"; {missing} more {'was' if missing == 1 else 'were'} not found in it" if missing else ""
+    missed = f"; {missing} more {'was' if missing == 1 else 'were'} not found in it" if missing else ""
     if not n:
         return f"none of {missing} targets of check points was found in the orthophoto: it is not tested in plan"
     if record["fit_rmse_h_m"] is None or record["mean_m"] is None:
         names = " and ".join(row["name"] for row in record["points"])
-        return f"the orthophoto shows {names} only: too few check points for an RMSE{beside}"
+        return f"the orthophoto shows {names} only: too few check points for an RMSE{missed}"
     few = f"; the standard requires at least {MINIMUM_POINTS} check points" if n < MINIMUM_POINTS else ""
     east, north = (f"{m:+.3f}".replace("-", "−") for m in record["mean_m"])
     where, right, up = ("along the plane", "to the right", "up") if upright else ("in plan", "east", "north")
     return (
         f"the orthophoto at {n} check points whose targets it shows: RMSE {record['fit_rmse_h_m']:.3f} m {where}, mean "
-        f"{east} m {right}, {north} m {up}{beside}{few}"
+        f"{east} m {right}, {north} m {up}{missed}{few}"
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, check_shape
 from photogram.report.record.ground import GroundPointRecord
+from photogram.report.record.surfaces import RimRecord
 from photogram.survey import Raster
 
 
@@ -58,14 +59,6 @@ class DenseSurface:
         return np.asarray(np.isfinite(self.heights.values[rows]) & ~self.filled[rows])
 
 
-@dataclass(frozen=True)
-class Rim:
-    """The rim of an orthophoto: the area within, m², and which share of its cells is transparent."""
-
-    area_m2: float
-    transparent: float
-
-
 @dataclass(frozen=True, eq=False)
 class OrthophotoPicture:
     """An orthophoto small enough for a page: ``rgba`` (rows, columns, 4), alpha 0 where there is no photograph; outer
@@ -78,7 +71,7 @@ class OrthophotoPicture:
     cell_m: float
     source_cell_m: float
     source_shape: tuple[int, int]
-    rim: Rim
+    rim: RimRecord
 
     def __post_init__(self) -> None:
         check_shape("rgba", self.rgba, (None, None, 4))

@@ -7,9 +7,8 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.projection import PARAMETER_NAMES
-from photogram.quality.diagnosis import REMEDIES, Diagnosis, Dome, diagnose
+from photogram.quality.diagnosis import Diagnosis, diagnose
 from photogram.quality.ground_errors import factor_of_differences
-from photogram.quality.placing import DatumPrecision
 from photogram.quality.resection_vs_gnss import resection_differences
 from photogram.report.record.diagnosis import (
     CalibrationRecord,
@@ -17,13 +16,13 @@ from photogram.report.record.diagnosis import (
     DomeRecord,
     GroundErrorsRecord,
     PlacingRecord,
+    RemedyRecord,
+    ResectionsRecord,
+    ResidualPatternRecord,
 )
+from photogram.report.values import finite, finites, record_of
 from photogram.results import Adjustment
 from photogram.sfm.resection import Resection
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _cameras(result: Adjustment, diagnosis: Diagnosis) -> dict[str, CalibrationRecord]:
@@ -63,92 +62,37 @@ def ground_error_numbers(result: Adjustment) -> GroundErrorsRecord | None:
     }
 
 
-def _dome(dome: Dome) -> DomeRecord:
-    return {
-        "radius_m": _finite(dome.radius_m),
-        "measured_m": _finite(dome.measured_m),
-        "sigma_m": _finite(dome.sigma_m),
-        "significant": dome.significant,
-        "predicted_sigma_m": _finite(dome.predicted_sigma_m),
-        "points": dome.points,
-        "control_points": dome.control_points,
-    }
-
-
-def _placing(placing: DatumPrecision) -> PlacingRecord:
-    return {
-        "absolute_plan_m": _finite(placing.absolute_plan_m),
-        "absolute_height_m": _finite(placing.absolute_height_m),
-        "relative_plan_m": _finite(placing.relative_plan_m),
-        "relative_height_m": _finite(placing.relative_height_m),
-        "shift_plan_m": _finite(placing.shift_plan_m),
-        "shift_height_m": _finite(placing.shift_height_m),
-        "tilt_m": _finite(placing.tilt_m),
-        "radius_m": _finite(placing.radius_m),
-    }
-
-
 def diagnosis_numbers(result: Adjustment, resections: Sequence[Resection | None]) -> DiagnosisRecord:
     """Return what a finished block is weak in, and what would help."""
-    found = diagnose(result)
-    differences = resection_differences(result, resections)
+    diagnosis, known = diagnose(result), result.covariances.deformation
     return {
-        "cameras": _cameras(result, found),
+        "cameras": _cameras(result, diagnosis),
         "focal_height_correlation": {
             name: {
-                "projection_centres": _finite(focal.centres),
-                "ground": _finite(focal.ground),
-                "gnss_offset": {flight: _finite(r) for flight, r in focal.offset.items()},
-                "sigma_height_m": _finite(focal.height_sigma_m),
+                "projection_centres": finite(focal.centres),
+                "ground": finite(focal.ground),
+                "gnss_offset": {flight: finite(r) for flight, r in focal.offset.items()},
+                "sigma_height_m": finite(focal.height_sigma_m),
             }
-            for name, focal in found.focal_height.items()
+            for name, focal in diagnosis.focal_height.items()
         },
         "residual_pattern": {
-            name: {
-                "pattern_px": pattern.pattern_px,
-                "residual_px": pattern.residual_px,
-                "chance_px": pattern.chance_px,
-                "squares": pattern.squares,
-                "significant": pattern.significant,
-            }
-            for name, pattern in found.patterns.items()
+            name: record_of(ResidualPatternRecord, pattern) for name, pattern in diagnosis.patterns.items()
         },
         "pattern_effect": {
-            "slopes_m": [_finite(s) for s in result.covariances.deformation.pattern_sigma_m[:2]],
-            "dome_m": _finite(result.covariances.deformation.pattern_sigma_m[2]),
-            "radius_m": _finite(result.covariances.deformation.radius_m),
+            "slopes_m": finites(known.pattern_sigma_m[:2]),
+            "dome_m": finite(known.pattern_sigma_m[2]),
+            "radius_m": finite(known.radius_m),
         },
-        "dome": _dome(found.dome),
-        "placing": None if found.datum_precision is None else _placing(found.datum_precision),
-        "intersection_sigma_m": [_finite(s) for s in result.covariances.deformation.intersection_sigma_m],
+        "dome": record_of(DomeRecord, diagnosis.dome),
+        "placing": None if diagnosis.datum_precision is None else record_of(PlacingRecord, diagnosis.datum_precision),
+        "intersection_sigma_m": finites(known.intersection_sigma_m),
         "ground_errors": ground_error_numbers(result),
-        "warnings": list(found.warnings),
-        "remedies": [
-            {
-                "what": remedy.what,
-                "sigma_height_before_m": remedy.sigma_height_before_m,
-                "sigma_height_after_m": remedy.sigma_height_after_m,
-                "sigma_dome_before_m": remedy.sigma_dome_before_m,
-                "sigma_dome_after_m": remedy.sigma_dome_after_m,
-                "title": REMEDIES[remedy.what],
-                "helps": remedy.helps,
-                "sentence": remedy.sentence,
-            }
-            for remedy in found.remedies
-        ],
-        "undetermined": list(found.undetermined),
+        "warnings": list(diagnosis.warnings),
+        "remedies": [record_of(RemedyRecord, remedy) for remedy in diagnosis.remedies],
+        "undetermined": list(diagnosis.undetermined),
         "resections": [
-            {
-                "camera": d.camera,
-                "flight": d.flight,
-                "photographs": len(d.distance_m),
-                "mean_m": d.mean_m.tolist(),
-                "focal_m": d.focal_m,
-                "offset_m": d.offset_m.tolist(),
-                "rest_m": d.rest_m.tolist(),
-                "scatter_m": d.scatter_m,
-                "sentence": d.sentence,
-            }
-            for d in differences
+            record_of(ResectionsRecord, difference, photographs=len(difference.distance_m))
+            for difference in resection_differences(result, resections)
         ],
     }

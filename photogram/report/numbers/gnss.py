@@ -12,6 +12,7 @@ from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test,
 from photogram.arrays import FloatArray
 from photogram.project.measured.measured_block import PhotographNote
 from photogram.project.measured.measured_positions import position_note
+from photogram.quality.asprs import AXES
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.record.positions import (
     CommonErrorRecord,
@@ -22,6 +23,7 @@ from photogram.report.record.positions import (
     LeverArmRecord,
     UnusedPositionRecord,
 )
+from photogram.report.values import finites
 from photogram.results import Adjustment, CommonErrorEstimate
 from photogram.survey import CommonErrorKind, Photograph
 from photogram.wording import some, things
@@ -35,8 +37,6 @@ LARGE_OFFSET_M = 5.0
 """An offset beyond what antennas, base stations and receivers without corrections usually make, whatever is flown: it
 is for geoids and wrong bases, metres to tens of metres off. What contradicts a better prior is judged by BEYOND_PRIOR.
 """
-
-_AXES = ("easting", "northing", "height")
 
 
 def _flights(result: Adjustment) -> tuple[list[str], FloatArray]:
@@ -62,8 +62,8 @@ def _p(p: float) -> str:
 
 
 def _beyond(offset: FloatArray, prior: FloatArray) -> list[str]:
-    """Return the axes along which an offset contradicts its prior; an axis held at zero cannot."""
-    return [name for name, o, s in zip(_AXES, offset, prior, strict=True) if s > 0 and abs(o) > BEYOND_PRIOR * s]
+    """Return the axes along which an offset contradicts its prior; an axis fixed at zero cannot."""
+    return [name for name, o, s in zip(AXES, offset, prior, strict=True) if s > 0 and abs(o) > BEYOND_PRIOR * s]
 
 
 def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: FloatArray, test: OffsetTest) -> str:
@@ -94,8 +94,8 @@ def _offset_sentence(flight: str, offset: FloatArray, sigma: FloatArray, prior: 
     return f"{sentence}: the base station, the lever arm or the height system; it is estimated and removed."
 
 
-def _held_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: FloatArray, test: OffsetTest) -> str:
-    """Return what the residuals of a flight say whose offset is held at zero."""
+def _fixed_sentence(flight: str, mean: FloatArray, offset: FloatArray, sigma: FloatArray, test: OffsetTest) -> str:
+    """Return what the residuals of a flight say whose offset is fixed at zero."""
     if not test.degrees:
         return (
             f"Flight {flight}: only its GNSS positions define its datum; a common offset cannot be detected "
@@ -134,7 +134,7 @@ def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Flight
             offset = axes.T @ result.tests.implied_offset_world_m[f]
             covariance = axes.T @ result.tests.implied_offset_covariance_m2[f] @ axes
         test = implied_offset_test(offset, covariance)
-        sentence = _held_sentence(flight, mean, offset, np.sqrt(np.diag(covariance)), test)
+        sentence = _fixed_sentence(flight, mean, offset, np.sqrt(np.diag(covariance)), test)
     known = bool(test.degrees)
     return {
         "n": int(members.sum()),
@@ -144,7 +144,7 @@ def _flight_numbers(result: Adjustment, flight: str, used: FloatArray) -> Flight
         "chi2": test.chi2 if known else None,
         "degrees_of_freedom": test.degrees,
         "p": test.p if known else None,
-        "p_axes": [float(p) if np.isfinite(p) else None for p in test.p_axes],
+        "p_axes": finites(test.p_axes),
         "significant": test.significant if known else None,
         "beyond_prior": estimated and bool(_beyond(offset, block.gnss_offset_sigma_m)),
         "mean_residual_m": mean.tolist(),
@@ -197,29 +197,37 @@ def _arms(photographs: Sequence[Photograph], used: FloatArray, notes: Notes) -> 
 
 def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     """Return the lever arm that the positions show beside the one that is counted, and the warning it deserves."""
-    found = ResidualLeverArm(
-        result.tests.residual_lever_arm_m, result.tests.residual_lever_arm_sigma_m, result.tests.residual_lever_arm_p
-    )
-    if not np.isfinite(found.p):
+    tests = result.tests
+    arm = ResidualLeverArm(tests.residual_lever_arm_m, tests.residual_lever_arm_sigma_m, tests.residual_lever_arm_p)
+    if not np.isfinite(arm.p):
         return None, ""
-    right, backward, down = found.arm_camera_m
-    body, spread = np.array([-backward, right, down]), found.sigma_m[[1, 0, 2]]
+    body, spread = _in_body(arm.arm_camera_m, arm.sigma_m)
     numbers: LeverArmLeftRecord = {
-        "forward_right_down_m": [None if np.isnan(x) else float(x) for x in body],
-        "sigma_m": [None if np.isnan(x) else float(x) for x in spread],
-        "p": found.p,
-        "significant": found.significant,
+        "forward_right_down_m": finites(body),
+        "sigma_m": finites(spread),
+        "p": arm.p,
+        "significant": arm.significant,
     }
-    if not found.significant:
+    if not arm.significant:
         return numbers, ""
-    words = ", ".join(
-        f"{x:+.3f} ± {s:.3f} m {name}"
-        for name, x, s in zip(("forward", "right", "down"), body, spread, strict=True)
-        if np.isfinite(x)
-    )
     return numbers, (
-        f"The GNSS positions have errors that rotate with the camera ({_p(found.p)}): a lever arm from "
-        f"antenna to camera of {words} (nadir view) is not applied: give gnss.lever_arm_m, or correct it."
+        f"The GNSS positions have errors that rotate with the camera ({_p(arm.p)}): a lever arm from "
+        f"antenna to camera of {_arm_words(body, spread)} (nadir view) is not applied: give gnss.lever_arm_m, or "
+        "correct it."
+    )
+
+
+def _in_body(arm_camera_m: FloatArray, sigma_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a lever arm (3,) along the camera's axes of a nadir view, and its sigmas, as forward, right, down."""
+    right, backward, down = arm_camera_m
+    return np.array([-backward, right, down]), sigma_m[[1, 0, 2]]
+
+
+def _arm_words(body_m: FloatArray, sigma_m: FloatArray) -> str:
+    return ", ".join(
+        f"{x:+.3f} ± {s:.3f} m {name}"
+        for name, x, s in zip(("forward", "right", "down"), body_m, sigma_m, strict=True)
+        if np.isfinite(x)
     )
 
 
@@ -231,26 +239,21 @@ _UNITS: dict[CommonErrorKind, tuple[Literal["deg", "m", "s"], float]] = {
 }
 
 
-def _common_sentence(found: CommonErrorEstimate, camera: str) -> str:
+def _common_sentence(common: CommonErrorEstimate, camera: str) -> str:
     """Return what an estimated common error says; ``camera`` is its name where there are several."""
-    error, p = found.error, _p(found.p)
-    estimate, sigma = found.estimate, np.sqrt(np.diag(found.covariance))
+    error, p = common.error, _p(common.p)
+    estimate, sigma = common.estimate, np.sqrt(np.diag(common.covariance))
     whose = (f" of flight {error.flight}" if error.flight is not None else "") + camera
     if error.kind == "attitude":
         figures = ", ".join(f"{np.degrees(v):+.2f} ± {np.degrees(s):.2f}" for v, s in zip(estimate, sigma, strict=True))
         off = f"off together by {figures}° about the camera's x, y and z axes"
-        if not found.degrees:
+        if not common.degrees:
             return f"Whether the measured attitudes{whose} are off together is not determined."
-        if not found.significant:
+        if not common.significant:
             return f"The measured attitudes{whose} are not significantly {off} ({p})."
         return f"The measured attitudes{whose} are {off} ({p}): compass or boresight; it is estimated and removed."
     if error.kind == "lever_arm":
-        right, backward, down = estimate
-        words = ", ".join(
-            f"{x:+.3f} ± {s:.3f} m {name}"
-            for name, x, s in zip(("forward", "right", "down"), (-backward, right, down), sigma[[1, 0, 2]], strict=True)
-            if np.isfinite(x)
-        )
+        words = _arm_words(*_in_body(estimate, sigma))
         text = f"The GNSS positions{camera} show a lever arm from antenna to camera of {words} (nadir view; {p})"
     elif error.kind == "time_offset":
         later = "after" if estimate[0] > 0 else "before"
@@ -263,33 +266,35 @@ def _common_sentence(found: CommonErrorEstimate, camera: str) -> str:
             f"The GNSS positions{whose} drift by {_figures(estimate)} ± {_sigmas(sigma)} m in easting, northing and "
             f"height over the flight ({p})"
         )
-    also = f"; {found.as_well} explains them nearly as well: the two are held together as one" if found.as_well else ""
+    also = (
+        f"; {common.as_well} explains them nearly as well: the two are held together as one" if common.as_well else ""
+    )
     return f"{text}: estimated and removed{also}."
 
 
 def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
     """Return the common errors that were estimated, beside the offsets of flights."""
     block, numbers = result.block, list[CommonErrorRecord]()
-    for found in result.decisions.common_errors:
-        unit, factor = _UNITS[found.error.kind]
-        name = None if found.error.camera is None else block.cameras[found.error.camera].name
-        sigma = np.sqrt(np.diag(found.covariance))
-        known = bool(found.degrees)
+    for common in result.decisions.common_errors:
+        unit, factor = _UNITS[common.error.kind]
+        name = None if common.error.camera is None else block.cameras[common.error.camera].name
+        sigma = np.sqrt(np.diag(common.covariance))
+        known = bool(common.degrees)
         numbers.append(
             {
-                "kind": found.error.kind,
-                "flight": found.error.flight,
+                "kind": common.error.kind,
+                "flight": common.error.flight,
                 "camera": name,
-                "photographs": found.photographs,
+                "photographs": common.photographs,
                 "unit": unit,
-                "estimate": [float(factor * v) if np.isfinite(v) else None for v in found.estimate],
-                "sigma": [float(factor * s) if np.isfinite(s) else None for s in sigma],
-                "chi2": found.chi2 if known else None,
-                "degrees_of_freedom": found.degrees,
-                "p": found.p if known else None,
-                "significant": found.significant if known else None,
-                "as_well": found.as_well,
-                "sentence": _common_sentence(found, f" of {name}" if name and len(block.cameras) > 1 else ""),
+                "estimate": finites(factor * common.estimate),
+                "sigma": finites(factor * sigma),
+                "chi2": common.chi2 if known else None,
+                "degrees_of_freedom": common.degrees,
+                "p": common.p if known else None,
+                "significant": common.significant if known else None,
+                "as_well": common.as_well,
+                "sentence": _common_sentence(common, f" of {name}" if name and len(block.cameras) > 1 else ""),
             }
         )
     return numbers

@@ -20,7 +20,7 @@ from photogram.quality.cloud_comparison import Comparison
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap
 from photogram.report.numbers.statistics import consistency_numbers
-from photogram.report.numbers.verdicts import NO_BLUNDERS, FoundBlunders, control_test, control_verdict
+from photogram.report.numbers.verdicts import NO_BLUNDERS, RejectedBlunders, control_test, control_verdict
 from photogram.report.record.block import (
     AdjustmentRecord,
     BlockRecord,
@@ -28,9 +28,18 @@ from photogram.report.record.block import (
     LensFieldRecord,
     OverlapRecord,
     RollingShutterRecord,
+    ScaleFactorsRecord,
+    UnitsRecord,
     WorldRecord,
 )
-from photogram.report.record.ground import AxisRole, BlunderRecord, CheckPointsRecord, GroundPointRecord, MarkRecord
+from photogram.report.record.ground import (
+    AxisRole,
+    BlunderRecord,
+    CheckPointsRecord,
+    GroundPointRecord,
+    MarkRecord,
+    SuspectRecord,
+)
 from photogram.report.record.photographs import (
     OrientedPhotograph,
     PhotographRecord,
@@ -38,14 +47,15 @@ from photogram.report.record.photographs import (
     ResectionRecord,
 )
 from photogram.report.record.report import AdjustedNumbers
-from photogram.report.record.surfaces import CloudRecord
-from photogram.results import Adjustment, LensFieldDecision
+from photogram.report.record.surfaces import CloudRecord, DifferencesRecord
+from photogram.report.values import finite, finites, record_of
+from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.resection import Resection
 from photogram.survey import ControlPoints, Photograph, PointCloud
 
-Held = Mapping[str, Mapping[str, str]]
-"""Why parameters are held, by the names of the camera and of the parameter."""
+FixedParameters = Mapping[str, Mapping[str, str]]
+"""Why parameters are fixed, by the names of the camera and of the parameter."""
 
 MarkKinds = Mapping[tuple[str, str], str]
 """How marks were measured, by the names of the point and of the photograph."""
@@ -123,7 +133,9 @@ def gnss_residual_m(result: Adjustment) -> FloatArray:
 
 def photograph_numbers(result: Adjustment, orientation: Orientation) -> dict[str, PhotographRecord]:
     """Return exterior orientation, sigmas and resection of every photograph; of those that are not registered, why."""
-    block, frame, reliability = result.block, result.block.frame, result.tests.reliability
+    block = result.block
+    frame = result.block.frame
+    reliability = result.tests.reliability
     control = block.control_points.fully_controlled()
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
     gsd_m, residual_m = photographs_ground_sampling_m(result.block), gnss_residual_m(result)
@@ -212,15 +224,19 @@ def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap
 
 
 def camera_numbers(
-    result: Adjustment, held: Held, sources: Sequence[str], focal_lengths: Mapping[str, str] = MappingProxyType({})
+    result: Adjustment,
+    fixed: FixedParameters,
+    sources: Sequence[str],
+    focal_lengths: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, CameraRecord]:
-    """Return the interior orientation of every camera, the sigmas of its free parameters (null where it was held) and
+    """Return the interior orientation of every camera, the sigmas of its free parameters (null where it was fixed) and
     what was known before; ``sources`` by camera, or empty; ``focal_lengths`` what was decided where the photographs
     contradict the source."""
     numbers: dict[str, CameraRecord] = {}
     for c, camera in enumerate(result.block.cameras):
         sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
         free = (camera.sigmas > 0) & (sigma > 0)
+        field = result.decisions.lens_fields[c] if result.decisions.lens_fields else None
         numbers[camera.name] = {
             "model": camera.model,
             "focal_px": camera.focal_px,
@@ -233,12 +249,12 @@ def camera_numbers(
             "prior_sigma": {
                 n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)
             },
-            "held": dict(held.get(camera.name, {})),
+            "held": dict(fixed.get(camera.name, {})),
             "focal_length": focal_lengths.get(camera.name),
             "source": (sources[c] or None) if sources else None,
             "width_px": camera.width_px,
             "height_px": camera.height_px,
-            "lens_field": _lens_field(result.decisions.lens_fields[c]) if result.decisions.lens_fields else None,
+            "lens_field": None if field is None else record_of(LensFieldRecord, field, why=field.why or None),
             "rolling_shutter": _rolling_shutter(result, c),
         }
     return numbers
@@ -248,7 +264,7 @@ def _rolling_shutter(result: Adjustment, camera: int) -> RollingShutterRecord | 
     """Return what was found of a read-out time, None where the camera has none and none was looked for."""
 
     def of_camera(values: FloatArray) -> float | None:
-        return _finite(float(values[camera])) if len(values) else None
+        return finite(values[camera]) if len(values) else None
 
     estimate_s = of_camera(result.decisions.readout_s)
     if estimate_s is None and result.block.cameras[camera].readout_s == 0.0:
@@ -258,27 +274,7 @@ def _rolling_shutter(result: Adjustment, camera: int) -> RollingShutterRecord | 
         "sigma_s": of_camera(result.decisions.readout_sigma_s),
         "focal_correlation": of_camera(result.decisions.readout_focal_correlation),
         "time_offset_correlation": of_camera(result.decisions.readout_time_offset_correlation),
-        "neighbours_scatter_m_s": _finite(result.decisions.neighbours_scatter_m_s),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _lens_field(decision: LensFieldDecision) -> LensFieldRecord:
-    return {
-        "estimated": decision.estimated,
-        "why": decision.why or None,
-        "photographs": decision.photographs,
-        "pattern_px": _finite(decision.pattern_px),
-        "left_px": _finite(decision.left_px),
-        "covered": _finite(decision.covered),
-        "gain": _finite(decision.gain),
-        "gain_errors": _finite(decision.gain_errors),
-        "rms_px": _finite(decision.rms_px),
-        "sigma_px": _finite(decision.sigma_px),
-        "largest_px": _finite(decision.largest_px),
+        "neighbours_scatter_m_s": finite(result.decisions.neighbours_scatter_m_s),
     }
 
 
@@ -298,11 +294,7 @@ def _tested(redundancy: FloatArray, w: FloatArray, sigma: FloatArray) -> _Tested
     if not np.isfinite(redundancy).any():
         return _Tested()
     mdb = minimal_detectable_blunder(sigma, redundancy)
-    return _Tested(_finites(redundancy), _finites(w), _finites(mdb), bool(np.any(np.abs(w) > CRITICAL)))
-
-
-def _finites(values: FloatArray) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+    return _Tested(finites(redundancy), finites(w), finites(mdb), bool(np.any(np.abs(w) > CRITICAL)))
 
 
 @dataclass(frozen=True)
@@ -322,8 +314,8 @@ def _predicted(result: Adjustment, g: int) -> _Predicted:
     effect_m = minimal_detectable_blunder(sigma_m, r.ground_redundancy[g]) * (1.0 - r.ground_redundancy[g])
     spread_m = np.sqrt(np.diag(r.ground_left_out_covariance_m2[g]))
     if not np.isfinite(spread_m).any():
-        return _Predicted(_finites(effect_m))
-    return _Predicted(_finites(effect_m), _finites(r.ground_left_out_m[g]), _finites(spread_m))
+        return _Predicted(finites(effect_m))
+    return _Predicted(finites(effect_m), finites(r.ground_left_out_m[g]), finites(spread_m))
 
 
 def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[AxisRole]:
@@ -463,7 +455,7 @@ def adjustment_numbers(
 def _cloud(cloud: PointCloud, comparison: Comparison | None) -> CloudRecord:
     if comparison is None:
         return {"points": len(cloud), "mean_m": None, "std_m": None, "median_m": None, "nmad_m": None}
-    surface, nearest = comparison.cloud_to_surface, comparison.cloud_to_cloud
+    surface = comparison.cloud_to_surface
     return {
         "points": len(cloud),
         "compared": surface.compared,
@@ -472,12 +464,7 @@ def _cloud(cloud: PointCloud, comparison: Comparison | None) -> CloudRecord:
         "std_m": surface.std_m,
         "median_m": surface.median_m,
         "nmad_m": surface.nmad_m,
-        "cloud_to_cloud": {
-            "mean_m": nearest.mean_m,
-            "std_m": nearest.std_m,
-            "median_m": nearest.median_m,
-            "nmad_m": nearest.nmad_m,
-        },
+        "cloud_to_cloud": record_of(DifferencesRecord, comparison.cloud_to_cloud),
     }
 
 
@@ -492,14 +479,10 @@ def world_numbers(result: Adjustment) -> WorldRecord:
     record: WorldRecord = {"kind": frame.kind, "origin_map_m": list(frame.origin_map_m)}
     if frame.is_local:
         return record
-    units = frame.units
-    record["units"] = {
-        "plan": units.plan, "plan_m": units.plan_m, "height": units.height, "height_m": units.height_m,
-    }  # fmt: skip
+    record["units"] = record_of(UnitsRecord, frame.units)
     if len(ties.position_world_m):
         middle = frame.map_from_world(np.median(ties.position_world_m, axis=0)[None])[0]
-        scale = frame.combined_scale(middle)
-        record["scale_factors"] = {"grid": scale.grid, "height": scale.height, "combined": scale.combined}
+        record["scale_factors"] = record_of(ScaleFactorsRecord, frame.combined_scale(middle))
     return record
 
 
@@ -512,22 +495,22 @@ def report_numbers(
     *,
     version: str,
     seconds: Mapping[str, float],
-    held: Held = MappingProxyType({}),
+    fixed: FixedParameters = MappingProxyType({}),
     sources: Sequence[str] = (),
-    found: FoundBlunders = NO_BLUNDERS,
+    blunders: RejectedBlunders = NO_BLUNDERS,
     rejected: RejectedAttitudes = NONE_REJECTED,
     measured: ControlPoints | None = None,
     mark_kinds: MarkKinds = MappingProxyType({}),
 ) -> AdjustedNumbers:
     """Return what report.json says of an adjusted block.
 
-    ``seconds`` holds the time of every stage, ``held`` why parameters of a camera were held, ``sources`` where the
-    calibration of each camera comes from, empty texts where that is not known, ``found`` the blunders found,
+    ``seconds`` holds the time of every stage, ``fixed`` why parameters of a camera were fixed, ``sources`` where the
+    calibration of each camera comes from, empty texts where that is not known, ``blunders`` those that were rejected,
     ``rejected`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given,
     ``mark_kinds`` how their marks were measured.
     """
     frame = result.block.frame
-    points = ground_numbers(result, found.blunders, measured, mark_kinds)
+    points = ground_numbers(result, blunders.blunders, measured, mark_kinds)
     consistency = consistency_numbers(result, points)
     return {
         "photogram": version,
@@ -535,20 +518,17 @@ def report_numbers(
         "world": world_numbers(result),
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
-        "cameras": camera_numbers(result, held, sources, found.focal_lengths),
+        "cameras": camera_numbers(result, fixed, sources, blunders.focal_lengths),
         "adjustment": adjustment_numbers(result, seconds["adjustment"], rejected),
         "control_points": points,
         "check_points": check_numbers(points),
-        "blunders": list(found.blunders),
-        "blunders_effect": found.effect,
+        "blunders": list(blunders.blunders),
+        "blunders_effect": blunders.effect,
         "predicted_against_achieved": consistency.predicted_against_achieved,
         "leave_one_out": consistency.leave_one_out,
         "variance_components": consistency.variance_components,
         "estimated_sigmas": consistency.estimated_sigmas,
-        "suspects": [
-            {"kind": s.kind, "name": s.name, "axis": s.axis, "w": s.w, "off": s.off, "sentence": s.sentence}
-            for s in suspects(result)
-        ],
+        "suspects": [record_of(SuspectRecord, suspect) for suspect in suspects(result)],
         "diagnosis": diagnosis_numbers(result, orientation.resections),
         "clouds": cloud_numbers(clouds, comparisons),
         "seconds": dict(seconds),

@@ -94,8 +94,8 @@ def _verdict(report: SurveyNumbers, both: Sequence[Direction], lights: Sequence[
         return _without_target(tested, lights)
     missed = [d for d in aimed if not number(d.rmse_m) <= number(d.target_m)]
     if missed:
-        said = " and ".join(f"in {d.where} (RMSE {length(d.rmse_m)}, target {length(d.target_m)})" for d in missed)
-        return "bad", f"Misses its target {said} at {_points(max(d.n for d in missed))}."
+        missed_by = " and ".join(f"in {d.where} (RMSE {length(d.rmse_m)}, target {length(d.target_m)})" for d in missed)
+        return "bad", f"Misses its target {missed_by} at {_points(max(d.n for d in missed))}."
     least = min(d.n for d in aimed)
     what = "targets" if len(aimed) == 2 else f"target in {aimed[0].where}"
     rest = [d.where for d in both if d not in aimed]
@@ -105,11 +105,11 @@ def _verdict(report: SurveyNumbers, both: Sequence[Direction], lights: Sequence[
 
 def _without_target(tested: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
     """Judge check points of a survey without a target as their lights do, by the size of a pixel on the ground."""
-    said = " and ".join(f"{length(d.rmse_m)} in {d.where}" for d in tested)
+    errors = " and ".join(f"{length(d.rmse_m)} in {d.where}" for d in tested)
     subjects = {f"Check points in {d.where}" for d in tested}
     grades = [light["grade"] for light in lights if light["subject"] in subjects]
     grade: Grade = min(grades, key=_WORST_FIRST.index, default="unknown")
-    return grade, f"RMSE of {said} at {_points(min(d.n for d in tested))}; the project gives no target."
+    return grade, f"RMSE of {errors} at {_points(min(d.n for d in tested))}; the project gives no target."
 
 
 def _predicted(report: SurveyNumbers) -> str:
@@ -122,8 +122,8 @@ def _predicted(report: SurveyNumbers) -> str:
         f"±\u202f{length(plan)} in plan and ±\u202f{length(height)} in height" for plan, height in (relative, absolute)
     ]
     far = any(a > FAR_APART * r for r, a in zip(relative, absolute, strict=True))
-    said = f"{figures[0]} relative to each other, {figures[1]} absolute" if far else figures[1]
-    return f"Accuracy predicted, not tested: {said} (1 sigma)."
+    sigmas = f"{figures[0]} relative to each other, {figures[1]} absolute" if far else figures[1]
+    return f"Accuracy predicted, not tested: {sigmas} (1 sigma)."
 
 
 def _also(lights: Sequence[LightRecord]) -> str:

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from photogram.adjustment.reliability import CRITICAL
 from photogram.adjustment.solvability import ROTATION_WEAK
 from photogram.quality.asprs import MINIMUM_POINTS
-from photogram.quality.placing import WHOLE_BLOCK
+from photogram.quality.datum_precision import WHOLE_BLOCK
+from photogram.report.numbers.statistics import GROUPS
 from photogram.report.numbers.traffic_lights import number
 from photogram.report.record.block import BlockRecord
 from photogram.report.record.diagnosis import DiagnosisRecord
@@ -27,31 +28,15 @@ MOST_NAMED = 5
 """Blunders, check points and other findings of one kind that are said one by one, at most."""
 WRONGLY_STATED = (0.7, 1.3)
 """Sigma factors of a group between which nobody needs to change what was stated."""
-GROUP_TITLES = {
-    "tie_points": "tie points",
-    "marks": "marks",
-    "control_plan": "control points in plan",
-    "control_height": "control points in height",
-    "gnss_plan": "GNSS positions in plan",
-    "gnss_height": "GNSS positions in height",
-    "attitude": "measured attitudes",
-    "gnss_offset": "GNSS offsets",
-    "calibration": "given calibrations",
-    "distances": "distances",
-    "height_differences": "height differences",
-    "level_surfaces": "points of level surfaces",
-    "planes": "points of planes",
-    "exposure_rotation": "exposures of rigs in rotation",
-    "exposure_offset": "exposures of rigs in offset",
-    "relative_poses": "given relative poses",
-}
+SHORT_TITLES = {"gnss_offset": "GNSS offsets", "distances": "distances"}
+"""Groups of observations that a list calls otherwise than a sentence does."""
 
 
 def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRecord]:
     """Return what a reader of these numbers, and of the accuracy by the standard, must not overlook, the gravest
     first."""
     dense = report.get("dense")
-    found = [
+    warnings = [
         *_adjustment(report),
         *_focal_lengths(report),
         *_blunders(report),
@@ -73,26 +58,28 @@ def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRe
         severity: Severity = "note" if local["scale_known"] and local["vertical_sure"] else "attention"
         remedy = "" if local["scale_known"] else "give a distance between two marked points or two photographs"
         frame = _warning("local frame", severity, local["sentence"], remedy)
-        found = [frame, *(w for w in found if w not in pointless)]
-    found += _constraints(report)
-    return sorted(found, key=lambda w: SEVERITIES.index(w["severity"]))
+        warnings = [frame, *(w for w in warnings if w not in pointless)]
+    warnings += _constraints(report)
+    return sorted(warnings, key=lambda w: SEVERITIES.index(w["severity"]))
 
 
 def _warning(part: str, severity: Severity, sentence: str, remedy: str = "") -> WarningRecord:
     return {"part": part, "severity": severity, "sentence": sentence, "remedy": remedy}
 
 
-def _several(part: str, said: Sequence[str], severity: Severity = "attention", remedy: str = "") -> list[WarningRecord]:
+def _several(
+    part: str, sentences: Sequence[str], severity: Severity = "attention", remedy: str = ""
+) -> list[WarningRecord]:
     """Warn of the first sentences of a list, and of how many more there are."""
-    found = [_warning(part, severity, sentence, remedy) for sentence in said[:MOST_NAMED]]
-    more = len(said) - MOST_NAMED
-    return [*found, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else found
+    warnings = [_warning(part, severity, sentence, remedy) for sentence in sentences[:MOST_NAMED]]
+    more = len(sentences) - MOST_NAMED
+    return [*warnings, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else warnings
 
 
 def _masks(report: SurveyNumbers) -> list[WarningRecord]:
     masks = report.get("masks")
-    said = [] if masks is None else [f"the mark of {mark} lies in masked pixels" for mark in masks["marks"]]
-    return _several("marks", said, remedy="check the mark, and whether the mask fits its photograph")
+    sentences = [] if masks is None else [f"the mark of {mark} lies in masked pixels" for mark in masks["marks"]]
+    return _several("marks", sentences, remedy="check the mark, and whether the mask fits its photograph")
 
 
 def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
@@ -103,16 +90,16 @@ def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
         (f"the distance between {' and '.join(d['ends'])}", d.get("role"), d) for d in distances
     ]
     named += [(f"the {d['kind']} {d['name']}", d["role"], d) for d in others]
-    said = []
+    sentences = []
     for name, role, d in named:
         tested = number(d.get("z") if role == "check" else d["w"])
         if abs(tested) > CRITICAL:
             against = "the block, which it checks" if role == "check" else "the rest"
-            said.append(
+            sentences.append(
                 f"{name} differs by {number(d['residual_m']):+.4f} m from {against}, {abs(tested):.1f} times its "
                 "standard deviation"
             )
-    return _several("constraints", said, "bad", "measure it again, or check the marks of its points")
+    return _several("constraints", sentences, "bad", "measure it again, or check the marks of its points")
 
 
 def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
@@ -123,25 +110,25 @@ def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
 
 
 def _focal_lengths(report: SurveyNumbers) -> list[WarningRecord]:
-    found = list[WarningRecord]()
+    warnings = list[WarningRecord]()
     for name, camera in report["cameras"].items():
-        said, calibrate, more = (camera["focal_length"] or "").partition(CALIBRATE)
+        sentence, calibrate, more = (camera["focal_length"] or "").partition(CALIBRATE)
         remedy = f"{calibrate}{more}".removeprefix(": ") or "correct focal_px in the project file"
-        found += [_warning("calibration", "bad", f"focal length of {name}: {said}", remedy)] if said else []
-    return found
+        warnings += [_warning("calibration", "bad", f"focal length of {name}: {sentence}", remedy)] if sentence else []
+    return warnings
 
 
 def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
     decided = any(camera["focal_length"] for camera in report["cameras"].values())
     named = [b for b in report["blunders"] if not (decided and b["kind"] == "focal length")]
-    found = list[WarningRecord]()
+    warnings = list[WarningRecord]()
     remedy = "check the measurements that were rejected as blunders"
     harmless = ("GNSS position", "attitude")
-    found += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
-    found += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
+    warnings += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
+    warnings += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
     effect = report["blunders_effect"]
     if effect is not None and effect["sentence"]:
-        found.append(_warning("blunders", "note", effect["sentence"]))
+        warnings.append(_warning("blunders", "note", effect["sentence"]))
     # what one blunder spreads to its neighbours is suspected too
     suspects = [s for s in report["suspects"] if not named or s["kind"] == "GNSS position"]
     if suspects:
@@ -149,8 +136,8 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
         severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
         first = suspects[0]
         remedy = f"check {first['kind']} {first['name']}, and remove it if it is wrong"
-        found.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
-    return found
+        warnings.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
+    return warnings
 
 
 def _heights(report: SurveyNumbers) -> list[WarningRecord]:
@@ -161,27 +148,27 @@ def _heights(report: SurveyNumbers) -> list[WarningRecord]:
 
 
 def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
-    part, found = "check points", list[WarningRecord]()
+    part, warnings = "check points", list[WarningRecord]()
     if asprs["blunders"]:
         first, count = asprs["blunders"][0], len(asprs["blunders"])
         more = f"; so are {count - 1} more coordinates" if count > 1 else ""
         remedy = "check their coordinates and marks, the height system and the control points"
-        found.append(_warning(part, "bad", f"{first}{more}", remedy))
+        warnings.append(_warning(part, "bad", f"{first}{more}", remedy))
     if asprs["systematic"]:
-        said = "; ".join(asprs["systematic"])
-        found.append(_warning(part, "attention", said, "check datum, height system and control points"))
-    return found + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
+        sentence = "; ".join(asprs["systematic"])
+        warnings.append(_warning(part, "attention", sentence, "check datum, height system and control points"))
+    return warnings + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
 
 
 def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
-    found = report["predicted_against_achieved"]
-    if found is None or found["consistent"]:
+    test = report["predicted_against_achieved"]
+    if test is None or test["consistent"]:
         return []
-    larger = found["chi2"]["p"] < 0.5
+    larger = test["chi2"]["p"] < 0.5
     remedy = "rely on the check points, not the predicted sigmas" if larger else ""
     if any(point["suspect"] for point in report["control_points"] if point["role"] == "check"):
         remedy = "check the suspect check points first: the accuracy at check points is theirs too"
-    return [_warning("prediction", "bad" if larger else "note", found["sentence"], remedy)]
+    return [_warning("prediction", "bad" if larger else "note", test["sentence"], remedy)]
 
 
 def best_remedy(diagnosis: DiagnosisRecord) -> str:
@@ -203,33 +190,37 @@ def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
     decided = tuple(
         f"The focal length of {name} is known" for name, camera in cameras.items() if camera["focal_length"]
     )
-    said = [s for s in diagnosis["warnings"] if not (decided and s.startswith(decided))]
+    sentences = [s for s in diagnosis["warnings"] if not (decided and s.startswith(decided))]
     # what the datum leaves open is what most else follows from
-    said.sort(key=lambda s: not s.startswith((WHOLE_BLOCK, ROTATION_WEAK)))
-    found = _several("geometry", said)
-    if found:
-        found[0]["remedy"] = best_remedy(diagnosis)
-    return found
+    sentences.sort(key=lambda s: not s.startswith((WHOLE_BLOCK, ROTATION_WEAK)))
+    warnings = _several("geometry", sentences)
+    if warnings:
+        warnings[0]["remedy"] = best_remedy(diagnosis)
+    return warnings
 
 
 def _block(block: BlockRecord) -> list[WarningRecord]:
-    found, missing = list[WarningRecord](), block["photographs"] - block["registered"]
+    warnings, missing = list[WarningRecord](), block["photographs"] - block["registered"]
     if missing:
-        said = f"{missing} of {block['photographs']} photographs are not in the result"
-        found.append(_warning("photographs", "attention", said, "for the reasons see Discarded"))
+        sentence = f"{missing} of {block['photographs']} photographs are not in the result"
+        warnings.append(_warning("photographs", "attention", sentence, "for the reasons see Discarded"))
     sizes = block["component_sizes"]
     if len(sizes) > 1:
-        said = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
-        found.append(_warning("photographs", "attention", said, "fly with more overlap between them"))
+        sentence = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
+        warnings.append(_warning("photographs", "attention", sentence, "fly with more overlap between them"))
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
-        said = f"{1 - overlap['share_2_or_more']:.0%} of the ground is seen by fewer than two photographs"
-        found.append(_warning("photographs", "attention", said, "there is no surface there: fly with more overlap"))
-    return found
+        sentence = f"{1 - overlap['share_2_or_more']:.0%} of the ground is seen by fewer than two photographs"
+        warnings.append(
+            _warning("photographs", "attention", sentence, "there is no surface there: fly with more overlap")
+        )
+    return warnings
 
 
 def _stated(group: VarianceComponentRecord, title: str) -> str:
-    stated, factor, unit = number(group["stated_sigma"]), number(group["sigma_factor"]), group["unit"]
+    stated = number(group["stated_sigma"])
+    factor = number(group["sigma_factor"])
+    unit = group["unit"]
     if not unit or not math.isfinite(stated):
         return f"{title} ({factor:.2g} times)"
     return f"{title} (stated {stated:.2g} {unit}, found {factor * stated:.2g} {unit})"
@@ -241,24 +232,25 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
     for name, group in components.items():
         if not group["significant"]:
             continue
-        text, factor = _stated(group, GROUP_TITLES.get(name, name)), number(group["sigma_factor"])
+        title, factor = SHORT_TITLES.get(name) or GROUPS[name].title, number(group["sigma_factor"])
+        text = _stated(group, title)
         small += [text] * (factor > high)
         large += [text] * (factor < low)
-    part, found = "stated sigmas", list[WarningRecord]()
+    part, warnings = "stated sigmas", list[WarningRecord]()
     if small:
-        said = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
-        found.append(_warning(part, "attention", said, "look for a blunder among them, or state larger sigmas"))
+        sentence = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
+        warnings.append(_warning(part, "attention", sentence, "look for a blunder among them, or state larger sigmas"))
     if large:
-        said = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
-        found.append(_warning(part, "note", said))
-    return found
+        sentence = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
+        warnings.append(_warning(part, "note", sentence))
+    return warnings
 
 
 def _too_few(asprs: AsprsRecord) -> list[WarningRecord]:
     n_h, n_v = asprs["n_h"], asprs["n_v"]
     if n_h == n_v == 0:
-        said = "no check points: the accuracy is predicted, not tested"
-        return [_warning("check points", "attention", said, "survey at least five check points, ideally thirty")]
+        sentence = "no check points: the accuracy is predicted, not tested"
+        return [_warning("check points", "attention", sentence, "survey at least five check points, ideally thirty")]
     few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
-    said = f"{' and '.join(few)}: the standard requires at least {MINIMUM_POINTS} check points"
-    return [_warning("check points", "note", said)] if few else []
+    sentence = f"{' and '.join(few)}: the standard requires at least {MINIMUM_POINTS} check points"
+    return [_warning("check points", "note", sentence)] if few else []

@@ -1,20 +1,23 @@
 """The numbers of report.json that say whether the result is as good as predicted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from photogram.adjustment.stochastic_model.variance_components import Scatter, scatters
 from photogram.arrays import FloatArray, nmad
+from photogram.quality.asprs import AXES
 from photogram.quality.prediction_test import (
     LeaveOneOut,
     PredictedAgainstAchieved,
-    Shares,
     leave_one_out,
     predicted_against_achieved,
 )
 from photogram.report.record.ground import (
     EstimatedSigmaRecord,
+    FarthestPointRecord,
     GroundPointRecord,
     LeaveOneOutRecord,
     PredictionTestRecord,
@@ -22,67 +25,74 @@ from photogram.report.record.ground import (
     ZScoresRecord,
 )
 from photogram.report.record.surfaces import DatumSigmaRecord, DsmRecord, SigmaRecord
+from photogram.report.values import finite, finites, record_of
 from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Raster
 
-# what a group's observations are called in a sentence, the unit of their sigmas, and how many of it one px, m or rad is
-_GROUPS = {
-    "tie_points": ("tie points", "px", 1.0),
-    "marks": ("marks", "px", 1.0),
-    "control_plan": ("control points in plan", "m", 1.0),
-    "control_height": ("control points in height", "m", 1.0),
-    "gnss_plan": ("GNSS positions in plan", "m", 1.0),
-    "gnss_height": ("GNSS positions in height", "m", 1.0),
-    "attitude": ("measured attitudes", "deg", 180.0 / np.pi),
-    "gnss_offset": ("offsets of GNSS", "m", 1.0),
-    "common_errors": ("common errors", "", 1.0),
-    "distances": ("measured distances", "m", 1.0),
-    "height_differences": ("height differences", "m", 1.0),
-    "level_surfaces": ("points of level surfaces", "m", 1.0),
-    "planes": ("points of planes", "m", 1.0),
-    "exposure_rotation": ("exposures of rigs in rotation", "deg", 180.0 / np.pi),
-    "exposure_offset": ("exposures of rigs in offset", "m", 1.0),
-    "relative_poses": ("given relative poses", "", 1.0),
-    "calibration": ("given calibrations", "", 1.0),
-    "lens_fields": ("coefficients of lens fields", "px", 1.0),
-}
+
+@dataclass(frozen=True)
+class Group:
+    """A group of observations: what they are called in a sentence, the unit of their sigmas, none where they have
+    several, and how many of it one px, m or rad is."""
+
+    title: str
+    unit: str = "m"
+    factor: float = 1.0
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+_DEGREES = 180.0 / np.pi
+GROUPS: Mapping[str, Group] = MappingProxyType(
+    {
+        "tie_points": Group("tie points", "px"),
+        "marks": Group("marks", "px"),
+        "control_plan": Group("control points in plan"),
+        "control_height": Group("control points in height"),
+        "gnss_plan": Group("GNSS positions in plan"),
+        "gnss_height": Group("GNSS positions in height"),
+        "attitude": Group("measured attitudes", "deg", _DEGREES),
+        "gnss_offset": Group("offsets of GNSS"),
+        "common_errors": Group("common errors", ""),
+        "distances": Group("measured distances"),
+        "height_differences": Group("height differences"),
+        "level_surfaces": Group("points of level surfaces"),
+        "planes": Group("points of planes"),
+        "exposure_rotation": Group("exposures of rigs in rotation", "deg", _DEGREES),
+        "exposure_offset": Group("exposures of rigs in offset"),
+        "relative_poses": Group("given relative poses", ""),
+        "calibration": Group("given calibrations", ""),
+        "lens_fields": Group("coefficients of lens fields", "px"),
+    }
+)
 
 
-def _sentence(name: str, found: Scatter) -> str | None:
+def _sentence(group: Group, scatter: Scatter) -> str | None:
     """Return what there is to say of a group whose sigmas are refuted, None for any other."""
-    if not found.significant:
+    if not scatter.significant:
         return None
-    title, unit, factor = _GROUPS[name]
-    stated, sd = found.stated_sigma * factor, found.sigma_factor_sd
-    times = f"{title} scatter {found.sigma_factor:.2g} ± {sd:.1g} times as much as stated"
-    remedy = (
-        "a blunder among them, or their sigma is too small" if found.sigma_factor > 1.0 else "their sigma is too large"
-    )
+    ratio = scatter.sigma_factor
+    stated = scatter.stated_sigma * group.factor
+    unit = group.unit
+    times = f"{group.title} scatter {ratio:.2g} ± {scatter.sigma_factor_sd:.1g} times as much as stated"
+    remedy = "a blunder among them, or their sigma is too small" if ratio > 1.0 else "their sigma is too large"
     if not unit:
         return f"{times}: {remedy}"
-    return f"{times} ({stated:.2g} {unit}): about {found.sigma_factor * stated:.2g} {unit}; {remedy}"
+    return f"{times} ({stated:.2g} {unit}): about {ratio * stated:.2g} {unit}; {remedy}"
 
 
 def component_numbers(result: Adjustment) -> dict[str, VarianceComponentRecord]:
     """Return the variance component of every group of observations, at the sigmas that were used."""
-    return {
-        name: {
-            "observations": found.observations,
-            "redundancy": found.redundancy,
-            "stated_sigma": None if not _GROUPS[name][1] else found.stated_sigma * _GROUPS[name][2],
-            "used_sigma": None if not _GROUPS[name][1] else found.used_sigma * _GROUPS[name][2],
-            "unit": _GROUPS[name][1] or None,
-            "sigma_factor": _finite(found.sigma_factor),
-            "sigma_factor_sd": _finite(found.sigma_factor_sd),
-            "significant": found.significant,
-            "sentence": _sentence(name, found),
-        }
-        for name, found in scatters(result.tests.components).items()
-    }
+    return {name: _component(GROUPS[name], scatter) for name, scatter in scatters(result.tests.components).items()}
+
+
+def _component(group: Group, scatter: Scatter) -> VarianceComponentRecord:
+    return record_of(
+        VarianceComponentRecord,
+        scatter,
+        stated_sigma=scatter.stated_sigma * group.factor if group.unit else None,
+        used_sigma=scatter.used_sigma * group.factor if group.unit else None,
+        unit=group.unit or None,
+        sentence=_sentence(group, scatter),
+    )
 
 
 def estimated_sigma_numbers(sigmas: EstimatedSigmas) -> list[EstimatedSigmaRecord]:
@@ -94,7 +104,7 @@ def estimated_sigma_numbers(sigmas: EstimatedSigmas) -> list[EstimatedSigmaRecor
             "observations": int(sigmas.observations[k]),
             "redundancy": float(sigmas.redundancy[k]),
             "stated_sigma": float(sigmas.stated_sigma[k]),
-            "estimated_sigma": _finite(sigmas.estimated_sigma[k]),
+            "estimated_sigma": finite(sigmas.estimated_sigma[k]),
             "used_sigma": float(sigmas.used_sigma[k]),
             "unit": "m" if kind in ("gnss_plan", "gnss_height") else "px",
             "factor": float(sigmas.factor[k]),
@@ -103,43 +113,26 @@ def estimated_sigma_numbers(sigmas: EstimatedSigmas) -> list[EstimatedSigmaRecor
     ]
 
 
-def _z_scores(found: Shares) -> ZScoresRecord:
-    return {
-        "n": found.n,
-        "mean_z": found.mean_z,
-        "rms_z": found.rms_z,
-        "within_1": found.within_1,
-        "within_2": found.within_2,
-        "within_3": found.within_3,
-    }
-
-
-def _check_point_numbers(found: PredictedAgainstAchieved | None) -> PredictionTestRecord | None:
-    if found is None:
+def _check_point_numbers(test: PredictedAgainstAchieved | None) -> PredictionTestRecord | None:
+    if test is None:
         return None
+    east, north, height = (record_of(ZScoresRecord, test.axes[axis]) for axis in AXES)
     return {
-        "n": found.n,
-        "axes": {
-            "easting": _z_scores(found.axes["easting"]),
-            "northing": _z_scores(found.axes["northing"]),
-            "height": _z_scores(found.axes["height"]),
-        },
-        "chi2": {"value": found.chi2, "dof": found.dof, "p": found.p},
-        "consistent": found.consistent,
-        "sentence": found.sentence,
+        "n": test.n,
+        "axes": {"easting": east, "northing": north, "height": height},
+        "chi2": {"value": test.chi2, "dof": test.dof, "p": test.p},
+        "consistent": test.consistent,
+        "sentence": test.sentence,
     }
 
 
-def _left_out_numbers(found: LeaveOneOut) -> LeaveOneOutRecord:
-    return {
-        "n": found.n,
-        "rmse_m": list(found.rmse_m),
-        "mean_m": list(found.mean_m),
-        "rmse_h_m": found.rmse_h_m,
-        "rmse_v_m": found.rmse_v_m,
-        "rms_z": list(found.rms_z),
-        "max": {"name": found.worst, "left_out_m": list(found.worst_m), "z": list(found.worst_z)},
+def _left_out_numbers(test: LeaveOneOut) -> LeaveOneOutRecord:
+    farthest: FarthestPointRecord = {
+        "name": test.worst,
+        "left_out_m": list(test.worst_m),
+        "z": list(test.worst_z),
     }
+    return record_of(LeaveOneOutRecord, test, max=farthest)
 
 
 @dataclass(frozen=True)
@@ -156,20 +149,20 @@ def consistency_numbers(result: Adjustment, points: list[GroundPointRecord]) -> 
     """Return whether a survey is as good as predicted; each of the ground points gets its ``z`` and ``mahalanobis``,
     null where it was not checked; a check point that everything else contradicts is suspect, and its verdict says so.
     """
-    found, left_out = predicted_against_achieved(result), leave_one_out(result)
-    accused = {} if found is None else {suspect.name: suspect.sentence for suspect in found.suspects}
+    test, left_out = predicted_against_achieved(result), leave_one_out(result)
+    accused = {} if test is None else {suspect.name: suspect.sentence for suspect in test.suspects}
     for g, point in enumerate(points):
-        checked = found is not None and bool(np.isfinite(found.distance2[g]))
-        point["z"] = [_finite(z) for z in found.z[g]] if found is not None and checked else None
-        point["mahalanobis"] = float(np.sqrt(found.distance2[g])) if found is not None and checked else None
+        checked = test is not None and bool(np.isfinite(test.distance2[g]))
+        point["z"] = finites(test.z[g]) if test is not None and checked else None
+        point["mahalanobis"] = float(np.sqrt(test.distance2[g])) if test is not None and checked else None
         if checked and point["role"] == "check":
             point["suspect"] = point["name"] in accused
         if point["name"] in accused:
-            said = [point["verdict"]] if point["verdict"] else []
-            point["suspect"], point["verdict"] = True, "; ".join([*said, accused[point["name"]]])
+            before = [point["verdict"]] if point["verdict"] else []
+            point["suspect"], point["verdict"] = True, "; ".join([*before, accused[point["name"]]])
     loo = None if left_out is None else _left_out_numbers(left_out)
     sigmas = estimated_sigma_numbers(result.decisions.sigmas)
-    return Consistency(_check_point_numbers(found), loo, component_numbers(result), sigmas)
+    return Consistency(_check_point_numbers(test), loo, component_numbers(result), sigmas)
 
 
 def _sigma_numbers(sigma: Raster) -> SigmaRecord:
@@ -183,7 +176,7 @@ def _sigma_numbers(sigma: Raster) -> SigmaRecord:
 
 
 def _datum_sigma(covariance_m2: FloatArray) -> DatumSigmaRecord:
-    easting, northing, height = (_finite(s) for s in np.sqrt(np.diag(covariance_m2)).tolist())
+    easting, northing, height = finites(np.sqrt(np.diag(covariance_m2)))
     return {"easting": easting, "northing": northing, "height": height}
 
 
@@ -208,7 +201,7 @@ def dsm_numbers(
         "datum_sigma_m": None if datum_covariance_m2 is None else _datum_sigma(datum_covariance_m2),
         "held_out": {
             "n": len(held_out_m),
-            "rmse_m": _finite(np.sqrt(np.mean(off**2))),
-            "nmad_m": _finite(nmad(off)),
+            "rmse_m": finite(np.sqrt(np.mean(off**2))),
+            "nmad_m": finite(nmad(off)),
         },
     }

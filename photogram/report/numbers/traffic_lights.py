@@ -8,13 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from photogram.quality.asprs import MINIMUM_POINTS
+from photogram.quality.asprs import AXES, MINIMUM_POINTS
 from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.report import SurveyNumbers, oriented
 from photogram.report.record.surfaces import DenseRecord
 from photogram.report.record.verdict import AsprsRecord, Grade, LightRecord
 
-AXES = ("easting", "northing", "height")
 FEW_POINTS = 5
 PLAN_GSD, HEIGHT_GSD = (1.5, 3.0), (2.0, 4.0)
 SIGMA0 = (0.7, 1.3, 2.0)
@@ -24,21 +23,6 @@ GNSS_RATIO = (1.5, 3.0)
 REDUNDANCY = (0.3, 0.01)  # of a coordinate that is well controlled, and of one that is not at all
 OVERLAP = (0.6, 0.4)
 CORRELATION = 0.95
-
-
-@dataclass(frozen=True)
-class Light:
-    """What is judged, how, what was found, and the rule that makes it so."""
-
-    subject: str
-    grade: Grade
-    finding: str
-    rule: str
-
-    @property
-    def record(self) -> LightRecord:
-        """Return the light as report.json has it."""
-        return {"subject": self.subject, "grade": self.grade, "finding": self.finding, "rule": self.rule}
 
 
 @dataclass(frozen=True)
@@ -79,11 +63,15 @@ def directions(asprs: AsprsRecord) -> tuple[Direction, Direction]:
     )
 
 
-def traffic_lights(report: SurveyNumbers, asprs: AsprsRecord) -> list[Light]:
+def _light(subject: str, grade: Grade, finding: str, rule: str) -> LightRecord:
+    return {"subject": subject, "grade": grade, "finding": finding, "rule": rule}
+
+
+def traffic_lights(report: SurveyNumbers, asprs: AsprsRecord) -> list[LightRecord]:
     """Return the verdicts on a survey, from its numbers and its accuracy by the standard."""
     plan, height = directions(asprs)
     dense = report.get("dense")
-    judges: tuple[Callable[[SurveyNumbers], Light], ...] = (
+    judges: tuple[Callable[[SurveyNumbers], LightRecord], ...] = (
         lambda r: _check(r, plan),
         lambda r: _check(r, height),
         *([] if dense is None else [lambda r: _surface(r, height, dense)]),
@@ -104,13 +92,13 @@ def number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def _check(report: SurveyNumbers, tested: Direction) -> Light:
+def _check(report: SurveyNumbers, tested: Direction) -> LightRecord:
     untested = f"no check point{_left_out(report, tested.where)}"
     subject = f"Check points in {tested.where}"
     return _against_target(report, tested, subject, tested.n, number(tested.rmse_m), untested)
 
 
-def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord) -> Light:
+def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord) -> LightRecord:
     """Judge the dense surface by the check points that it was interpolated at, as those in height are judged."""
     test = dense["check_points"]
     untested = "too few check points lie on it" if test["n"] else "no check point lies on it"
@@ -120,7 +108,7 @@ def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord) -> Li
 
 def _against_target(
     report: SurveyNumbers, direction: Direction, subject: str, n: int, rmse: float, untested: str
-) -> Light:
+) -> LightRecord:
     """Judge the RMSE, m, of n points in plan or height against the target, or against the GSD where there is none;
     ``untested`` is the reason why there is no RMSE."""
     target, name = direction.target_m, f"RMSE_{direction.letter.upper()}"
@@ -136,43 +124,43 @@ def _against_target(
             f"same from fewer; attention: within {worst:g} GSD; bad: beyond"
         )
     if not math.isfinite(rmse):
-        return Light(subject, "unknown", f"not tested: {untested}", rule)
+        return _light(subject, "unknown", f"not tested: {untested}", rule)
     finding = f"{name} {rmse:.3f} m, n = {n}"
     if target is not None:
         within = rmse <= target
         grade: Grade = "bad" if not within else "good" if n >= MINIMUM_POINTS else "few"
-        return Light(subject, grade, f"{finding}; target {target:.3f} m", rule)
+        return _light(subject, grade, f"{finding}; target {target:.3f} m", rule)
     gsd = number(report["block"]["gsd_m"])
     if not gsd > 0:
-        return Light(subject, "unknown", f"{finding}; no basis for a grade", rule)
+        return _light(subject, "unknown", f"{finding}; no basis for a grade", rule)
     ratio = rmse / gsd
     grade = "bad" if ratio > worst else "attention" if ratio > best else "good" if n >= FEW_POINTS else "few"
-    return Light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
+    return _light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
 
 
 def _left_out(report: SurveyNumbers, where: str) -> str:
     """Return what leave-one-out says in place of check points."""
-    found = report["leave_one_out"]
-    rmse = math.nan if found is None else number(found["rmse_h_m"] if where == "plan" else found["rmse_v_m"])
-    if found is None or not math.isfinite(rmse):
+    test = report["leave_one_out"]
+    rmse = math.nan if test is None else number(test["rmse_h_m"] if where == "plan" else test["rmse_v_m"])
+    if test is None or not math.isfinite(rmse):
         return ""
-    return f"; {found['n']} control points, each predicted from all others: RMSE {rmse:.3f} m"
+    return f"; {test['n']} control points, each predicted from all others: RMSE {rmse:.3f} m"
 
 
-def _prediction(report: SurveyNumbers) -> Light:
+def _prediction(report: SurveyNumbers) -> LightRecord:
     rule = (
         f"good: the differences of check points agree with their predicted sigmas (χ², p from {DOUBTFUL:g} to "
         f"{1 - SIGNIFICANT:g}); attention: p from {SIGNIFICANT:g}, or they are smaller than predicted; bad: larger"
     )
-    subject, found = "Predicted against achieved", report["predicted_against_achieved"]
-    p = math.nan if found is None else number(found["chi2"]["p"])
-    if found is None or not math.isfinite(p):
-        return Light(subject, "unknown", "not tested: no check points with predicted sigmas", rule)
+    subject, test = "Predicted against achieved", report["predicted_against_achieved"]
+    p = math.nan if test is None else number(test["chi2"]["p"])
+    if test is None or not math.isfinite(p):
+        return _light(subject, "unknown", "not tested: no check points with predicted sigmas", rule)
     grade: Grade = "bad" if p < SIGNIFICANT else "good" if DOUBTFUL <= p <= 1 - SIGNIFICANT else "attention"
-    return Light(subject, grade, found["sentence"], rule)
+    return _light(subject, grade, test["sentence"], rule)
 
 
-def _blunders(report: SurveyNumbers) -> Light:
+def _blunders(report: SurveyNumbers) -> LightRecord:
     rule = (
         "good: no observation contradicts all others; attention: GNSS positions or attitudes alone do; bad: a ground "
         "point, a mark or a focal length does (of five hundred surveys without a blunder, one is suspected). "
@@ -180,15 +168,15 @@ def _blunders(report: SurveyNumbers) -> Light:
     )
     named, suspects = report["blunders"], report["suspects"]
     if not named and not suspects:
-        return Light("Blunders", "good", "none suspected", rule)
+        return _light("Blunders", "good", "none suspected", rule)
     sentences = [b["sentence"] for b in named] or [s["sentence"] for s in suspects]
     other = f"; and {len(sentences) - 1} more" if len(sentences) > 1 else ""
     kinds = {b["kind"] for b in named} | {s["kind"] for s in suspects}
     gnss_only = kinds <= {"GNSS position", "attitude"}
-    return Light("Blunders", "attention" if gnss_only else "bad", f"{sentences[0]}{other}", rule)
+    return _light("Blunders", "attention" if gnss_only else "bad", f"{sentences[0]}{other}", rule)
 
 
-def _control(report: SurveyNumbers) -> Light:
+def _control(report: SurveyNumbers) -> LightRecord:
     rule = (
         f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} or more of a blunder in its own residual "
         f"(redundancy number); attention: less, only a large blunder is found; bad: {REDUNDANCY[1]:.0%} or less, "
@@ -201,14 +189,14 @@ def _control(report: SurveyNumbers) -> Light:
         if r is not None
     ]
     if not shares:
-        return Light("Are blunders detectable?", "unknown", "no control points", rule)
+        return _light("Are blunders detectable?", "unknown", "no control points", rule)
     least, name, mdb_m = min(shares)
     grade: Grade = "good" if least >= REDUNDANCY[0] else "attention" if least > REDUNDANCY[1] else "bad"
-    found = f": one of {mdb_m:.3f} m is found with 80 % probability" if math.isfinite(mdb_m) else ""
-    return Light("Are blunders detectable?", grade, f"least redundancy {least:.2f}, {name}{found}", rule)
+    detectable = f": one of {mdb_m:.3f} m is found with 80 % probability" if math.isfinite(mdb_m) else ""
+    return _light("Are blunders detectable?", grade, f"least redundancy {least:.2f}, {name}{detectable}", rule)
 
 
-def _sigma0(report: SurveyNumbers) -> Light:
+def _sigma0(report: SurveyNumbers) -> LightRecord:
     low, high, worst = SIGMA0
     rule = (
         f"good: sigma0 to {high:g} (below {low:g} stated sigmas are too large, and predicted ones on the safe side); "
@@ -216,14 +204,14 @@ def _sigma0(report: SurveyNumbers) -> Light:
     )
     value = number(report["adjustment"]["sigma0"])
     if not math.isfinite(value):
-        return Light("Stated sigmas", "unknown", "no redundancy, no sigma0", rule)
+        return _light("Stated sigmas", "unknown", "no redundancy, no sigma0", rule)
     grade: Grade = "bad" if value > worst else "good" if value <= high else "attention"
-    said = "stated sigmas too large: predicted sigmas are on the safe side" if value < low else ""
-    said = "stated sigmas too small: predicted sigmas are too small as well" if value > high else said
-    return Light("Stated sigmas", grade, f"sigma0 {value:.2f}{'; ' if said else ''}{said}", rule)
+    note = "stated sigmas too large: predicted sigmas are on the safe side" if value < low else ""
+    note = "stated sigmas too small: predicted sigmas are too small as well" if value > high else note
+    return _light("Stated sigmas", grade, f"sigma0 {value:.2f}{'; ' if note else ''}{note}", rule)
 
 
-def _registration(report: SurveyNumbers) -> Light:
+def _registration(report: SurveyNumbers) -> LightRecord:
     best, worst = REGISTERED
     rule = (
         f"good: {best:.0%} of the photographs or more, in one block; attention: {worst:.0%}, or several blocks; "
@@ -233,10 +221,10 @@ def _registration(report: SurveyNumbers) -> Light:
     share, parts = block["registered"] / block["photographs"], len(block["component_sizes"])
     grade: Grade = "bad" if share < worst else "good" if share >= best and parts <= 1 else "attention"
     finding = f"{block['registered']} of {block['photographs']} ({share:.0%})"
-    return Light("Photographs oriented", grade, finding + (f", in {parts} separate blocks" if parts > 1 else ""), rule)
+    return _light("Photographs oriented", grade, finding + (f", in {parts} separate blocks" if parts > 1 else ""), rule)
 
 
-def _gnss(report: SurveyNumbers) -> Light:
+def _gnss(report: SurveyNumbers) -> LightRecord:
     best, worst = GNSS_RATIO
     rule = (
         f"good: GNSS residuals within {best:g} of their stated sigmas (RMS of w), no warning; attention: "
@@ -246,16 +234,16 @@ def _gnss(report: SurveyNumbers) -> Light:
     tests = [number(w) ** 2 for p in photographs for w in p["gnss_w"] or [] if w is not None]
     rms = report["block"]["gnss_residual_rms_m"]
     if rms["three_d"] is None:
-        return Light("GNSS", "unknown", "no GNSS positions", rule)
+        return _light("GNSS", "unknown", "no GNSS positions", rule)
     finding = f"residuals {rms['plan']:.3f} m in plan, {rms['height']:.3f} m in height (RMS)"
     warned = len(report["gnss"]["warnings"])
     if warned:
         finding += f"; {warned} warning{'s' if warned > 1 else ''}"
     if not tests:
-        return Light("GNSS", "unknown", f"{finding}; not tested", rule)
+        return _light("GNSS", "unknown", f"{finding}; not tested", rule)
     ratio = math.sqrt(sum(tests) / len(tests))
     grade: Grade = "bad" if ratio > worst else "good" if ratio <= best and not warned else "attention"
-    return Light("GNSS", grade, f"{finding}; RMS of w {ratio:.1f}", rule)
+    return _light("GNSS", grade, f"{finding}; RMS of w {ratio:.1f}", rule)
 
 
 def focal_height_correlation(diagnosis: DiagnosisRecord) -> float:
@@ -265,7 +253,7 @@ def focal_height_correlation(diagnosis: DiagnosisRecord) -> float:
     return max(known, key=abs) if known else math.nan
 
 
-def _geometry(report: SurveyNumbers) -> Light:
+def _geometry(report: SurveyNumbers) -> LightRecord:
     best, worst = OVERLAP
     rule = (
         f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height "
@@ -275,7 +263,7 @@ def _geometry(report: SurveyNumbers) -> Light:
     )
     overlap, diagnosis = report["block"]["overlap"], report["diagnosis"]
     if overlap is None:
-        return Light("Geometry", "unknown", "the tie points span no area", rule)
+        return _light("Geometry", "unknown", "the tie points span no area", rule)
     share, errors = overlap["share_3_or_more"], list[str]()
     dome, correlation = diagnosis["dome"], focal_height_correlation(diagnosis)
     if dome["significant"]:
@@ -288,12 +276,12 @@ def _geometry(report: SurveyNumbers) -> Light:
         if pattern["significant"]:
             errors.append(f"residuals in {name} share a pattern of {pattern['pattern_px']:.2g} px")
     grade: Grade = "bad" if share < worst else "good" if share >= best and not errors else "attention"
-    return Light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *errors]), rule)
+    return _light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *errors]), rule)
 
 
-def _converged(report: SurveyNumbers) -> Light:
+def _converged(report: SurveyNumbers) -> LightRecord:
     adjustment = report["adjustment"]
     rule = "good: the adjustment converged; bad: it did not, do not use the result"
     grade: Grade = "good" if adjustment["converged"] else "bad"
     word = "converged" if adjustment["converged"] else "NOT converged"
-    return Light("Adjustment", grade, f"{word}, {adjustment['iterations']} iterations", rule)
+    return _light("Adjustment", grade, f"{word}, {adjustment['iterations']} iterations", rule)

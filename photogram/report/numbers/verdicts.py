@@ -8,14 +8,14 @@ from scipy.stats import chi2
 
 from photogram.adjustment.reliability import LEAST_REDUNDANCY, minimal_detectable_blunder
 from photogram.arrays import FloatArray
-from photogram.quality.accuracy import AXES
+from photogram.quality.asprs import AXES
 from photogram.report.record.ground import BlunderRecord, BlundersEffectRecord, CheckPointsRecord, ChiSquareRecord
 from photogram.results import Adjustment
 
 
 @dataclass(frozen=True)
-class FoundBlunders:
-    """The blunders that were left out of the result, the accuracy of the check points with them in the adjustment
+class RejectedBlunders:
+    """The blunders that were rejected, the accuracy of the check points with them in the adjustment
     (``before``) and without (``after``), None where there are none, and what was decided of focal lengths, by camera.
     """
 
@@ -33,7 +33,7 @@ class FoundBlunders:
         return {"check_points": self.before, "check_points_without": self.after, "sentence": sentence}
 
 
-NO_BLUNDERS = FoundBlunders()
+NO_BLUNDERS = RejectedBlunders()
 
 
 def control_test(left_out_m: FloatArray, covariance_m2: FloatArray) -> ChiSquareRecord | None:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from markupsafe import Markup, escape
 
@@ -90,10 +90,10 @@ def plain(value: object) -> str:
 
 def capitalised(text: object) -> str:
     """Write a sentence with a capital at its beginning and without a full stop at its end."""
-    said = str(text or "").strip().removesuffix(".")
+    sentence = str(text or "").strip().removesuffix(".")
     # k2, sigma0 and names of files keep their letters
-    as_it_is = any(c.isdigit() or c in "._" for c in said.partition(" ")[0])
-    return said if as_it_is else said[:1].upper() + said[1:]
+    as_it_is = any(c.isdigit() or c in "._" for c in sentence.partition(" ")[0])
+    return sentence if as_it_is else sentence[:1].upper() + sentence[1:]
 
 
 def css_string(text: object, most: int) -> Markup:
@@ -114,6 +114,16 @@ def matching_settings(settings: Mapping[str, object]) -> str:
     return "; ".join(words)
 
 
+FILTERS: Mapping[str, Callable[..., str]] = {
+    filter_.__name__: filter_
+    for filter_ in (
+        fixed, signed, small, whole, share, probability, memory, rich, plain, capitalised, css_string,
+        matching_settings,
+    )
+}  # fmt: skip
+"""What templates of pages write their figures and sentences with."""
+
+
 def without_metres(text: str) -> str:
     """Return a sentence of a network without scale with the units of its lengths called UNIT: 3 mm are 3 10⁻³ units."""
-    return _LENGTH.sub(lambda found: f" {_POWERS[found[2]]}{UNIT}{found[3] or ''}", text)
+    return _LENGTH.sub(lambda length: f" {_POWERS[length[2]]}{UNIT}{length[3] or ''}", text)

@@ -6,7 +6,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.projection import Model
-from photogram.report.units import (
+from photogram.report.record.units import (
     Count,
     Metres,
     ParameterFigures,

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.units import AxisMetres, Count, EarthMetres, Metres, PartlyKnown, Pixels, Position
+from photogram.report.record.units import AxisMetres, Count, EarthMetres, Metres, PartlyKnown, Pixels, Position
 
 
 class CalibrationRecord(TypedDict):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.units import Count, Degrees, Metres
+from photogram.report.record.units import Count, Degrees, Metres
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, NotRequired
 from pydantic import Field
 from typing_extensions import TypedDict
 
-from photogram.report.units import (
+from photogram.report.record.units import (
     Angles,
     AxisFigures,
     AxisMetres,

@@ -7,7 +7,7 @@ from typing_extensions import TypedDict
 
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.gnss import Solution
-from photogram.report.units import AxisFigures, AxisMetres, Count, Metres, Probability
+from photogram.report.record.units import AxisFigures, AxisMetres, Count, Metres, Probability
 from photogram.survey import CommonErrorKind
 
 

@@ -35,6 +35,7 @@ from photogram.report.record.surfaces import (
     OrthophotoRecord,
     PlaneRecord,
 )
+from photogram.report.record.units import Count, Seconds
 from photogram.report.record.verdict import (
     AsprsRecord,
     DeliverableRecord,
@@ -44,7 +45,6 @@ from photogram.report.record.verdict import (
     VerdictRecord,
     WarningRecord,
 )
-from photogram.report.units import Count, Seconds
 
 
 class AdjustedNumbers(TypedDict):

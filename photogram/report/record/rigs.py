@@ -6,7 +6,7 @@ from typing import Annotated, NotRequired
 from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
-from photogram.report.units import Count, Degrees, Metres, Pixels
+from photogram.report.record.units import Count, Degrees, Metres, Pixels
 
 _Offset = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 _Turn = Annotated[list[Degrees], Field(min_length=3, max_length=3)]

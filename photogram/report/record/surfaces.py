@@ -6,7 +6,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.report.record.block import WorldRecord
-from photogram.report.units import Count, Degrees, EarthMetres, Metres, Position, Share
+from photogram.report.record.units import Count, Degrees, EarthMetres, Metres, Position, Share
 
 PlanMetres = Annotated[list[EarthMetres], Field(min_length=2, max_length=2)]
 """Easting and northing in the map, or differences of such."""

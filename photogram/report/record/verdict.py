@@ -4,7 +4,7 @@ from typing import Literal, NotRequired
 
 from typing_extensions import TypedDict
 
-from photogram.report.units import Count, Metres
+from photogram.report.record.units import Count, Metres
 
 Grade = Literal["good", "few", "attention", "bad", "unknown"]
 Severity = Literal["bad", "attention", "note"]

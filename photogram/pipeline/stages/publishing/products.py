@@ -60,7 +60,7 @@ from photogram.report.numbers.dense import (
     sigma_numbers,
     water_numbers,
 )
-from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, Rim, ground_marks
+from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
 from photogram.surface.dsm import FILLED, MEASURED, WATER, measured_in
@@ -179,7 +179,7 @@ def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     rim = read_json(run.workspace.file("orthophoto", RIM_FILE))
     return OrthophotoPicture(
         rgba, grid.west_map_m, grid.north_map_m, grid.cell_m, whole.cell_m, (whole.rows, whole.columns),
-        Rim(rim["area_m2"], rim["transparent"] / max(rim["cells"], 1)),
+        {"area_m2": rim["area_m2"], "transparent": rim["transparent"] / max(rim["cells"], 1)},
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete
 from photogram.report.numbers.numbers import RejectedAttitudes
-from photogram.report.numbers.verdicts import FoundBlunders
+from photogram.report.numbers.verdicts import RejectedBlunders
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 from photogram.report.reading import making_of, read_report
@@ -92,10 +92,10 @@ def rejected_attitudes(run: Run) -> RejectedAttitudes:
     return RejectedAttitudes(summary.get("disbelieved_attitudes", 0), summary.get("rejected_headings", 0))
 
 
-def found_blunders(run: Run) -> FoundBlunders:
-    """Return the blunders that the adjustment left out, and what they do to the check points."""
+def rejected_blunders(run: Run) -> RejectedBlunders:
+    """Return the blunders that the adjustment has rejected, and what they do to the check points."""
     verdict = run.verdict()
-    return FoundBlunders(
+    return RejectedBlunders(
         verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict["focal_lengths"]
     )
 

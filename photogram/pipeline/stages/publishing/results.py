@@ -45,9 +45,9 @@ from photogram.pipeline.stages.publishing.products import copy_products, flight_
 from photogram.pipeline.stages.publishing.report_files import (
     deliverables,
     discard_prints,
-    found_blunders,
     mask_numbers,
     rejected_attitudes,
+    rejected_blunders,
     run_facts,
     today,
     write_report,
@@ -73,10 +73,10 @@ from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
 from photogram.report.numbers.overlap import Overlap, ground_overlap
+from photogram.report.numbers.rigs import rig_numbers
 from photogram.report.numbers.statistics import dsm_numbers
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
-from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import Progress, file_stem, things
@@ -276,8 +276,8 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         outcome.overlap,
         version=__version__,
         seconds={name: run.workspace.summary(name, StageNote)["seconds"] for name in stages},
-        held=run.held(),
-        found=found_blunders(run),
+        fixed=run.held(),
+        blunders=rejected_blunders(run),
         rejected=rejected_attitudes(run),
         measured=run.block().surveyed.control_points,
         mark_kinds=run.mark_kinds(),

@@ -56,25 +56,25 @@ def datum_precision(known: Deformation) -> DatumPrecision | None:
 
 def datum_sentence(known: Deformation) -> str | None:
     """Return what the datum adds to the uncertainty of every point, said once; None where it adds little."""
-    found, precise = datum_precision(known), known.intersection_sigma_m
-    if found is None:
+    precision, precise = datum_precision(known), known.intersection_sigma_m
+    if precision is None:
         return None
     plan = float(np.hypot(precise[0], precise[1]))
     parts = [
         f"{figure_m:.3f} m {where}"
         for figure_m, limit_m, where in (
-            (found.shift_plan_m, plan, "in plan"),
-            (found.shift_height_m, float(precise[2]), "in height"),
+            (precision.shift_plan_m, plan, "in plan"),
+            (precision.shift_height_m, float(precise[2]), "in height"),
         )
         if figure_m > DATUM_TIMES * limit_m
     ]
     moved = [f"shifted by {' and '.join(parts)}"] if parts else []
-    if found.tilt_m > DATUM_TIMES * precise[2]:
-        moved.append(f"tilted by {found.tilt_m:.3f} m over {found.radius_m:.0f} m from its centre")
+    if precision.tilt_m > DATUM_TIMES * precise[2]:
+        moved.append(f"tilted by {precision.tilt_m:.3f} m over {precision.radius_m:.0f} m from its centre")
     if not moved:
         return None
     return (
-        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without any measurement showing it; relative to each "
-        f"other its points are known to {found.relative_plan_m:.3f} m in plan and {found.relative_height_m:.3f} m "
-        "in height"
+        f"{WHOLE_BLOCK} {' and '.join(moved)} (1 sigma) without any measurement showing it; relative to each other its "
+        f"points are known to {precision.relative_plan_m:.3f} m in plan and {precision.relative_height_m:.3f} m in "
+        "height"
     )

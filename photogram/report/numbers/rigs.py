@@ -9,19 +9,12 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
 from photogram.arrays import FloatArray
 from photogram.report.record.rigs import BandRecord, RigRecord
+from photogram.report.values import all_finite, finite
 from photogram.results import Adjustment
 from photogram.survey import Block
 
 NO_BANDS: Mapping[str, BandRecord] = MappingProxyType({})
 _ROTATION, _OFFSET = slice(0, 3), slice(3, 6)
-
-
-def _finite(values: FloatArray) -> list[float] | None:
-    return [float(value) for value in values] if np.isfinite(values).all() else None
-
-
-def _one(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _rejected(exposures: Sequence[tuple[str, str]], sigma: FloatArray) -> list[str]:
@@ -32,12 +25,12 @@ def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRec
     """Return the relative poses of a block as it was ``measured``, beside what is adjusted, with how the ``bands`` of
     companions lie on their masters, by camera."""
     records = []
-    for k, (rig, stated, found) in enumerate(
+    for k, (rig, stated, reliability) in enumerate(
         zip(result.block.rigs, measured.rigs, rig_reliabilities(result), strict=True)
     ):
         variance = np.diag(result.tests.exposures.relative_covariance[k])
         sigma = np.sqrt(np.where(np.isfinite(variance), np.clip(variance, 0.0, None), np.nan))
-        pose = rig.pose if found.exposures else None
+        pose = rig.pose if reliability.exposures else None
         angles = None
         if pose is not None:
             turn = Rotation.from_matrix(pose.rotation_master_from_companion)
@@ -45,19 +38,19 @@ def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRec
         record: RigRecord = {
             "camera": rig.name,
             "master": rig.master,
-            "exposures": found.exposures,
+            "exposures": reliability.exposures,
             "rejected": _rejected(rig.exposures, rig.exposure_sigma),
-            "offset_m": None if pose is None else _finite(pose.offset_m),
-            "offset_sigma_m": _finite(sigma[_OFFSET]),
+            "offset_m": None if pose is None else all_finite(pose.offset_m),
+            "offset_sigma_m": all_finite(sigma[_OFFSET]),
             "rotation_deg": angles,
-            "rotation_sigma_deg": _finite(np.rad2deg(sigma[_ROTATION])),
+            "rotation_sigma_deg": all_finite(np.rad2deg(sigma[_ROTATION])),
             "offset_given": bool(np.isfinite(stated.sigma[_OFFSET]).all()),
             "rotation_given": bool(np.isfinite(stated.sigma[_ROTATION]).all()),
-            "offset_redundancy": _one(float(found.redundancy[_OFFSET].mean())),
-            "rotation_redundancy": _one(float(found.redundancy[_ROTATION].mean())),
-            "offset_mdb_m": _one(float(found.detectable[_OFFSET].max())),
-            "rotation_mdb_deg": _one(float(np.rad2deg(found.detectable[_ROTATION].max()))),
-            "largest_w": _one(float(found.largest_w.max())),
+            "offset_redundancy": finite(float(reliability.redundancy[_OFFSET].mean())),
+            "rotation_redundancy": finite(float(reliability.redundancy[_ROTATION].mean())),
+            "offset_mdb_m": finite(float(reliability.detectable[_OFFSET].max())),
+            "rotation_mdb_deg": finite(float(np.rad2deg(reliability.detectable[_ROTATION].max()))),
+            "largest_w": finite(float(reliability.largest_w.max())),
         }
         if rig.name in bands:
             record["registration"] = bands[rig.name]

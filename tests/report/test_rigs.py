@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
+from photogram.report.numbers.rigs import rig_numbers
 from photogram.report.numbers.wording import fixed, signed
 from photogram.report.page import templates
 from photogram.report.record.rigs import BandRecord, RigRecord
-from photogram.report.rigs.rig_numbers import rig_numbers
 from photogram.results import Adjustment
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
