@@ -55,8 +55,8 @@ class Comparison:
     """Points removed by the SOR filter."""
 
     def __repr__(self) -> str:
-        found = self.cloud_to_surface
-        figures = f"mean {found.mean_m:+.4f} m, NMAD {found.nmad_m:.4f} m in height"
+        heights = self.cloud_to_surface
+        figures = f"mean {heights.mean_m:+.4f} m, NMAD {heights.nmad_m:.4f} m in height"
         return f"<Comparison of {len(self.position_map_m)} points, {self.removed} filtered out: {figures}>"
 
 

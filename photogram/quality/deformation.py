@@ -142,7 +142,9 @@ class Stiffness:
     def surveyed(self, points: int, sigma_m: FloatArray) -> Stiffness:
         """Return the same with the first ``points`` of middle and corners surveyed with ``sigma_m`` (3,); modes beside
         the ground stay as they were."""
-        C, where, own = self.ground, slice(6, 6 + 3 * points), slice(0, 3 * points)
+        C = self.ground
+        where = slice(6, 6 + 3 * points)
+        own = slice(0, 3 * points)
         noise = self.own[own, own] + np.diag(np.tile(sigma_m**2, points))
         gain = np.linalg.solve(C[where, where] + noise, C[where])
         return Stiffness(self.modes, C - C[:, where] @ gain, self.own)
@@ -241,7 +243,9 @@ def shape_covariances(problem: Problem, state: State, solvable: Solvable, places
     A point follows the cameras as x = uᵀ δ, the mean as mᵀ δ: (u − m)ᵀ S⁻¹ (u − m). The difference is taken before it
     is solved for, since a datum known to metres and a shape known to millimetres would cancel out afterwards.
     """
-    layout, points, count = solvable.layout, places.points, len(places.points)
+    layout = solvable.layout
+    points = places.points
+    count = len(places.points)
     alike = np.broadcast_to(np.eye(3) / count, (count, 3, 3))
     mean = functions_of_tie_points(problem, state, layout, points, alike).columns
     covariance = np.empty((count, 3, 3))

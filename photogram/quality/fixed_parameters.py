@@ -26,7 +26,7 @@ def ordinary_sigmas(camera: Camera) -> FloatArray:
     return np.where((camera.sigmas == 0) & (camera.parameters != 0), ordinary, 0.0)
 
 
-def with_held_freed(known: Deformation, problem: Problem, state: State, places: Places) -> Deformation:
+def with_fixed_released(known: Deformation, problem: Problem, state: State, places: Places) -> Deformation:
     """Return the deformation with the sigmas of fixed parameters once released; unchanged where none is fixed,
     or nothing fixes them."""
     cameras = problem.block.cameras

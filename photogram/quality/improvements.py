@@ -34,7 +34,7 @@ from photogram.quality.deformation import (
     shape_covariances,
     stiffness,
 )
-from photogram.quality.fixed_parameters import with_held_freed
+from photogram.quality.fixed_parameters import with_fixed_released
 from photogram.quality.flight_lines import Course, flown
 from photogram.quality.ground_errors import ground_errors
 from photogram.quality.model_error import with_pattern
@@ -120,7 +120,9 @@ def _seen(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return photograph, point and pixel of what new photographs see of points (P, 3), at most so many each, evenly."""
     lens = problem.block.cameras[camera].with_parameters(state.parameters[camera])
-    photograph, point, pixel = [], [], []
+    photograph = []
+    point = []
+    pixel = []
     for i, pose in enumerate(poses):
         place = project_points(lens, pose, points)
         seen = np.flatnonzero(np.isfinite(place).all(axis=1))
@@ -163,9 +165,14 @@ def with_strip(problem: Problem, state: State, course: Course) -> tuple[Problem,
     use = np.flatnonzero(np.bincount(photograph, minlength=len(poses)) >= FEWEST_SEEN)
     if not len(use):
         return None
-    poses, R, C, old = [poses[i] for i in use], R[use], C[use], len(block.photographs)
+    poses = [poses[i] for i in use]
+    R = R[use]
+    C = C[use]
+    old = len(block.photographs)
     kept = np.isin(photograph, use)
-    photograph, point, pixel = np.searchsorted(use, photograph[kept]).astype(np.int64), point[kept], pixel[kept]
+    photograph = np.searchsorted(use, photograph[kept]).astype(np.int64)
+    point = point[kept]
+    pixel = pixel[kept]
     marks = problem.marks
     if len(marks):
         in_photograph, control, mark = _seen(problem, state, poses, camera, state.control, len(state.control))
@@ -230,12 +237,11 @@ def block_deformation(
     problem = with_considered(problem, state)
     with limited_threads(0):  # everything here is too small for BLAS to share out
         stiff = factored(problem, state)
-        found = deformation_and_remedies(problem, state, stiff)
+        known = deformation_and_remedies(problem, state, stiff)
         pattern_m2 = pattern_covariance_m2(problem, state, stiff)
         places = places_of(problem, state)
-    given = np.array(given_parameters).reshape(-1, PARAMETERS)
-    found = replace(found, given_parameters=given)
-    return found if places is None else with_pattern(found, pattern_m2, state.tie_point[places.points], places)
+    known = replace(known, given_parameters=np.array(given_parameters).reshape(-1, PARAMETERS))
+    return known if places is None else with_pattern(known, pattern_m2, state.tie_point[places.points], places)
 
 
 def deformation_and_remedies(problem: Problem, state: State, solvable: Solvable) -> Deformation:
@@ -268,7 +274,7 @@ def deformation_and_remedies(problem: Problem, state: State, solvable: Solvable)
     after = {name: s.summary for name, s in tried.items() if s is not None}
     ground_place_world_m, ground_covariance_m2 = ground_errors(problem, state, solvable, places)
     return replace(
-        with_held_freed(known, problem, state, places),
+        with_fixed_released(known, problem, state, places),
         remedy=np.array(list(after), dtype=np.str_),
         remedy_sigma_m=np.array([[stiff.summary, summary] for summary in after.values()]),
         ground_place_world_m=ground_place_world_m,

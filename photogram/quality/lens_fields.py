@@ -89,51 +89,45 @@ def _covered(camera: Camera, pixel: FloatArray) -> float:
     return float(np.mean(np.bincount(square, minlength=squares) >= 20))
 
 
-@dataclass(frozen=True, eq=False)
-class _Looked:
-    """What was found on a camera before a field is estimated: the ``decision``, so far, and the RMS that a field is
-    expected to have, px, 0 where none is to be estimated."""
-
-    decision: LensFieldDecision
-    expected_px: float
-
-
-def _looked_at(result: Adjustment, c: int, given: Camera, *, always: bool) -> _Looked:
+def _assessed(result: Adjustment, c: int, given: Camera, *, always: bool) -> tuple[LensFieldDecision, float]:
+    """Return the decision on the field of a camera before it is estimated, and the RMS that the field is expected to
+    have, px, 0 where none is to be estimated."""
     block, tie = result.block, result.block.tie_points
     camera, name = block.cameras[c], given.name
     own = (block.camera_of[tie.photograph] == c) & np.isfinite(result.estimates.residual_px).all(axis=1)
     pixel, residual = tie.pixel[own], result.estimates.residual_px[own]
     pattern = residual_pattern(camera, pixel, residual) if own.any() else None
     decision = LensFieldDecision(name, photographs=len(np.unique(tie.photograph[own])))
+
+    def refused(why: str) -> tuple[LensFieldDecision, float]:
+        return replace(decision, why=why), 0.0
+
     if pattern is None:
-        return _Looked(replace(decision, why="too few tie points say anything of a pattern"), 0.0)
+        return refused("too few tie points say anything of a pattern")
     decision = replace(decision, pattern_px=pattern.pattern_px, covered=_covered(camera, pixel))
     if not (given.sigmas > 0.0).any():
-        return _Looked(replace(decision, why="its calibration is fixed"), 0.0)
+        return refused("its calibration is fixed")
     if not pattern.significant and not always:
-        return _Looked(replace(decision, why="the residuals have no significant pattern"), 0.0)
+        return refused("the residuals have no significant pattern")
     if decision.photographs < FEWEST_PHOTOGRAPHS:
-        few = f"{decision.photographs} photographs are too few to hold it, {FEWEST_PHOTOGRAPHS} are needed"
-        return _Looked(replace(decision, why=few), 0.0)
+        return refused(f"{decision.photographs} photographs are too few to hold it, {FEWEST_PHOTOGRAPHS} are needed")
     if decision.covered < COVERED:
-        weak = f"tie points cover {decision.covered:.0%} of the picture, {COVERED:.0%} are needed"
-        return _Looked(replace(decision, why=weak), 0.0)
+        return refused(f"tie points cover {decision.covered:.0%} of the picture, {COVERED:.0%} are needed")
     expected = EXPECTED * max(pattern.pattern_px, pattern.chance_px)
     try:
         basis = field_basis(replace(camera, field=None), DEGREE)
     except ImageError:
-        return _Looked(replace(decision, why="the distortion cannot be undone all over the picture"), 0.0)
+        return refused("the distortion cannot be undone all over the picture")
     gain = cross_validated(
         basis, prior_sigmas(basis.degree, expected), tie.photograph[own], pixel, residual, tie.sigma_px[own]
     )
     decision = replace(decision, gain=gain.share, gain_errors=gain.errors)
     if gain.errors < SURE and not always:
-        why = "the pattern of one half of the photographs does not predict that of the other half"
-        return _Looked(replace(decision, why=why), 0.0)
-    return _Looked(decision, expected)
+        return refused("the pattern of one half of the photographs does not predict that of the other half")
+    return decision, expected
 
 
-def _judged(result: Adjustment, c: int, looked: _Looked) -> LensFieldDecision:
+def _judged(result: Adjustment, c: int, decision: LensFieldDecision) -> LensFieldDecision:
     """Return the decision on the field of a camera that was estimated."""
     block, tie = result.block, result.block.tie_points
     camera = block.cameras[c]
@@ -142,16 +136,16 @@ def _judged(result: Adjustment, c: int, looked: _Looked) -> LensFieldDecision:
     after = residual_pattern(camera, tie.pixel[own], result.estimates.residual_px[own]) if own.any() else None
     count = len(camera.field.coefficients)
     decision = replace(
-        looked.decision,
+        decision,
         rms_px=rms_px(camera.field),
         sigma_px=rms_sigma_px(result.covariances.lens_field_px2[c, :count, :count]),
         largest_px=float(np.linalg.norm(camera.field.shift, axis=2).max()),
         left_px=float("nan") if after is None else after.pattern_px,
     )
-    return replace(decision, estimated=True, why=_not_held(decision, after))
+    return replace(decision, estimated=True, why=_objection(decision, after))
 
 
-def _not_held(decision: LensFieldDecision, after: ResidualPattern | None) -> str:
+def _objection(decision: LensFieldDecision, after: ResidualPattern | None) -> str:
     if after is None:
         return "too few tie points are left with it"
     if not decision.sigma_px < KNOWN * decision.rms_px:
@@ -169,7 +163,7 @@ def with_lens_fields(
     progress: Progress = silent,
 ) -> tuple[Block, Verdict]:  # fmt: skip
     """Return a block whose cameras have the lens fields that its adjustment, the ``verdict``, shows and the block
-    holds, and its adjustment with them; both as they are, but for what is said of the fields, where there are none.
+    holds, and its adjustment with them; both as they are, but for the decisions on fields, where there are none.
 
     ``adjuster`` adjusts a block again.
     """
@@ -178,9 +172,9 @@ def with_lens_fields(
     always = settings.lens_field == "always"
     plain, first = block, verdict
     before = verdict.result.block
-    looked = [_looked_at(verdict.result, c, camera, always=always) for c, camera in enumerate(block.cameras)]
-    wanted = {c: found.expected_px for c, found in enumerate(looked) if found.expected_px > 0.0}
-    decisions = [found.decision for found in looked]
+    assessed = [_assessed(verdict.result, c, camera, always=always) for c, camera in enumerate(block.cameras)]
+    wanted = {c: expected_px for c, (_, expected_px) in enumerate(assessed) if expected_px > 0.0}
+    decisions = [decision for decision, _ in assessed]
     while wanted:
         progress(0, 0, "lens field: estimated with everything else")
         cameras = list(plain.cameras)
@@ -197,7 +191,7 @@ def with_lens_fields(
             block, verdict = plain, first
             break
         for c in wanted:
-            decisions[c] = _judged(verdict.result, c, looked[c])
+            decisions[c] = _judged(verdict.result, c, assessed[c][0])
         lost = [c for c in wanted if decisions[c].why]
         if not lost:
             break

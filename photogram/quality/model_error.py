@@ -23,9 +23,9 @@ def with_pattern(known: Deformation, pattern_m2: FloatArray, ground_world_m: Flo
 
     As it is, but for ``pattern_sigma_m``, where the covariance is zero or not known.
     """
-    told = replace(known, pattern_sigma_m=np.sqrt(np.diag(pattern_m2)[1:]))
+    with_sigma = replace(known, pattern_sigma_m=np.sqrt(np.diag(pattern_m2)[1:]))
     if not known.known or not np.any(pattern_m2 > 0.0):
-        return told
+        return with_sigma
     standing = ground_world_m[:, :2]
 
     def shapes(xy: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ def with_pattern(known: Deformation, pattern_m2: FloatArray, ground_world_m: Flo
     looked_at = shapes(standing[places.looked_at])
     whole, without_mean = (float(np.mean(_variance(looked_at, m2))) for m2 in (pattern_m2, relative_m2))
     return replace(
-        told,
+        with_sigma,
         covariance=modes,
         ground_covariance_m2=ground,
         shape_covariance_m2=shape,

@@ -14,7 +14,8 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.quality.accuracy import AXES, FALSE_ALARMS
+from photogram.quality.accuracy import FALSE_ALARMS
+from photogram.quality.asprs import AXES
 from photogram.results import Adjustment
 from photogram.survey import ControlPoints
 
@@ -178,12 +179,13 @@ def predicted_against_achieved(result: Adjustment) -> PredictedAgainstAchieved |
 
 def _left_out_tests(result: Adjustment) -> list[tuple[int, float]]:
     """Return degrees of freedom and χ² of the control points, each predicted from everything but its own survey."""
-    r, found = result.tests.reliability, list[tuple[int, float]]()
+    r = result.tests.reliability
+    tests = list[tuple[int, float]]()
     for off, covariance in zip(r.ground_left_out_m, r.ground_left_out_covariance_m2, strict=True):
         known = np.isfinite(off)
         if known.any():
-            found.append((int(known.sum()), _square(np.where(known, off, 0.0), covariance, known)))
-    return found
+            tests.append((int(known.sum()), _square(np.where(known, off, 0.0), covariance, known)))
+    return tests
 
 
 def _suspect(name: str, z: FloatArray, difference_m: FloatArray, statistic: float) -> SuspectCheck:
@@ -205,7 +207,8 @@ def contradicting_points(
     nobody by itself. FALSE_ALARMS holds for all points together; the worst is set aside, and the rest tested again.
     Where too little else is tested to tell a bad point from a bad block, nothing is named.
     """
-    found, left = list[tuple[int, float]](), np.ones(len(d), dtype=bool)
+    contradicting = list[tuple[int, float]]()
+    left = np.ones(len(d), dtype=bool)
     limit = float(np.log(FALSE_ALARMS / max(len(np.unique(point)), 1)))
     while left.any():
         tests = []
@@ -217,9 +220,9 @@ def contradicting_points(
         log_chance, negative, worst = min(tests)
         if log_chance >= limit:
             break
-        found.append((worst, -negative))
+        contradicting.append((worst, -negative))
         left &= point != worst
-    return found
+    return contradicting
 
 
 def _square(d: FloatArray, joint: FloatArray, of: BoolArray) -> float:

@@ -48,12 +48,13 @@ class ResectionDifference:
         span = f"{low:.2f} m" if high - low < 0.005 else f"{low:.2f} to {high:.2f} m"
         change = self.given_px - self.focal_px
         offset = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(self.offset_m, self.offset_sigma_m, strict=True))
-        held = ", held," if self.focal_sigma_px == 0 else f" ± {self.focal_sigma_px:.1f} px"
+        focal_uncertainty = ", held," if self.focal_sigma_px == 0 else f" ± {self.focal_sigma_px:.1f} px"
         return (
             f"Resection with the given focal length of {self.given_px:.1f} px puts {len(self.distance_m)} photographs "
             f"{span} from their GNSS positions, on average {self.mean_m[2]:+.2f} m in height. The adjusted focal "
-            f"length of {self.focal_px:.1f} px{held} explains {self.focal_m:+.2f} m of it ({self.height_m:.1f} m × "
-            f"{change:+.1f} px / {self.focal_px:.1f} px), the GNSS offset {offset} m (easting, northing, height); "
+            f"length of {self.focal_px:.1f} px{focal_uncertainty} explains {self.focal_m:+.2f} m of it "
+            f"({self.height_m:.1f} m × {change:+.1f} px / {self.focal_px:.1f} px), "
+            f"the GNSS offset {offset} m (easting, northing, height); "
             f"{self.rest_m[2]:+.2f} m of it remain. In position {self.scatter_m:.2f} m RMS remain, the noise "
             "of three-point resections"
         )
@@ -76,7 +77,9 @@ def resection_differences(result: Adjustment, resections: Sequence[Resection | N
 def _difference(
     result: Adjustment, resections: Sequence[Resection | None], c: int, flight: str, chosen: list[int]
 ) -> ResectionDifference:
-    block, frame, f = result.block, result.block.frame, result.estimates.flights.index(flight)
+    block = result.block
+    frame = result.block.frame
+    f = result.estimates.flights.index(flight)
     axes = frame.rotation_world_from_map(np.zeros(3))
     gnss = np.array([block.photographs[i].gnss_world_m for i in chosen])
     p3p = np.array([r.p3p.position_world_m for r in (resections[i] for i in chosen) if r is not None])

@@ -80,8 +80,8 @@ def residual_pattern(camera: Camera, pixel: FloatArray, residual_px: FloatArray)
     pattern = float(np.sqrt(max(float(np.mean(mean**2)) - chance**2, 0.0)))
     known = error > 0.0
     p = float(chi2.sf(np.sum((mean[known] / error[known]) ** 2), int(known.sum())))
-    told = p < SIGNIFICANCE and pattern > WORTH_TELLING * residual
-    return ResidualPattern(pattern, residual, chance, int(enough.sum()), told)
+    significant = p < SIGNIFICANCE and pattern > WORTH_TELLING * residual
+    return ResidualPattern(pattern, residual, chance, int(enough.sum()), significant)
 
 
 def _sums(square: IntArray, values: FloatArray, squares: int) -> FloatArray:
@@ -112,7 +112,7 @@ def _by_camera(
             yield camera, own, pattern
 
 
-def pattern_covariance_m2(problem: Problem, state: State, found: Solvable) -> FloatArray:
+def pattern_covariance_m2(problem: Problem, state: State, solvable: Solvable) -> FloatArray:
     """Return what errors of the camera models do to the heights of a block, judged by the patterns of their residuals:
     the covariance (4, 4), m², of mean, slopes east and north and dome, as Deformation has them.
 
@@ -124,12 +124,12 @@ def pattern_covariance_m2(problem: Problem, state: State, found: Solvable) -> Fl
     places = places_of(problem, state)
     if places is None:
         return np.full((4, 4), np.nan)
-    held = without_considered(problem)
-    if held is not problem:
-        problem, found = held, factored(held, state)
+    constant = without_considered(problem)
+    if constant is not problem:
+        problem, solvable = constant, factored(constant, state)
     a = np.zeros((len(places.points), 3, 4))
     a[:, 2] = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m).T
-    response = responses_to_pixels(problem, state, found, places.points, a)
+    response = responses_to_pixels(problem, state, solvable, places.points, a)
     tie = problem.tie
     whitened = residuals(tie, state.cameras, state.tie_point)
     covariance, known = np.zeros((4, 4)), False

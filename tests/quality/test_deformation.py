@@ -30,7 +30,7 @@ from photogram.quality.deformation import (
     spread_points,
     stiffness,
 )
-from photogram.quality.fixed_parameters import with_held_freed
+from photogram.quality.fixed_parameters import with_fixed_released
 from photogram.quality.flight_lines import Course
 from photogram.quality.improvements import deformation_and_remedies, strips, with_rtk, with_strip
 from photogram.results import Deformation
@@ -295,7 +295,7 @@ def test_what_holding_the_calibration_hides() -> None:
     assert np.all(known.freed_sigma <= known.freed_prior * (1 + 1e-9))
     free = deformation_and_remedies(problem, state, factored(problem, state))
     none_held = replace(problem, block=replace(problem.block, cameras=(replace(camera, sigmas=np.ones(PARAMETERS)),)))
-    assert with_held_freed(free, none_held, state, places) is free
+    assert with_fixed_released(free, none_held, state, places) is free
 
 
 def test_too_few_tie_points_say_nothing() -> None:

@@ -16,7 +16,7 @@ from photogram.camera import project_points
 from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations
 from photogram.constraints.rigs import relative_poses
 from photogram.factors.common_errors import common_shifts
-from photogram.quality.accuracy import AXES
+from photogram.quality.asprs import AXES
 from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
@@ -78,11 +78,11 @@ def _exchanged(ground: _Ground, suspected: Sequence[int]) -> Iterator[tuple[str,
             yield ground.names[a], ground.names[b]
 
 
-def exchanged_points(block: Block, found: Search) -> list[tuple[str, str]]:
+def exchanged_points(block: Block, explanation: Search) -> list[tuple[str, str]]:
     """Return the names of pairs of control points of ``block`` that are rejected and each lie where the other was
     surveyed."""
-    ground = _ground(found.result, block.control_points)
-    suspected = {ground.names.index(a.name): None for a in found.rejected if a.kind == "control point"}
+    ground = _ground(explanation.result, block.control_points)
+    suspected = {ground.names.index(a.name): None for a in explanation.rejected if a.kind == "control point"}
     return list(_exchanged(ground, tuple(suspected)))
 
 
@@ -109,7 +109,9 @@ def _mistyped(surveyed: float, predicted: float, sigma: float) -> str | None:
 
 def _of_ground(ground: _Ground, point: int, hypotheses: Sequence[Hypothesis]) -> Blunder:
     """Return what went wrong with the coordinates of one point, by what the rest predicts for it."""
-    name, surveyed, predicted = ground.names[point], ground.surveyed_m[point], ground.predicted_m[point]
+    name = ground.names[point]
+    surveyed = ground.surveyed_m[point]
+    predicted = ground.predicted_m[point]
     sigma, off = ground.sigma_m[point].copy(), predicted - surveyed
     axes = sorted({axis for a in hypotheses for axis in a.axes})
     if not np.isfinite(predicted).all():
@@ -177,7 +179,9 @@ def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunde
 def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return the blunder of a GNSS position: its distance from the prediction by all other observations."""
     i = [p.name for p in block.photographs].index(hypothesis.name)
-    pose, photograph, frame = result.block.poses[i], block.photographs[i], block.frame
+    pose = result.block.poses[i]
+    photograph = block.photographs[i]
+    frame = block.frame
     off, where = hypothesis.off, ""
     if pose is not None and photograph.gnss_world_m is not None:
         measured = photograph.measured_centre_world_m(pose.rotation_world_from_camera)
@@ -305,30 +309,32 @@ def _with_rivals(blunder: Blunder, rejected: Sequence[Hypothesis]) -> Blunder:
     )
 
 
-def name_blunders(block: Block, found: Search) -> list[Blunder]:
+def name_blunders(block: Block, explanation: Search) -> list[Blunder]:
     """Return the blunders behind the rejected measurements: points, marks, positions, attitudes, the rest."""
-    ground = _ground(found.result, block.control_points)
+    ground = _ground(explanation.result, block.control_points)
     of_points: dict[int, list[Hypothesis]] = {}
-    for a in found.rejected:
+    for a in explanation.rejected:
         if a.kind == "control point":
             of_points.setdefault(ground.names.index(a.name), []).append(a)
     names: list[Blunder] = []
-    for first, second in exchanged_points(block, found):
+    for first, second in exchanged_points(block, explanation):
         text = f"control points {first} and {second} are swapped: each is marked at the position of the other"
         names.append(Blunder("exchanged points", (first, second), None, text))
-    told = {name for blunder in names for name in blunder.points}
+    explained = {name for blunder in names for name in blunder.points}
     names += [
-        _with_rivals(_of_ground(ground, g, own), own) for g, own in of_points.items() if ground.names[g] not in told
+        _with_rivals(_of_ground(ground, g, own), own)
+        for g, own in of_points.items()
+        if ground.names[g] not in explained
     ]
     of_kind: dict[str, Callable[[Hypothesis], Blunder]] = {
-        "mark": lambda a: _of_mark(found.result, block, a),
-        "GNSS position": lambda a: _of_position(found.result, block, a),
-        "attitude": lambda a: _of_attitude(found.result, block, a),
-        "focal length": lambda a: _of_focal_length(found.result, block, a),
-        "GNSS offset": lambda a: _of_offset(found.result, a),
-        "exposure": lambda a: _of_exposure(found.result, block, a),
-        **dict.fromkeys(CONSTRAINT_KINDS, lambda a: _of_constraint(found.result, block, a)),
+        "mark": lambda a: _of_mark(explanation.result, block, a),
+        "GNSS position": lambda a: _of_position(explanation.result, block, a),
+        "attitude": lambda a: _of_attitude(explanation.result, block, a),
+        "focal length": lambda a: _of_focal_length(explanation.result, block, a),
+        "GNSS offset": lambda a: _of_offset(explanation.result, a),
+        "exposure": lambda a: _of_exposure(explanation.result, block, a),
+        **dict.fromkeys(CONSTRAINT_KINDS, lambda a: _of_constraint(explanation.result, block, a)),
     }
     for kind, named in of_kind.items():
-        names += [_with_rivals(named(a), [a]) for a in found.rejected if a.kind == kind]
+        names += [_with_rivals(named(a), [a]) for a in explanation.rejected if a.kind == kind]
     return names

@@ -151,7 +151,9 @@ def _of_points(result: Adjustment) -> Iterator[Hypothesis]:
 
 def hypotheses(result: Adjustment) -> Iterator[Hypothesis]:
     """Yield every alternative that something else determines, one for each part of a measurement."""
-    r, points, photographs = result.tests.reliability, result.block.control_points, result.block.photographs
+    r = result.tests.reliability
+    points = result.block.control_points
+    photographs = result.block.photographs
     yield from _of_points(result)
     for m in np.flatnonzero(np.isfinite(r.mark_left_out_px).all(axis=1)).tolist():
         name, photograph = points.name[points.mark_point[m]], photographs[points.mark_photograph[m]].name
@@ -219,7 +221,9 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
     A point without any coordinate left becomes a tie point, if it has at least two marks.
     """
     names = [photograph.name for photograph in block.photographs]
-    photographs, cameras, offset_m = list(block.photographs), list(block.cameras), block.gnss_offset_sigma_m
+    photographs = list(block.photographs)
+    cameras = list(block.cameras)
+    offset_m = block.gnss_offset_sigma_m
     for a in rejected:
         if a.kind == "GNSS position":
             i = names.index(a.name)

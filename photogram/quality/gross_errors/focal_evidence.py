@@ -49,7 +49,7 @@ def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) 
     focal_px, sigma_px = _focal_of(free, camera, c)
     ties = free.block.tie_points
     camera_of = block.camera_of
-    global_shutter = [held.sigmas[READOUT] == held.readout_s == 0.0 for held in free.block.cameras]
+    global_shutter = [own.sigmas[READOUT] == own.readout_s == 0.0 for own in free.block.cameras]
     start = replace(
         without_rolling(block, np.array(global_shutter)),
         poses=free.block.poses,
@@ -80,7 +80,7 @@ def prediction(result: Adjustment) -> float:
     return float(total)
 
 
-def _held_at(camera: Camera, focal: FocalLength) -> Camera:
+def _fixed_at(camera: Camera, focal: FocalLength) -> Camera:
     """Return the camera with a focal length that is held and whose uncertainty counts in every covariance."""
     sigmas = np.concatenate([[0.0], camera.sigmas[1:]])
     return replace(camera, focal_px=focal.focal_px, sigmas=sigmas, considered_focal_sigma_px=focal.sigma_px)
@@ -92,7 +92,7 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) ->
         return 0.0
     given, likelihood = block.cameras[c], []
     for value, sigma in ((says.focal_px, says.sigma_px), (given.focal_px, float(given.sigmas[0]))):
-        camera = _held_at(given, FocalLength(value, sigma, 0.0))
+        camera = _fixed_at(given, FocalLength(value, sigma, 0.0))
         cameras = tuple(camera if k == c else other for k, other in enumerate(block.cameras))
         try:
             likelihood.append(prediction(adjuster(replace(block, cameras=cameras))))
@@ -103,31 +103,32 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) ->
 
 def settle_focal_lengths(
     block: Block,
-    found: Search,
+    explanation: Search,
     adjuster: Adjuster,
     near: Callable[[Adjustment], Adjuster],
     progress: Progress,
     readings_px: Sequence[Sequence[float]] = (),
 ) -> tuple[Block | None, dict[str, FocalDecision]]:
-    """Return the block with the focal lengths settled whose source ``found`` rejects, and what was decided by camera.
+    """Return the block with the focal lengths settled whose source the ``explanation`` rejects, and the decisions by
+    camera.
 
     ``near`` gives what adjusts parts of a block that has been adjusted. None in place of the block where what the
-    photographs say stands as it is: ``found`` is then the result.
+    photographs say stands as it is: ``explanation`` is then the result.
     """
-    rejected = {a.name for a in found.rejected if a.kind == "focal length"}
+    rejected = {a.name for a in explanation.rejected if a.kind == "focal length"}
     decisions: dict[str, FocalDecision] = {}
     cameras, changed = list(block.cameras), False
     for c, given in enumerate(block.cameras):
         if given.name not in rejected:
             continue
         progress(0, 0, f"focal length of {given.name}")
-        wide = without(block, found.rejected)
-        says = photographs_say(wide, found.result, c, near(found.result))
-        others = without(block, [a for a in found.rejected if a.name != given.name])
+        wide = without(block, explanation.rejected)
+        says = photographs_say(wide, explanation.result, c, near(explanation.result))
+        others = without(block, [a for a in explanation.rejected if a.name != given.name])
         evidence = 0.0 if says.trustworthy else _evidence(others, c, says, adjuster)
         readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))
         focal = settled(readings, float(given.sigmas[0]), says, evidence)
         decisions[given.name] = FocalDecision(given.focal_px, float(given.sigmas[0]), says, focal, evidence)
         if not says.trustworthy:
-            cameras[c], changed = _held_at(given, focal), True
+            cameras[c], changed = _fixed_at(given, focal), True
     return (replace(block, cameras=tuple(cameras)) if changed else None), decisions

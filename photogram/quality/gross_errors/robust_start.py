@@ -113,7 +113,9 @@ def _weakened(block: Block, misfits: _Misfits, scale: float) -> Block:
     plan, height = times(misfits.control).T
     control = points.sigma_m * np.where(points.controlled, np.column_stack([plan, plan, height]), 1.0)
     marks = scaled(points.mark_covariance_px2, np.where(np.isnan(misfits.mark), 1.0, times(misfits.mark)))
-    gnss, attitude, focal = times(misfits.gnss), times(misfits.attitude), times(misfits.focal)
+    gnss = times(misfits.gnss)
+    attitude = times(misfits.attitude)
+    focal = times(misfits.focal)
     photographs = tuple(
         replace(
             p,

@@ -24,7 +24,7 @@ FEW = 8  # points, among which two exchanged ones may leave no majority
 _LIMIT = 4.0
 
 
-def _held_in_place(block: Block) -> Block:
+def _without_control(block: Block) -> Block:
     """Return the block without control, held by GNSS, or where there is too little of it by its starting positions."""
     points = block.control_points.with_roles(["check"] * len(block.control_points))
     photographs = block.photographs
@@ -57,7 +57,7 @@ def _exchange(position: FloatArray, target: FloatArray, sigma: FloatArray) -> tu
 
 def gross_blunders(block: Block, adjust: Adjuster) -> list[Hypothesis]:
     """Return the control points and marks that are grossly off, none where too few agree to say so."""
-    result = adjust(_held_in_place(block))
+    result = adjust(_without_control(block))
     points, names = block.control_points, [p.name for p in block.photographs]
     position, agreed = intersected_marks(result.block)
     control = np.asarray(points.controlled.any(axis=1))

@@ -8,7 +8,9 @@ photogram.quality.gross_errors.focal_length.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +40,8 @@ from photogram.results import Adjustment, EstimatedSigmas, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
 from photogram.wording import Progress, silent, some, things
+
+T = TypeVar("T")
 
 BENT = 12.0
 """Sigmas of the largest contradiction from which a blunder may contaminate other tests."""
@@ -136,10 +140,12 @@ def _explained(
 ) -> tuple[Search, Adjustment | None]:
     """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
     blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
-    gross, whole, found = _looked_for(lambda: gross_suspects(block, settings, start)), None, []
-    fault: PhotogramError | None = None
+    gross = _attempted(lambda: gross_suspects(block, settings, start)) or []
+    whole: Adjustment | None = None
+    explanations = list[Search]()
+    first_error: PhotogramError | None = None
     if settings.estimate_sigmas and not gross:
-        estimated = _looked_at(block, (), common.estimate)
+        estimated = _attempted(lambda: common.estimate(without(block, ())))
         if estimated is not None and _worst(estimated) <= BENT and not _outvoted(block, estimated):
             common.sigmas = estimated.decisions.sigmas
             return search(block, estimated, common.adjust), estimated
@@ -147,52 +153,62 @@ def _explained(
     if not gross:
         try:
             whole = adjuster(block)
-            found.append(search(block, whole, adjuster))
+            explanations.append(search(block, whole, adjuster))
             if _worst(whole) <= BENT and not _outvoted(block, whole):
-                return found[0], whole
+                return explanations[0], whole
         except PhotogramError as error:
-            fault = error
-    ways = [gross, _looked_for(lambda: gross_blunders(block, adjuster)) if not gross or len(gross) > MANY else []]
+            first_error = error
+    ways = [gross]
+    if not gross or len(gross) > MANY:
+        ways.append(_attempted(lambda: gross_blunders(block, adjuster)) or [])
     simpler = [simplified(way) for way in ways]
     ways += [s for s, way in zip(simpler, ways, strict=True) if {a.what for a in s} != {a.what for a in way}]
     for rejected in ways:
         try:
             if rejected:
-                found.append(search(block, adjuster(without(block, rejected)), adjuster, rejected))
+                explanations.append(search(block, adjuster(without(block, rejected)), adjuster, rejected))
         except PhotogramError as error:
-            fault = fault or error
+            first_error = first_error or error
     if gross:
         # what is gross to the robust adjustment may be small enough for the plain one, whose tests are sharper
         whole = _with_everything(block, settings, start)
         if whole is not None and _worst(whole) <= BORNE:
-            found += _searched(block, whole, adjuster)
-    if not found:
+            with suppress(PhotogramError):
+                explanations.append(search(block, whole, adjuster))
+    if not explanations:
         culprits = some(list(dict.fromkeys(a.words for way in ways for a in way)), MOST_NAMED)
-        said = f"; most observations contradict {culprits}, and too few are left without it" if culprits else ""
-        raise AdjustmentError(f"{fault or 'the observations do not determine the block'}{said}") from fault
-    best = min(found, key=Search.cost)
+        why = f"; most observations contradict {culprits}, and too few are left without it" if culprits else ""
+        raise AdjustmentError(f"{first_error or 'the observations do not determine the block'}{why}") from first_error
+    best = min(explanations, key=Search.cost)
     wider = whole_points(best.rejected)
     if {(a.what, a.axes) for a in wider} != {(a.what, a.axes) for a in best.rejected}:
-        found += _searched(block, _looked_at(block, wider, adjuster), adjuster, wider)
+        with suppress(PhotogramError):
+            explanations.append(search(block, adjuster(without(block, wider)), adjuster, wider))
 
     def cost(explanation: Search) -> float:
         # two points that were exchanged are one mistake, not two
         return explanation.cost() - PRICE * len(exchanged_points(block, explanation))
 
-    return min(found, key=cost), whole
+    return min(explanations, key=cost), whole
 
 
-def _reweighted(block: Block, found: Search, common: CommonSigmas) -> Search:
+def _reweighted(block: Block, explanation: Search, common: CommonSigmas) -> Search:
     """Return the data snooping that goes on from an explanation with the sigmas that are estimated without what it
     rejects."""
     try:
-        result = common.estimate(without(block, found.rejected))
+        result = common.estimate(without(block, explanation.rejected))
         common.sigmas = result.decisions.sigmas
-        return search(block, result, common.adjust, found.rejected)
+        return search(block, result, common.adjust, explanation.rejected)
     except PhotogramError as error:
-        common.sigmas = found.result.decisions.sigmas
-        said = f"The sigmas of tie points could not be estimated: {error}. They are used as stated"
-        return replace(found, result=replace(found.result, warnings=(*found.result.warnings, said)))
+        common.sigmas = explanation.result.decisions.sigmas
+        return _warned(
+            explanation, f"The sigmas of tie points could not be estimated: {error}. They are used as stated"
+        )
+
+
+def _warned(explanation: Search, warning: str) -> Search:
+    result = explanation.result
+    return replace(explanation, result=replace(result, warnings=(*result.warnings, warning)))
 
 
 def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
@@ -204,37 +220,15 @@ def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence
         maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),
         maximum_iterations=min(ITERATIONS_TO_COMPARE, settings.maximum_iterations),
     )
+    return _attempted(lambda: adjust(block, quick, start=start))
+
+
+def _attempted(compute: Callable[[], T]) -> T | None:
+    """Return what ``compute`` returns, None where the block cannot be adjusted for it."""
     try:
-        return adjust(block, quick, start=start)
+        return compute()
     except PhotogramError:
         return None
-
-
-def _looked_at(block: Block, rejected: Sequence[Hypothesis], adjuster: Adjuster) -> Adjustment | None:
-    """Return the adjustment without the rejected measurements, None where it has no solution."""
-    try:
-        return adjuster(without(block, rejected))
-    except PhotogramError:
-        return None
-
-
-def _searched(
-    block: Block, result: Adjustment | None, adjuster: Adjuster, rejected: Sequence[Hypothesis] = ()
-) -> list[Search]:
-    """Return the search that starts from the adjustment without the rejected measurements, none where it has no
-    solution."""
-    try:
-        return [] if result is None else [search(block, result, adjuster, rejected)]
-    except PhotogramError:
-        return []
-
-
-def _looked_for(look: Callable[[], list[Hypothesis]]) -> list[Hypothesis]:
-    """Return the suspects of a screening, none where the block cannot be adjusted for it."""
-    try:
-        return look()
-    except PhotogramError:
-        return []
 
 
 def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hypothesis], list[Blunder]]:
@@ -252,15 +246,17 @@ def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hy
 
 NOT_SETTLED = (
     "The focal length of {names} contradicts its source and could not be settled: the adjustment between the two "
-    "failed ({fault}). The result rejects the source: calibrate the camera"
+    "failed ({error}). The result rejects the source: calibrate the camera"
 )
 
 
-def _with_settled(settled: Block, found: Search, decisions: Mapping[str, FocalDecision], adjuster: Adjuster) -> Search:
-    """Return the data snooping of a block with settled focal lengths, from what was ``found`` without. Raises
+def _with_settled(
+    settled: Block, explanation: Search, decisions: Mapping[str, FocalDecision], adjuster: Adjuster
+) -> Search:
+    """Return the data snooping of a block with settled focal lengths, from the one without them. Raises
     AdjustmentError where the block cannot be adjusted so."""
     sure = {name for name, decision in decisions.items() if decision.says.trustworthy}
-    others = [a for a in found.rejected if a.kind != "focal length" or a.name in sure]
+    others = [a for a in explanation.rejected if a.kind != "focal length" or a.name in sure]
     return search(settled, adjuster(without(settled, others)), adjuster, others)
 
 
@@ -283,32 +279,31 @@ def adjust_with_snooping(
     of_another_size, size = _of_another_size(block, start)
     block = without(block, of_another_size)
     try:
-        found, whole = _explained(block, settings, start, common)
-        if settings.estimate_sigmas and (found.rejected or not len(common.sigmas)):
-            found = _reweighted(block, found, common)
+        explanation, whole = _explained(block, settings, start, common)
+        if settings.estimate_sigmas and (explanation.rejected or not len(common.sigmas)):
+            explanation = _reweighted(block, explanation, common)
     except PhotogramError as error:
         if not size:
             raise
         raise AdjustmentError(f"{size[0].sentence}; without them {error}") from error
-    settled, decisions = settle_focal_lengths(block, found, adjuster, common.restarting, progress, readings_px)
+    settled, decisions = settle_focal_lengths(block, explanation, adjuster, common.restarting, progress, readings_px)
     if settled is not None:
         try:
-            found = _with_settled(settled, found, decisions, adjuster)
+            explanation = _with_settled(settled, explanation, decisions, adjuster)
         except PhotogramError as error:
-            sentence = NOT_SETTLED.format(names=", ".join(decisions), fault=error)
-            warned = replace(found.result, warnings=(*found.result.warnings, sentence))
-            found, settled, decisions = replace(found, result=warned), None, {}
-    off = marks_off_checks(found.result)
+            explanation = _warned(explanation, NOT_SETTLED.format(names=", ".join(decisions), error=error))
+            settled, decisions = None, {}
+    off = marks_off_checks(explanation.result)
     if off:
         cleared = block if settled is None else settled
-        found = Search((*found.rejected, *off), adjuster(without(cleared, [*found.rejected, *off])))
+        explanation = Search((*explanation.rejected, *off), adjuster(without(cleared, [*explanation.rejected, *off])))
     points = block.control_points
     before = _checks(whole, points) if whole is not None else _no_checks(points)
     return Verdict(
-        found.result,
-        (*of_another_size, *found.rejected),
-        (*size, *name_blunders(block, found)),
+        explanation.result,
+        (*of_another_size, *explanation.rejected),
+        (*size, *name_blunders(block, explanation)),
         before,
-        _checks(found.result, points),
+        _checks(explanation.result, points),
         decisions,
     )
