@@ -230,7 +230,9 @@ def _summary(
             f"clouds {request.later} and {request.earlier}: no distance is found anywhere: check that both are of the "
             "same site and in the same CRS, or look further along the normals (--max-distance)"
         )
-    distance_m, level_m, of_m3c2 = distances.distance_m, distances.level_m, distances.m3c2
+    distance_m = distances.distance_m
+    level_m = distances.level_m
+    of_m3c2 = distances.m3c2
     tested = np.isfinite(level_m) & np.isfinite(distance_m)
     later, reference = labels(request.later, request.earlier)
     return CloudChange(

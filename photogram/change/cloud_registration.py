@@ -147,7 +147,9 @@ def register_clouds(
         )
     points = inside[1]
     used, centre = list(PARAMETERS[motion]), points.mean(axis=0)
-    rotation, shift, before = np.eye(3), np.zeros(3), np.zeros(0)
+    rotation = np.eye(3)
+    shift = np.zeros(3)
+    before = np.zeros(0)
     earlier_m, from_centre = inside[0] - centre, points - centre
     tree = cKDTree(earlier_m[:, :2])
     for number in range(ROUNDS):

@@ -92,7 +92,11 @@ class OutlineSamples:
 
 def outline_samples(polygon: Geometry, step_m: float) -> OutlineSamples:
     """Return the outline of a polygon in pieces of at most ``step_m``."""
-    place, normal, corner, share, first = [], [], [], [], 0
+    place = []
+    normal = []
+    corner = []
+    share = []
+    first = 0
     for ring in _rings(polygon):
         count = len(ring) - 1
         side = np.diff(ring, axis=0)

@@ -67,11 +67,15 @@ class VolumeSums:
     def __init__(
         self, name: str, polygon: Geometry, grid: MapGrid, patterns: int, outline_sigma_m: float = 0.0
     ) -> None:
-        self.name, self.polygon, self.grid = name, polygon, grid
+        self.name = name
+        self.polygon = polygon
+        self.grid = grid
         self.outline_sigma_m = outline_sigma_m
         self.area_m2 = float(polygon.area)
         self.measured_m2 = self.interpolated_m2 = self.noise_m3 = self.interpolated_m3 = 0.0
-        self.volume_m3, self.own_m6, self.detected_m3 = np.zeros(KINDS), np.zeros(KINDS), np.zeros(KINDS)
+        self.volume_m3 = np.zeros(KINDS)
+        self.own_m6 = np.zeros(KINDS)
+        self.detected_m3 = np.zeros(KINDS)
         self.pattern_m3 = np.zeros((KINDS, patterns))
         self.samples: OutlineSamples | None = outline_samples(polygon, grid.cell_m) if outline_sigma_m > 0.0 else None
         self.outline = np.zeros((KINDS, 0 if self.samples is None else self.samples.corners, 2))

@@ -54,7 +54,9 @@ def match_surface(
     survey rejects, joins levels and fills. Raises PhotogramError with fewer than three tie points or two photographs.
     """
     settings = settings or DenseSettings()
-    frame, views, points = block.frame, Views.of(block), block.tie_points.position_world_m
+    frame = block.frame
+    views = Views.of(block)
+    points = block.tie_points.position_world_m
     points = points[np.isfinite(points).all(axis=1)]
     points_map_m = frame.map_from_world(points)
     known = known_ground(points_map_m, points, views, settings.photographs)
@@ -71,7 +73,9 @@ def match_surface(
     scene, base_map_m = Scene(frame, views, picture), frame.origin_map_m[2]
     start = agreement = np.zeros((0, 0), np.float32)
     for number, level in enumerate(levels):
-        coarse, coarse_agreement, coarser = start, agreement, levels[number - 1].grid
+        coarse = start
+        coarse_agreement = agreement
+        coarser = levels[number - 1].grid
         start, agreement = (np.full((level.grid.rows, level.grid.columns), np.nan, np.float32) for _ in range(2))
         last = number == len(levels) - 1
         heights = {name: start.copy() for name in ("height_m", "sigma_m", "correlation")} if last else {}

@@ -144,7 +144,9 @@ def _consensus(
     if not len(a):
         return None
     off2 = (normal @ sample.T - np.sum(normal * a, axis=1)[:, None]) ** 2
-    best, band_m, share = 0, 0.0, 0.0
+    best = 0
+    band_m = 0.0
+    share = 0.0
     for band in BANDS:
         band_m = band * distance_m
         best = int(np.argmin(np.sum(np.minimum(off2, band_m**2), axis=1)))
@@ -170,7 +172,9 @@ def _refined(
         value, vector = np.linalg.eigh((weight[:, None] * apart).T @ apart / weight.sum())
         turned = vector[:, 0] * (1.0 if vector[:, 0] @ towards > 0.0 else -1.0)
         moved = max(float(np.linalg.norm(turned - normal)), abs(float((centre - place) @ turned)) / band_m)
-        normal, place, spread = turned, centre, np.sqrt(np.maximum(value, 0.0))
+        normal = turned
+        place = centre
+        spread = np.sqrt(np.maximum(value, 0.0))
         if moved < 1e-10:
             break
     return normal, place, spread

@@ -286,7 +286,9 @@ def _rasters(triangles: _Triangles, rules: Sequence[Rule]) -> list[Raster]:
     Raises SurfaceError when no cell has its centre on the surface.
     """
     rows, columns = triangles.shape
-    corner_m, cell_m, triangulation = triangles.corner_m, triangles.cell_m, triangles.triangulation
+    corner_m = triangles.corner_m
+    cell_m = triangles.cell_m
+    triangulation = triangles.triangulation
     values = [np.full(triangles.shape, np.nan, dtype=np.float32) for _ in rules]
     x = corner_m[0] + (np.arange(columns) + 0.5) * cell_m
     tile_rows, known = max(1, TILE_CELLS // columns), 0

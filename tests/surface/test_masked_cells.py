@@ -186,7 +186,7 @@ def test_masked_cells_are_those_whose_colour_a_masked_pixel_has_a_part_in(photog
     plane, dsm = photographed_plane, MapGrid(599992.0, 5800008.0, 0.2, 80, 80)
     raster = Raster((truth_m(plane, dsm, dsm.whole) + 100.0).astype(np.float32), dsm.west_map_m, dsm.north_map_m, 0.2)
     terrain = SurfaceModel.under(plane.views, plane.frame, WindowedSurface.of(raster))
-    box = terrain.shown[view]
+    box = terrain.boxes[view]
     assert box is not None
     cells = masks_of({view: OBJECT}).cells(plane.views, plane.frame, terrain, view)
     assert cells is not None

@@ -62,7 +62,7 @@ POSES = [
 def test_cells_are_hidden_where_the_scene_hides_them(scene: Scene, pose: Pose) -> None:
     surface = surface_raster(scene, FRAME, CELL)
     terrain = terrain_of(surface, [pose])
-    box = terrain.shown[0]
+    box = terrain.boxes[0]
     assert box is not None
     grid = terrain.grid
     part = MapGrid(
@@ -83,7 +83,7 @@ def test_the_box_holds_all_that_a_photograph_shows(scene: Scene) -> None:
     grid = terrain.grid
     east, north = grid.centres_map_m(grid.whole)
     place = FRAME.world_from_map(np.stack([*np.meshgrid(east, north), surface.values], axis=-1).reshape(-1, 3))
-    for pose, box in zip(POSES, terrain.shown, strict=True):
+    for pose, box in zip(POSES, terrain.boxes, strict=True):
         shown = CAMERA.contains(project_points(CAMERA, pose, place)).reshape(surface.values.shape)
         assert box is not None
         inside = np.zeros_like(shown)
@@ -120,7 +120,7 @@ def test_what_is_kept_is_what_is_found(scene: Scene) -> None:
     terrain = terrain_of(surface_raster(scene, FRAME, CELL), POSES)
     roomy, tight = SeenCells(terrain), SeenCells(terrain, 1)
     for _ in range(2):
-        for view, box in enumerate(terrain.shown):
+        for view, box in enumerate(terrain.boxes):
             assert box is not None
             assert np.array_equal(roomy.of(view), terrain.seen_by(view))
             around = terrain.grid.around_window(box, 7)

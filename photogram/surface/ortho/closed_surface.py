@@ -67,7 +67,9 @@ def close_surface(
     """Make the closed surface of a grid: ``write`` takes windows with their heights and standard deviations (rows,
     columns), from several threads. Nothing is written where nothing is measured."""
     shape = (-(-grid.rows // BLOCK_CELLS), -(-grid.columns // BLOCK_CELLS))
-    height, spread, loose = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_)
+    height = np.empty(shape, np.float32)
+    spread = np.empty(shape, np.float32)
+    loose = np.empty(shape, np.bool_)
 
     def medians(window: Window) -> None:
         outer = grid.around_window(window, AROUND_BLOCKS * BLOCK_CELLS + _MARGIN_CELLS)

@@ -158,8 +158,8 @@ def highlight_curve(lattice: Lattice, label: Int32Array, log_gain: FloatArray) -
     the brightest places of the blocks, with their labels (R, C), are white; 0 where balancing makes none so bright."""
     at = np.argmax(lattice.candidate == label[..., None], axis=2)
     grey = np.take_along_axis(lattice.grey, at[..., None, None], axis=2)[..., 0, :]
-    shown = grey[label >= 0] * np.exp(-log_gain[label[label >= 0]])[:, None]
-    brightest = float(np.quantile(shown, BRIGHTEST_SHARE)) if shown.size else WHITE_DN
+    balanced = grey[label >= 0] * np.exp(-log_gain[label[label >= 0]])[:, None]
+    brightest = float(np.quantile(balanced, BRIGHTEST_SHARE)) if balanced.size else WHITE_DN
     beyond, room = brightest - KNEE_DN, WHITE_DN - KNEE_DN
     return max(beyond - room, 0.0) / (beyond * room) if beyond > 0.0 else 0.0
 
@@ -186,7 +186,9 @@ def _solve(samples: Samples, channel: int, camera: IntArray) -> tuple[FloatArray
     places = int(samples.place.max(initial=-1)) + 1
     S = sparse.csr_array((np.ones(n), (samples.place, np.arange(n))), shape=(places, n))
     prior = np.concatenate([np.full(views, PRIOR_GAIN**-2.0), np.full(cameras, PRIOR_FALLOFF**-2.0)])
-    y, x, weight = samples.colour[:, channel], np.zeros(views + cameras), np.ones(n)
+    y = samples.colour[:, channel]
+    x = np.zeros(views + cameras)
+    weight = np.ones(n)
     for _ in range(ROUNDS):
         W = sparse.diags_array(weight)
         share = sparse.diags_array(1.0 / np.maximum(np.asarray(S @ weight), 1e-12))

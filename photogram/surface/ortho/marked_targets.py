@@ -69,8 +69,8 @@ def find_target(
         return "none of its marks has a neighbourhood"
     if not (orthophoto[..., 3] > 0).all():
         return "the orthophoto does not show all of its neighbourhood"
-    shown = cv2.cvtColor(np.ascontiguousarray(orthophoto[..., :3]), cv2.COLOR_RGB2GRAY).astype(np.float32)
-    peaks = [_peak(shown, template) for template in neighbourhoods]
+    grey = cv2.cvtColor(np.ascontiguousarray(orthophoto[..., :3]), cv2.COLOR_RGB2GRAY).astype(np.float32)
+    peaks = [_peak(grey, template) for template in neighbourhoods]
     certain = [peak for peak in peaks if not isinstance(peak, str)]
     if not certain:
         return next(peak for peak in peaks if isinstance(peak, str))
@@ -106,12 +106,12 @@ def mark_neighbourhood(mark: Mark, centre_map_m: FloatArray, cell_m: float, fram
     return np.asarray(cv2.remap(crop, local[..., 0], local[..., 1], cv2.INTER_CUBIC), np.float32)
 
 
-def _peak(shown: GreyImage, template: GreyImage) -> tuple[FloatArray, float] | str:
-    """Return where a template lies in what is shown, cells to the right and down from the middle, and how well it
+def _peak(grey: GreyImage, template: GreyImage) -> tuple[FloatArray, float] | str:
+    """Return where a template lies in an orthophoto, cells to the right and down from the middle, and how well it
     correlates; or why that is not certain."""
     if float(template.std()) < LEAST_CONTRAST_DN:
         return "there is no contrast around its mark"
-    score = np.asarray(cv2.matchTemplate(shown, template, cv2.TM_CCOEFF_NORMED), np.float64)
+    score = np.asarray(cv2.matchTemplate(grey, template, cv2.TM_CCOEFF_NORMED), np.float64)
     row, column = (int(i) for i in np.unravel_index(np.argmax(score), score.shape))
     best = float(score[row, column])
     if best < LEAST_CORRELATION:

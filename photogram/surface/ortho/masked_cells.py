@@ -30,7 +30,7 @@ class Masks:
     def cells(self, views: Views, frame: LocalFrame, terrain: SurfaceModel, view: int) -> BoolArray | None:
         """Return which cells of the box that a view shows of a terrain are masked in it, None without a mask: those
         whose colour any pixel that is left out would have a part in."""
-        used, box = self.of(view) if self.masked[view] else None, terrain.shown[view]
+        used, box = self.of(view) if self.masked[view] else None, terrain.boxes[view]
         if used is None or box is None:
             return None
         clear = np.minimum(clear_px(used), _FARTHEST_PX).astype(np.uint8)

@@ -193,7 +193,7 @@ def sample_blocks(
 
     Photographs may be looked at in any order, and at the same time.
     """
-    box = terrain.shown[view]
+    box = terrain.boxes[view]
     if box is None:
         return
     blocks, dsm = grid.coarser(lattice.block_cells), terrain.grid

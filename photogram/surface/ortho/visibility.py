@@ -87,7 +87,7 @@ class WindowedSurface:
 class SurfaceModel:
     """A DSM in the map, and the photographs above it.
 
-    ``position_map_m`` (V, 3) are the projection centres, ``shown`` (V,) the cells of the DSM that each photograph
+    ``position_map_m`` (V, 3) are the projection centres, ``boxes`` (V,) the cells of the DSM that each photograph
     shows, a box around them, None where there are none; ``slope`` (V, K, 2) how far east and north the rays along its
     border go for a metre down, NaN where that cannot be told; ``coarse`` (2, R, C) the lowest and the highest height of
     every 64 × 64 cells, ±infinity where nothing is known.
@@ -95,7 +95,7 @@ class SurfaceModel:
 
     surface: WindowedSurface
     position_map_m: FloatArray
-    shown: tuple[Window | None, ...]
+    boxes: tuple[Window | None, ...]
     slope: FloatArray
     coarse: Float32Array
 
@@ -107,8 +107,8 @@ class SurfaceModel:
             raise SurfaceError("orthophoto: the surface has no heights: set orthophoto.enabled to false")
         position = np.ascontiguousarray(frame.map_from_world(views.position_world_m))
         slope = _border_slopes(views, frame, position)
-        shown = tuple(_shown(surface.grid, coarse, position[n], slope[n]) for n in range(len(views)))
-        return SurfaceModel(surface, position, shown, slope, coarse)
+        boxes = tuple(_box_shown(surface.grid, coarse, position[n], slope[n]) for n in range(len(views)))
+        return SurfaceModel(surface, position, boxes, slope, coarse)
 
     @property
     def grid(self) -> MapGrid:
@@ -139,12 +139,12 @@ class SurfaceModel:
 
     def views_over(self, window: Window) -> Int32Array:
         """Return the photographs that may show something of a window of the DSM, in their order."""
-        return np.array([n for n, box in enumerate(self.shown) if box is not None and box.common(window)], np.int32)
+        return np.array([n for n, box in enumerate(self.boxes) if box is not None and box.common(window)], np.int32)
 
     def seen_by(self, view: int) -> ByteArray:
-        """Return what each cell of the box ``shown`` of a photograph is in it: VISIBLE, BESIDE or HIDDEN; a cell
+        """Return what each cell of the box of a photograph is in it: VISIBLE, BESIDE or HIDDEN; a cell
         without height is VISIBLE."""
-        box, grid = self.shown[view], self.grid
+        box, grid = self.boxes[view], self.grid
         if box is None:
             return np.zeros((0, 0), np.uint8)
         east, north, above = self.position_map_m[view].tolist()
@@ -221,7 +221,7 @@ def _border_slopes(views: Views, frame: LocalFrame, position: FloatArray) -> Flo
     return np.asarray(step[..., :2] / down[..., None])
 
 
-def _shown(grid: MapGrid, coarse: Float32Array, centre: FloatArray, slope: FloatArray) -> Window | None:
+def _box_shown(grid: MapGrid, coarse: Float32Array, centre: FloatArray, slope: FloatArray) -> Window | None:
     """Return a box around the cells that a photograph shows: as far as its border reaches down to the lowest height in
     the box."""
     if np.isnan(slope).any():
@@ -378,19 +378,21 @@ class SeenCells:
         masked: Callable[[int], BoolArray | None] = lambda _: None,
     ) -> None:
         """``masked`` gives which cells of the box of a photograph are masked in it, None for none."""
-        self._terrain, self._room, self._masked = terrain, held_bytes, masked
+        self._terrain = terrain
+        self._room = held_bytes
+        self._masked = masked
         self._lock = Lock()
         self._packed: OrderedDict[int, Future[ByteArray]] = OrderedDict()
 
     def of(self, view: int) -> ByteArray:
         """Return what all cells of the box of a photograph are in it."""
-        box = self._terrain.shown[view]
+        box = self._terrain.boxes[view]
         return np.zeros((0, 0), np.uint8) if box is None else self.part(view, box)
 
     def part(self, view: int, window: Window) -> ByteArray:
         """Return what the cells of a window are in a photograph: VISIBLE, BESIDE, HIDDEN or MASKED; HIDDEN beyond its
         box."""
-        box = self._terrain.shown[view]
+        box = self._terrain.boxes[view]
         out = np.full(window.shape, HIDDEN, np.uint8)
         both = None if box is None else box.common(window)
         if box is None or both is None:
