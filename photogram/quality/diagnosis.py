@@ -262,7 +262,7 @@ def hidden(known: Deformation) -> list[str]:
 
 
 def unmodelled(
-    patterns: Mapping[str, ResidualPattern], known: Deformation, fields: Sequence[LensFieldDecision] = ()
+    patterns: Mapping[str, ResidualPattern], known: Deformation, fields: Sequence[LensFieldDecision]
 ) -> list[str]:
     """Return a sentence for each camera whose residuals show that its model leaves something out; ``fields`` say why it
     has no lens field."""
@@ -345,10 +345,6 @@ def undetermined(
     ]
 
 
-def _lens(start: int, cameras: Sequence[Camera]) -> range:
-    return range(start, start + PARAMETERS * len(cameras))
-
-
 def _groups(
     known: Deformation, words: Mapping[int, str], start: int, cameras: Sequence[Camera]
 ) -> list[tuple[list[int], float]]:
@@ -361,7 +357,8 @@ def _groups(
     correlation = np.nan_to_num(correlations(known.covariance)[np.ix_(index, index)])
     strong = np.abs(correlation) > STRONG
     count, label = connected_components(csr_array(strong), directed=False)
-    lens, groups = _lens(start, cameras), []
+    lens = range(start, start + PARAMETERS * len(cameras))
+    groups = []
     radial = {k for k in lens if CAMERA_PARAMETERS[(k - start) % PARAMETERS].key == "radial"}
     placed = {*range(CENTRES.start, CENTRES.stop), *range(lens.stop, len(known.covariance))}
     for group in range(count):

@@ -18,9 +18,7 @@ CELLS = 7
 _NEGLIGIBLE = 0.03  # of a variance: one and a half per cent of a standard deviation
 
 
-def ground_errors(
-    problem: Problem, state: State, solvable: Solvable, places: Places, cells: int = CELLS
-) -> tuple[FloatArray, FloatArray]:
+def ground_errors(problem: Problem, state: State, solvable: Solvable, places: Places) -> tuple[FloatArray, FloatArray]:
     """Return places (Q, 3) over a block, m in the world, and the joint covariance (3 Q, 3 Q), m², of the ground there:
     what the errors of photographs and calibration do to it, without what its points scatter by themselves.
 
@@ -28,8 +26,8 @@ def ground_errors(
     """
     position = state.tie_point[places.points]
     low, extent = position[:, :2].min(axis=0), np.maximum(np.ptp(position[:, :2], axis=0), 1e-9)
-    row, column = np.minimum((position[:, :2] - low) / extent * cells, cells - 1).astype(np.int64).T
-    _, cell, count = np.unique(row * cells + column, return_inverse=True, return_counts=True)
+    row, column = np.minimum((position[:, :2] - low) / extent * CELLS, CELLS - 1).astype(np.int64).T
+    _, cell, count = np.unique(row * CELLS + column, return_inverse=True, return_counts=True)
     share = (cell[:, None] == np.arange(len(count))) / count
     weights = np.einsum("pq,ij->piqj", share, np.eye(3)).reshape(len(position), 3, -1)
     functions = functions_of_tie_points(problem, state, solvable.layout, places.points, weights)

@@ -8,6 +8,7 @@ from photogram.arrays import FloatArray
 from photogram.geodesy.frames import LocalFrame
 from photogram.report.record.ground import AxisRole, GroundPointRecord
 from photogram.report.record.surfaces import AxesRecord, PlaneFileRecord, PlaneFrameRecord, PlaneRecord
+from photogram.report.values import record_of
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane
 
 PLANE_NOTE = (
@@ -33,20 +34,18 @@ def plane_numbers(
     if plane is not None and not frame.is_local:
         east, north, _ = plane.rotation_world_from_plane[:, 2]
         facing_deg = float(np.rad2deg(np.arctan2(east, north)) % 360.0)
-    return {
-        "used": plane is not None,
-        "tilt_deg": fit.tilt_deg,
-        "facing_deg": facing_deg,
-        "points": fit.points,
-        "share_on_plane": fit.on_plane,
-        "within_m": fit.band_m,
-        "nmad_m": fit.nmad_m,
-        "relief_m": fit.relief_m,
-        "points_beyond": beyond,
-        "frame": None if plane is None else _frame_numbers(plane, frame, corner_plane_m, fit.relief_m),
-        "left_out": list(left_out),
-        "sentence": _sentence(fit, facing_deg, left_out),
-    }
+    return record_of(
+        PlaneRecord,
+        fit,
+        used=plane is not None,
+        facing_deg=facing_deg,
+        share_on_plane=fit.on_plane,
+        within_m=fit.band_m,
+        points_beyond=beyond,
+        frame=None if plane is None else _frame_numbers(plane, frame, corner_plane_m, fit.relief_m),
+        left_out=list(left_out),
+        sentence=_sentence(fit, facing_deg, left_out),
+    )
 
 
 def _frame_numbers(

@@ -25,7 +25,7 @@ def all_finite(values: FloatArray) -> list[float] | None:
     return [float(value) for value in values] if np.isfinite(values).all() else None
 
 
-def record_of(kind: type[RecordT], source: object, **others: object) -> RecordT:
+def record_of(kind: type[RecordT], source: object, /, **others: object) -> RecordT:
     """Return a record, its keys in the order of its type: ``others``, and what ``source`` has under the same names;
     arrays and tuples as lists, None for a float that is not finite."""
     return cast(

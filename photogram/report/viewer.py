@@ -82,13 +82,8 @@ def view_page(
         scene=scene,
         arrays=arrays,
         pictures=encoded,
-        identity=_identity(report),
+        identity=f"report {grouped(report['report_id'])}, processed {report['processed']}",
     )
-
-
-def _identity(report: Report) -> str:
-    """Return which report the page belongs to."""
-    return f"report {grouped(report['report_id'])}, processed {report['processed']}"
 
 
 def _check_together(position_map_m: FloatArray, report: Report, cloud_name: str) -> None:

@@ -131,7 +131,9 @@ def make_orthophoto(
 
     with ThreadPoolExecutor(cores()) as executor:
         camera = views.cameras.camera
-        plan = plan_orthophoto(views, block.frame, surface, pixels_of, executor, settings, camera=camera)
+        plan = plan_orthophoto(
+            views, block.frame, surface, pixels_of, executor, settings or OrthophotoSettings(), camera=camera
+        )
         colour = np.zeros((plan.grid.rows, plan.grid.columns, 4), np.uint8)
         for window, part in plan.tiles(pixels_of, executor):
             colour[window.slices] = part

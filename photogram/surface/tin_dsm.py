@@ -167,7 +167,7 @@ def surface_from_points(cloud: PointCloud, settings: SurfaceSettings | None = No
 def surface_with_sigma(
     cloud: PointCloud,
     precision: PointPrecision,
-    settings: SurfaceSettings | None = None,
+    settings: SurfaceSettings,
     shape: ShapePrecision | None = None,
 ) -> TinSurface:
     """Interpolate a DSM as ``surface_from_points`` does, and the standard deviations of its heights in m, on one grid;
@@ -178,7 +178,6 @@ def surface_with_sigma(
     those of the photographs, which neighbours share, do not. It is the error of measurement alone: what the surface
     does between the points is not in it, points held out tell that.
     """
-    settings = settings or SurfaceSettings()
     triangles = _triangulated(cloud, settings)
     own = precision.select(triangles.kept)
     alone = PointPrecision(own.rays_m2, np.zeros_like(own.cameras_m2))

@@ -107,7 +107,7 @@ def settle_focal_lengths(
     adjuster: Adjuster,
     near: Callable[[Adjustment], Adjuster],
     progress: Progress,
-    readings_px: Sequence[Sequence[float]] = (),
+    readings_px: Sequence[Sequence[float]],
 ) -> tuple[Block | None, dict[str, FocalDecision]]:
     """Return the block with the focal lengths settled whose source the ``explanation`` rejects, and the decisions by
     camera.

@@ -131,10 +131,6 @@ def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     return check_accuracy(np.where(points.controlled, np.nan, difference))
 
 
-def _no_checks(points: ControlPoints) -> CheckAccuracy:
-    return check_accuracy(np.full((len(points), 3), np.nan))
-
-
 def _explained(
     block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], common: CommonSigmas
 ) -> tuple[Search, Adjustment | None]:
@@ -298,7 +294,7 @@ def adjust_with_snooping(
         cleared = block if settled is None else settled
         explanation = Search((*explanation.rejected, *off), adjuster(without(cleared, [*explanation.rejected, *off])))
     points = block.control_points
-    before = _checks(whole, points) if whole is not None else _no_checks(points)
+    before = check_accuracy(np.full((len(points), 3), np.nan)) if whole is None else _checks(whole, points)
     return Verdict(
         explanation.result,
         (*of_another_size, *explanation.rejected),

@@ -80,7 +80,7 @@ def page_figures(
     surface: Raster | None,
     comparisons: Mapping[str, Comparison],
     *,
-    upright: bool = False,
+    upright: bool,
 ) -> list[PageFigure]:
     """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, in plan or on an
     ``upright`` plane, None where a dense one takes its place."""

@@ -30,11 +30,6 @@ JPEG_QUALITY = 88
 SVG_PICTURE = re.compile(rb"data:image/png;base64,([^\"]*)")
 
 
-def picture_name(key: str) -> str:
-    """Return what the picture of a figure is called in the folder of pictures."""
-    return f"{key.replace(' ', '_')}.png"
-
-
 @dataclass(frozen=True, eq=False)
 class DrawnFigure:
     """A figure, its key on the page, caption, and what stands for it where it is not seen; ``tones`` tells that it is a
@@ -49,7 +44,7 @@ class DrawnFigure:
     @property
     def file_name(self) -> str:
         """Return what its picture is called in the folder of pictures."""
-        return picture_name(self.key)
+        return f"{self.key.replace(' ', '_')}.png"
 
 
 def drawn_surface(

@@ -83,10 +83,6 @@ def _sigma_map_m(frame: LocalFrame, position_world_m: FloatArray, covariance_m2:
     return [float(s) for s in np.sqrt(np.diag(R.T @ covariance_m2 @ R))]
 
 
-def _difference_map_m(frame: LocalFrame, position_world_m: FloatArray, reference_world_m: FloatArray) -> FloatArray:
-    return _map(frame, position_world_m) - _map(frame, reference_world_m)
-
-
 def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, names: list[str]) -> ResectionRecord:
     def place(pose: Pose) -> ResectedPoseRecord:
         rotation = pose.rotation_world_from_camera.T @ frame.rotation_world_from_map(pose.position_world_m)
@@ -95,7 +91,7 @@ def _resection(frame: LocalFrame, photograph: Photograph, resection: Resection, 
             "omega_phi_kappa_deg": omega_phi_kappa_deg(rotation.T).tolist(),
         }
         if photograph.gnss_world_m is not None:
-            difference = _difference_map_m(frame, pose.position_world_m, photograph.gnss_world_m)
+            difference = _map(frame, pose.position_world_m) - _map(frame, photograph.gnss_world_m)
             value["gnss_difference_m"] = float(np.linalg.norm(difference))
             value["gnss_difference_map_m"] = difference.tolist()
         return value
@@ -237,26 +233,17 @@ def camera_numbers(
         sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
         free = (camera.sigmas > 0) & (sigma > 0)
         field = result.decisions.lens_fields[c] if result.decisions.lens_fields else None
-        numbers[camera.name] = {
-            "model": camera.model,
-            "focal_px": camera.focal_px,
-            "principal_point_px": camera.principal_point_px.tolist(),
-            "radial": camera.radial.tolist(),
-            "tangential": camera.tangential.tolist(),
-            "affinity": camera.affinity.tolist(),
-            "readout_s": camera.readout_s,
-            "sigma": {n: float(s) if f else None for n, s, f in zip(PARAMETER_NAMES, sigma, free, strict=True)},
-            "prior_sigma": {
-                n: float(s) if np.isfinite(s) else None for n, s in zip(PARAMETER_NAMES, camera.sigmas, strict=True)
-            },
-            "held": dict(fixed.get(camera.name, {})),
-            "focal_length": focal_lengths.get(camera.name),
-            "source": (sources[c] or None) if sources else None,
-            "width_px": camera.width_px,
-            "height_px": camera.height_px,
-            "lens_field": None if field is None else record_of(LensFieldRecord, field, why=field.why or None),
-            "rolling_shutter": _rolling_shutter(result, c),
-        }
+        numbers[camera.name] = record_of(
+            CameraRecord,
+            camera,
+            sigma={n: float(s) if f else None for n, s, f in zip(PARAMETER_NAMES, sigma, free, strict=True)},
+            prior_sigma=dict(zip(PARAMETER_NAMES, finites(camera.sigmas), strict=True)),
+            held=dict(fixed.get(camera.name, {})),
+            focal_length=focal_lengths.get(camera.name),
+            source=(sources[c] or None) if sources else None,
+            lens_field=None if field is None else record_of(LensFieldRecord, field, why=field.why or None),
+            rolling_shutter=_rolling_shutter(result, c),
+        )
     return numbers
 
 
@@ -328,9 +315,9 @@ def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[Ax
 
 def ground_numbers(
     result: Adjustment,
-    blunders: Sequence[BlunderRecord] = (),
-    measured: ControlPoints | None = None,
-    mark_kinds: MarkKinds = MappingProxyType({}),
+    blunders: Sequence[BlunderRecord],
+    measured: ControlPoints | None,
+    mark_kinds: MarkKinds,
 ) -> list[GroundPointRecord]:
     """Return surveyed and adjusted positions of all ground points; check points took no part in the adjustment.
 
@@ -420,9 +407,7 @@ def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
     }
 
 
-def adjustment_numbers(
-    result: Adjustment, seconds: float, rejected: RejectedAttitudes = NONE_REJECTED
-) -> AdjustmentRecord:
+def adjustment_numbers(result: Adjustment, seconds: float, rejected: RejectedAttitudes) -> AdjustmentRecord:
     """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
     residual = np.sum(result.estimates.residual_px**2, axis=1)
     rays = result.block.tie_points.rays

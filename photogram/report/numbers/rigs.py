@@ -1,13 +1,12 @@
 """Numbers of cameras on one body: relative poses as adjusted, and the reliability of their exposures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
-from photogram.arrays import FloatArray
 from photogram.report.record.rigs import BandRecord, RigRecord
 from photogram.report.values import all_finite, finite
 from photogram.results import Adjustment
@@ -15,10 +14,6 @@ from photogram.survey import Block
 
 NO_BANDS: Mapping[str, BandRecord] = MappingProxyType({})
 _ROTATION, _OFFSET = slice(0, 3), slice(3, 6)
-
-
-def _rejected(exposures: Sequence[tuple[str, str]], sigma: FloatArray) -> list[str]:
-    return [name for (name, _), own in zip(exposures, sigma, strict=True) if not np.isfinite(own).all()]
 
 
 def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRecord] = NO_BANDS) -> list[RigRecord]:
@@ -39,7 +34,11 @@ def rig_numbers(result: Adjustment, measured: Block, bands: Mapping[str, BandRec
             "camera": rig.name,
             "master": rig.master,
             "exposures": reliability.exposures,
-            "rejected": _rejected(rig.exposures, rig.exposure_sigma),
+            "rejected": [
+                name
+                for (name, _), own in zip(rig.exposures, rig.exposure_sigma, strict=True)
+                if not np.isfinite(own).all()
+            ],
             "offset_m": None if pose is None else all_finite(pose.offset_m),
             "offset_sigma_m": all_finite(sigma[_OFFSET]),
             "rotation_deg": angles,

@@ -184,8 +184,8 @@ def dsm_numbers(
     surface: Raster,
     sigma: Raster,
     held_out_m: FloatArray,
-    relative: Raster | None = None,
-    datum_covariance_m2: FloatArray | None = None,
+    relative: Raster | None,
+    datum_covariance_m2: FloatArray | None,
 ) -> DsmRecord:
     """Return the size of the DSM, what the standard deviations of its heights are, and by what it is off at tie points
     (K,) that were held out of it, null where none were; ``relative`` are the standard deviations without the datum's

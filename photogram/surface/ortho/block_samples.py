@@ -21,7 +21,7 @@ from photogram.surface.views import Views
 _SEEN = ("seen", "inside", "grey", "masked")
 
 
-def seen_cells(views: Views, frame: LocalFrame, terrain: SurfaceModel, masks: Masks | None = None) -> SeenCells:
+def seen_cells(views: Views, frame: LocalFrame, terrain: SurfaceModel, masks: Masks | None) -> SeenCells:
     """Return what views see of a terrain, in the pixels that their masks leave."""
     if masks is None:
         return SeenCells(terrain)

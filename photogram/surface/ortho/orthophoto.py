@@ -241,23 +241,20 @@ def plan_orthophoto(
     surface: Raster | WindowedSurface,
     pixels_of: PixelsOf,
     executor: Executor,
-    settings: OrthophotoSettings | None = None,
+    settings: OrthophotoSettings,
     *,
     grid: MapGrid | None = None,
     camera: IntArray | None = None,
-    forced: ForcedOf | None = None,
     masks: Masks | None = None,
 ) -> Orthophoto:
     """Choose the seams and the gains of an orthophoto; then its tiles can be made.
 
     ``surface`` holds heights of the map, NaN where there is none; ``pixels_of`` gives the photograph of a view, and may
     be asked from several threads at once. ``camera`` (V,) is the camera of each view, all of one where it is not given;
-    ``forced`` gives for the grid of the blocks which view each is to be taken from, −1 for any; ``masks`` which pixels
-    of the photographs are used, all where it is not given. Raises SurfaceError where no photograph is
-    above the surface, or the surface has no height.
+    ``masks`` says which pixels of the photographs are used, all where it is not given. Raises SurfaceError where no
+    photograph is above the surface, or the surface has no height.
     """
-    settings = settings or OrthophotoSettings()
-    block_samples = scored_samples(views, frame, surface, executor, settings, grid=grid, forced=forced, masks=masks)
+    block_samples = scored_samples(views, frame, surface, executor, settings, grid=grid, masks=masks)
     samples = list(executor.map(lambda view: block_samples.at(view, pixels_of(view)), range(len(views))))
     return chosen_orthophoto(block_samples, samples, settings, camera)
 
@@ -273,7 +270,10 @@ def scored_samples(
     forced: ForcedOf | None = None,
     masks: Masks | None = None,
 ) -> BlockSamples:
-    """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read."""
+    """Rate the photographs of each block by where they were taken: ``plan_orthophoto`` before photographs are read.
+
+    ``forced`` gives for the grid of the blocks which view each is to be taken from, −1 for any.
+    """
     terrain = SurfaceModel.under(views, frame, WindowedSurface.of(surface) if isinstance(surface, Raster) else surface)
     grid = grid or orthophoto_grid(views, terrain, settings.cell_m)
     wanted = None if forced is None else forced(grid.coarser(block_cells(grid)))

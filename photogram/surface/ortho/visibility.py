@@ -30,9 +30,6 @@ VISIBLE, BESIDE, HIDDEN, MASKED = 0, 1, 2, 3
 """What a cell is in a photograph: seen; seen, but within RIM_CELLS of what is hidden; hidden; masked. Where the DSM has
 the edge of a roof is rarely where the photograph has it, so what lies beside is taken from another one that sees it."""
 
-START_STEPS = 2
-"""What stands so many cells or less in front of a cell hides nothing of it: it is the surface's own roughness."""
-
 TOLERANCE_CELLS = 1.0
 """How far, in cells, a surface must stick out above a ray to hide what lies behind: noise of a DSM stays below."""
 
@@ -331,6 +328,7 @@ def _follow_rays(
         k = int(np.ceil(start + first)) if sign > 0.0 else int(np.floor(start - first))
         end = tr if steep else tc
         stretch = cell * np.sqrt(1.0 + slope * slope)
+        # what stands one or two cells in front of a cell hides nothing of it: it is the surface's own roughness
         widest, one, two = 0.0, 0.0, 0.0
         while (sign > 0.0 and k <= end) or (sign < 0.0 and k >= end):
             t = abs(k - start)
