@@ -182,9 +182,21 @@ def register_clouds(
     # what the later cloud is off by is the opposite of what brings it back
     value = np.concatenate([-shift, -_vector(rotation)])[used]
     record = Registration(
-        motion, tuple(NAMES[k] for k in used), value, sigma, np.full(len(used), np.nan), tuple(map(float, centre)),
-        int(keep.sum()), int((~keep).sum()), float(np.median(before)), nmad(before), scatter, nmad(residual), 0.0, 0,
-    )  # fmt: skip
+        motion=motion,
+        names=tuple(NAMES[k] for k in used),
+        value=value,
+        sigma=sigma,
+        expected_sigma=np.full(len(used), np.nan),
+        centre_map_m=tuple(map(float, centre)),
+        cells=int(keep.sum()),
+        rejected=int((~keep).sum()),
+        before_median_m=float(np.median(before)),
+        before_nmad_m=nmad(before),
+        after_rms_m=scatter,
+        after_nmad_m=nmad(residual),
+        remaining_m=0.0,
+        patches=0,
+    )
     return record, RigidMotion(centre, rotation, shift, covariance)
 
 

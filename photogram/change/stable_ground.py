@@ -113,10 +113,21 @@ def registration_of(
     expected = np.sqrt(np.diag(covariance) + np.sum(pattern_fit**2, axis=0))
     names = ("offset_m", "tilt_east", "tilt_north")[: len(coefficient)]
     record = Registration(
-        motion, names, coefficient, np.sqrt(np.diag(covariance)), expected, (float(centre[0]), float(centre[1])),
-        int(keep.sum()), count - int(keep.sum()), float(np.median(before)), nmad(before),
-        float(np.sqrt(np.mean(residual[keep] ** 2))), nmad(after), remaining, patches,
-    )  # fmt: skip
+        motion=motion,
+        names=names,
+        value=coefficient,
+        sigma=np.sqrt(np.diag(covariance)),
+        expected_sigma=expected,
+        centre_map_m=(float(centre[0]), float(centre[1])),
+        cells=int(keep.sum()),
+        rejected=count - int(keep.sum()),
+        before_median_m=float(np.median(before)),
+        before_nmad_m=nmad(before),
+        after_rms_m=float(np.sqrt(np.mean(residual[keep] ** 2))),
+        after_nmad_m=nmad(after),
+        remaining_m=remaining,
+        patches=patches,
+    )
     return record, correction
 
 

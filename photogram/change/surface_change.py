@@ -222,15 +222,31 @@ def _summary(
     d, sigma, common = (every_cell(layer, step) for layer in (layers.difference, layers.sigma, layers.common))
     known = np.isfinite(sigma)
     return SurfaceChange(
-        *names, later.sigma_source, "the ground around each polygon" if bases else earlier.sigma_source,
-        later.correlation_m, earlier.correlation_m, grid.cell_m, grid.rows, grid.columns, difference.resampled,
-        () if bases else difference.undeclared_heights, registration, applied,
-        int(counts.sum()), int(counts[3]), int(counts[0]), int(counts[1]), int(counts[2]), statistics(d.ravel()),
-        float(np.median(sigma[known])) if known.any() else float("nan"),
-        float(np.median(common[known])) if known.any() else float("nan"),
-        bases, tuple(part.volume() for part in sums),
-        total(sums, 2 * PATTERNS if bases else None) if sums and not _overlap(sums) else None,
-    )  # fmt: skip
+        later=names[0],
+        reference=names[1],
+        sigma_from=later.sigma_source,
+        reference_sigma_from="the ground around each polygon" if bases else earlier.sigma_source,
+        correlation_m=later.correlation_m,
+        reference_correlation_m=earlier.correlation_m,
+        cell_m=grid.cell_m,
+        rows=grid.rows,
+        columns=grid.columns,
+        resampled=difference.resampled,
+        undeclared_heights=() if bases else difference.undeclared_heights,
+        registration=registration,
+        registration_applied=applied,
+        cells=int(counts.sum()),
+        interpolated_cells=int(counts[3]),
+        within_level=int(counts[0]),
+        lowered=int(counts[1]),
+        raised=int(counts[2]),
+        difference=statistics(d.ravel()),
+        sigma_median_m=float(np.median(sigma[known])) if known.any() else float("nan"),
+        common_sigma_median_m=float(np.median(common[known])) if known.any() else float("nan"),
+        bases=bases,
+        volumes=tuple(part.volume() for part in sums),
+        total=total(sums, 2 * PATTERNS if bases else None) if sums and not _overlap(sums) else None,
+    )
 
 
 def _overlap(sums: Sequence[VolumeSums]) -> bool:

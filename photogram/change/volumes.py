@@ -119,11 +119,25 @@ class VolumeSums:
         own, shared, corners = (float(np.sqrt(v[0])) for v in (self.own_m6, common, outline))
         unmeasured = max(self.area_m2 - self.measured_m2 - self.interpolated_m2, 0.0)
         return Volume(
-            self.name, self.area_m2, self.measured_m2, self.interpolated_m2,
-            unmeasured if unmeasured > 1e-6 * self.area_m2 else 0.0,
-            net, float(sigma[0]), fill, float(sigma[1]), cut, float(sigma[2]), own, shared, corners,
-            self.noise_m3, self.interpolated_m3, float(self.detected_m3[1]), float(self.detected_m3[2]),
-        )  # fmt: skip
+            name=self.name,
+            area_m2=self.area_m2,
+            measured_m2=self.measured_m2,
+            interpolated_m2=self.interpolated_m2,
+            unmeasured_m2=unmeasured if unmeasured > 1e-6 * self.area_m2 else 0.0,
+            net_m3=net,
+            net_sigma_m3=float(sigma[0]),
+            fill_m3=fill,
+            fill_sigma_m3=float(sigma[1]),
+            cut_m3=cut,
+            cut_sigma_m3=float(sigma[2]),
+            own_sigma_m3=own,
+            common_sigma_m3=shared,
+            outline_sigma_m3=corners,
+            noise_m3=self.noise_m3,
+            interpolated_m3=self.interpolated_m3,
+            detected_fill_m3=float(self.detected_m3[1]),
+            detected_cut_m3=float(self.detected_m3[2]),
+        )
 
 
 def total(sums: Sequence[VolumeSums], shared: int | None = None) -> Volume:
