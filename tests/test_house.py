@@ -21,7 +21,6 @@ COMMANDS = (
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
     *(f"{wing}.{module}" for wing in ("local_grids", "marking", "teaching") for module in ("command", "work")),
-    "marking.work_export",
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "CSF_3DFin": ("surface.dtm",),

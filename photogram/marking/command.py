@@ -60,14 +60,11 @@ def mark(
     """
     _check_export(export, form, overwrite, propose or detect_only)
     check_project_file(project)
+    from photogram.marking import work
+
     if export is not None:
-        from photogram.marking import work_export as mark_export
-
-        mark_export.run(project, photographs, export, form, overwrite)
-        return
-    from photogram.marking.work import detect, run
-
-    if detect_only:
-        detect(project, photographs)
+        work.export(project, photographs, export, form, overwrite)
+    elif detect_only:
+        work.detect(project, photographs)
     else:
-        run(project, photographs, browser, port, propose)
+        work.run(project, photographs, browser, port, propose)

@@ -7,7 +7,9 @@ from threading import Thread
 from rich.markup import escape
 
 from photogram.errors import WorkspaceError
+from photogram.files.marks.formats import MarkFormat
 from photogram.marking.detection import detect_targets, marking_session
+from photogram.marking.mark_export import export_marks
 from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.patches import PatchReader
 from photogram.marking.page.server import ADDRESS, MarkServer
@@ -63,6 +65,17 @@ def detect(project: Path, photographs: Path | None) -> None:
         f"photogram mark {escape(str(project))}",
         soft_wrap=True,
     )
+
+
+def export(project: Path, photographs: Path | None, target: Path, form: MarkFormat | None, overwrite: bool) -> None:
+    """Write points and marks for another program, and say what was left out."""
+    written = export_marks(project, target, form, photographs=photographs, overwrite=overwrite)
+    for note in written.notes:
+        console.print(f"[yellow]warning[/yellow] {escape(note)}", soft_wrap=True, highlight=False)
+    content = f"{things(written.points, 'point')} in {written.crs}, {things(written.marks, 'mark')}"
+    console.print(f"Exported: {escape(content)}", soft_wrap=True, highlight=False)
+    for file in written.files:
+        console.print(escape(str(file)), soft_wrap=True, highlight=False)
 
 
 def _warn_of(set_aside: Path | None) -> None:

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from photogram.files.marks.formats import read_points
-from photogram.marking import work_export as mark_export
+from photogram.marking import work
 
 Photogram = Callable[..., Any]
 
 
 def test_the_files_and_what_they_hold_are_said(photogram: Photogram, survey: Path) -> None:
-    assert mark_export.run.__doc__
+    assert work.export.__doc__
     target = survey / "gcp_list.txt"
     said = photogram("mark", survey / "project.yaml", "--export", target)
     assert said.code == 0, said.err
