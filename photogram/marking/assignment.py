@@ -35,8 +35,8 @@ Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class DetectedTargets:
-    """Targets detected in photographs (K)."""
+class DetectedCentres:
+    """Centres of the targets detected in photographs (K)."""
 
     photograph: IntArray
     """Number (K,) of the photograph."""
@@ -58,7 +58,7 @@ class Assignment:
 
 def assigned_targets(
     block: Block,
-    detected: DetectedTargets,
+    detected: DetectedCentres,
     hidden: frozenset[Pair] = frozenset(),
     settings: AdjustmentSettings | None = None,
 ) -> Assignment:
@@ -92,7 +92,7 @@ def assigned_targets(
     return Assignment(taken, comparison)
 
 
-def with_targets(block: Block, detected: DetectedTargets, target: Mapping[Pair, int]) -> Block:
+def with_targets(block: Block, detected: DetectedCentres, target: Mapping[Pair, int]) -> Block:
     """Return a block with the marks that it has, and those of targets taken for its points."""
     points, pairs = block.control_points, sorted(target)
     k = np.array([target[pair] for pair in pairs], dtype=np.int64)
@@ -116,7 +116,7 @@ def _rejected(block: Block, comparison: MarkComparison) -> set[Pair]:
     }
 
 
-def _alone(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair]) -> dict[Pair, int]:
+def _alone(places: PredictedPlaces, detected: DetectedCentres, taken: set[Pair]) -> dict[Pair, int]:
     """Return the targets that lie alone in the ellipse of a place, and in no other's of their photograph."""
     fits: dict[Pair, list[int]] = {}
     claimed: dict[int, int] = {}
@@ -133,7 +133,7 @@ def _alone(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair])
     }
 
 
-def _within(places: PredictedPlaces, place: int, detected: DetectedTargets) -> list[int]:
+def _within(places: PredictedPlaces, place: int, detected: DetectedCentres) -> list[int]:
     """Return the targets that may be the point of a place."""
     own = np.flatnonzero(detected.photograph == places.photograph[place])
     if not len(own):
@@ -144,7 +144,7 @@ def _within(places: PredictedPlaces, place: int, detected: DetectedTargets) -> l
     return [int(k) for k in own[T < WITHIN]]
 
 
-def _laid(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair]) -> dict[Pair, int]:
+def _laid(places: PredictedPlaces, detected: DetectedCentres, taken: set[Pair]) -> dict[Pair, int]:
     """Return the targets of each photograph that fit its places when these are moved together."""
     pairs: dict[Pair, int] = {}
     for i in np.unique(detected.photograph).tolist():
@@ -161,7 +161,7 @@ def _laid(places: PredictedPlaces, detected: DetectedTargets, taken: set[Pair]) 
 
 
 def _fitted(
-    places: PredictedPlaces, own: list[int], on: int, detected: DetectedTargets, target: int
+    places: PredictedPlaces, own: list[int], on: int, detected: DetectedCentres, target: int
 ) -> tuple[dict[int, int], float]:
     """Return the nearest target of each place of a photograph, all places moved by what lays one on a target, and how
     far off these are in all, px."""

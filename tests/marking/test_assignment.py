@@ -9,7 +9,7 @@ from makers import simulated, without_marks
 from photogram.arrays import FloatArray
 from photogram.camera import project_points
 from photogram.errors import AdjustmentError
-from photogram.marking.assignment import SURE_PX, DetectedTargets, Pair, assigned_targets, with_targets
+from photogram.marking.assignment import SURE_PX, DetectedCentres, Pair, assigned_targets, with_targets
 from photogram.marking.predictions import predicted_places
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
@@ -42,14 +42,14 @@ def true_places(made: SimulatedBlock) -> dict[Pair, FloatArray]:
     return places
 
 
-def targets(shown: dict[Pair, FloatArray], decoys: list[tuple[int, FloatArray]] | None = None) -> DetectedTargets:
+def targets(shown: dict[Pair, FloatArray], decoys: list[tuple[int, FloatArray]] | None = None) -> DetectedCentres:
     """Targets with noise at these places, in their order, and decoys (photograph and place) after them."""
     decoys = decoys or []
     noise = SIGMA_PX * np.random.default_rng(5).standard_normal((len(shown), 2))
     pixel = np.array([*shown.values()]).reshape(-1, 2) + noise
     photograph = [i for _, i in shown] + [i for i, _ in decoys]
     beside = np.array([place for _, place in decoys]).reshape(-1, 2)
-    return DetectedTargets(
+    return DetectedCentres(
         np.array(photograph, dtype=np.int64), np.vstack([pixel, beside]), np.full(len(photograph), SIGMA_PX)
     )
 
@@ -135,7 +135,7 @@ def test_a_wide_ellipse_with_two_targets_alone_assigns_none(wide: SimulatedBlock
     places = predicted_places(block)
     k = int(np.argmax(places.radius_px * places.inside))
     i = int(places.photograph[k])
-    two = DetectedTargets(
+    two = DetectedCentres(
         np.array([i, i], dtype=np.int64), places.pixel[k] + [[-8.0, 0.0], [8.0, 3.0]], np.full(2, SIGMA_PX)
     )
     assert not assigned_targets(block, two).target

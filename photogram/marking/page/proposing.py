@@ -12,7 +12,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError, PhotogramError
 from photogram.files.tables.surveyed_points import Mark, MarkKey, Proposal
-from photogram.marking.assignment import DetectedTargets, assigned_targets
+from photogram.marking.assignment import DetectedCentres, assigned_targets
 from photogram.marking.files.journal import utc_now
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window
 from photogram.marking.page.snapping import LENS_PX
@@ -58,7 +58,7 @@ def proposed_marks(
     detections = _detected_targets(block, predicted_places(block), patches, unseen, progress)
     if not detections:
         return ()
-    targets = DetectedTargets(
+    targets = DetectedCentres(
         np.array([one.photograph for one in detections], dtype=np.int64),
         np.array([one.pixel for one in detections]),
         np.array([np.sqrt(0.5 * np.trace(one.centre.covariance_px2) + LENS_PX**2) for one in detections]),
