@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray, nmad
-from photogram.marking.targets.fitting import Fit, pixels
-from photogram.marking.targets.initial_values import texture
+from photogram.marking.targets.fitting import Fit, outside_share, pixels
+from photogram.marking.targets.initial_values import second_derivatives, texture
 from photogram.marking.targets.picture import (
     BLUR,
     CX,
@@ -33,7 +33,6 @@ from photogram.marking.targets.picture import (
     SECOND,
     SHAPE,
     Pattern,
-    level_share,
 )
 
 SECTORS = 8
@@ -74,8 +73,7 @@ class Ground:
 def ground(grey: FloatArray) -> Ground:
     """Return what the ground in a patch (H, W) of grey values is like."""
     smooth = cv2.GaussianBlur(grey, (0, 0), BLOB_PX)
-    second, mixed = np.array([[1.0, -2.0, 1.0]]), np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
-    lxx, lyy, lxy = (cv2.filter2D(smooth, cv2.CV_64F, kernel) for kernel in (second, second.T, 0.25 * mixed))
+    lxx, lyy, lxy = second_derivatives(smooth)
     return Ground(texture(grey), BLOB_PX**2 * np.sqrt(np.maximum(lxx * lyy - lxy**2, 0.0)))
 
 
@@ -177,7 +175,7 @@ def evidence(fit: Fit, around: Ground) -> Evidence:
     """Return what speaks for a fitted pattern; ``around`` is the ground of the patch."""
     theta, pattern = fit.theta, fit.pattern
     place = fit.place.astype(np.float64)
-    outside = level_share(pattern, theta, place, OUTSIDE) if OUTSIDE in FREE[pattern] else np.zeros(len(place))
+    outside = outside_share(pattern, theta, place)
     contrast = contrast_dn(fit)
     own = outside <= 0.9
     noise = float(np.sqrt(np.mean(fit.residual[own] ** 2))) if own.any() else np.inf
@@ -255,23 +253,23 @@ def is_target(fit: Fit, around: Ground, is_expected: bool = True) -> bool:
     least = LEAST[fit.pattern]
     if fit.explained_at_best < least.explained:  # as of most, and the rest takes time
         return False
-    shown = evidence(fit, around)
-    is_small = fit.pattern == Pattern.CIRCLE and shown.width_px < SMALL_PX
+    seen = evidence(fit, around)
+    is_small = fit.pattern == Pattern.CIRCLE and seen.width_px < SMALL_PX
     return (
-        shown.score >= least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
-        and shown.weakest_sector >= least.weakest_sector
-        and shown.contrast_dn >= LEAST_CONTRAST_DN
-        and shown.contrast_over_noise >= least.contrast_over_noise
-        and shown.contrast_over_texture >= least.contrast_over_texture
-        and shown.contrast_over_blobs >= LEAST_OVER_BLOBS
-        and shown.contrast_over_strongest_blob >= least.contrast_over_strongest_blob
-        and shown.outer_edge >= LEAST_OUTER_EDGE
-        and shown.width_px >= least.width_px
-        and least.length_px <= shown.length_px <= 140.0
-        and shown.length_px <= 4.0 * shown.width_px
-        and shown.sharpness >= least.sharpness
-        and shown.sigma_px <= least.sigma_px
-        and least.shape[0] <= shown.shape <= least.shape[1]
+        seen.score >= least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
+        and seen.weakest_sector >= least.weakest_sector
+        and seen.contrast_dn >= LEAST_CONTRAST_DN
+        and seen.contrast_over_noise >= least.contrast_over_noise
+        and seen.contrast_over_texture >= least.contrast_over_texture
+        and seen.contrast_over_blobs >= LEAST_OVER_BLOBS
+        and seen.contrast_over_strongest_blob >= least.contrast_over_strongest_blob
+        and seen.outer_edge >= LEAST_OUTER_EDGE
+        and seen.width_px >= least.width_px
+        and least.length_px <= seen.length_px <= 140.0
+        and seen.length_px <= 4.0 * seen.width_px
+        and seen.sharpness >= least.sharpness
+        and seen.sigma_px <= least.sigma_px
+        and least.shape[0] <= seen.shape <= least.shape[1]
         and _is_seen(fit, around)
     )
 

@@ -74,8 +74,8 @@ def find_coded(grey: ByteArray | Float32Array) -> list[MeasuredCentre]:
     centres: list[MeasuredCentre] = []
     detector = _detector(round(factor * SHORTEST_PX / max(large.shape), 3))
     names = list(FAMILIES)
-    for shown in (large, _sharpened(large, factor)):
-        corners, numbers, _, family = detector.detectMarkersMultiDict(shown)
+    for patch in (large, _sharpened(large, factor)):
+        corners, numbers, _, family = detector.detectMarkersMultiDict(patch)
         if numbers is None:
             continue
         for quadrangle, number, index in zip(corners, np.ravel(numbers), np.ravel(family), strict=True):

@@ -6,13 +6,19 @@ or darkest.
 """
 
 from collections.abc import Iterator
-from itertools import combinations, product
+from itertools import product
 
 import cv2
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.marking.targets.initial_values import LEAST_CONTRAST_DN, InitialValues, parameters, scored
+from photogram.marking.targets.initial_values import (
+    LEAST_CONTRAST_DN,
+    InitialValues,
+    line_pairs,
+    parameters,
+    scored,
+)
 from photogram.marking.targets.picture import SHAPE, Pattern
 
 RADII_PX = (4.0, 8.0)
@@ -33,12 +39,16 @@ SHAPES = (0.12, 0.16, 0.22, 0.3)
 def cross_initial_values(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
     """Return starts of crosses in a patch (H, W) whose middle lies at most ``reach_px`` from a rough place (2,)."""
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.float32)
+    angle = np.arange(RAYS) * np.pi / RAYS
     open_ones: list[InitialValues] = []
     for radius in RADII_PX:
         for centre in middles(smooth, near, reach_px, radius):
             thetas = []
-            for one, other in _bars(smooth, centre, radius):
-                lean = abs(float(one[0] * other[1] - one[1] * other[0]))
+            from_centre = np.linspace(0.5, 1.25, 5) * radius
+            along = np.concatenate([from_centre, -from_centre])
+            for one, other, lean in line_pairs(smooth, centre, angle, along, 0.3 * LEAST_CONTRAST_DN, 3):
+                if lean <= LEAST_LEAN:
+                    continue
                 for half, ratio in product(HALF_WIDTHS_PX, (0.6, 1.0, 1.6)):
                     # columns are where the axes of the target lie; a bar leans, so that it is narrower across
                     axes = np.column_stack([one * half * ratio**0.5, other * half / ratio**0.5]) / lean
@@ -78,22 +88,6 @@ def middles(smooth: Float32Array, near: FloatArray, reach_px: float, radius_px: 
     apart = np.hypot(rows - reach, columns - reach) / reach
     order = np.argsort(asymmetry[rows, columns] + 0.2 * apart**2)[:CENTRES]
     return [np.array([columns[i] + u - reach, rows[i] + v - reach], np.float64) for i in order]
-
-
-def _bars(smooth: Float32Array, centre: FloatArray, radius_px: float) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield pairs of directions of two bars through a middle."""
-    angle = np.arange(RAYS) * np.pi / RAYS
-    radius = np.linspace(0.5, 1.25, 5) * radius_px
-    radius = np.concatenate([radius, -radius])
-    u, v = (centre[i] + f(angle)[:, None] * radius for i, f in enumerate((np.cos, np.sin)))
-    ray = cv2.remap(smooth, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR).mean(axis=1)
-    for signed in (ray - np.median(ray), np.median(ray) - ray):
-        peak = (signed >= np.roll(signed, 1)) & (signed > np.roll(signed, -1)) & (signed > 0.3 * LEAST_CONTRAST_DN)
-        top = np.flatnonzero(peak)[np.argsort(-signed[peak])][:3]
-        directions = [np.array([np.cos(angle[i]), np.sin(angle[i])]) for i in top]
-        for one, other in combinations(directions, 2):
-            if abs(one[0] * other[1] - one[1] * other[0]) > LEAST_LEAN:
-                yield one, other
 
 
 def _ended(theta: FloatArray) -> Iterator[FloatArray]:

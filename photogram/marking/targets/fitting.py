@@ -95,7 +95,7 @@ class Fit:
     @cached_property
     def covariance_px2(self) -> FloatArray:
         """Covariance (2, 2) of the centre."""
-        outside = _outside(self.pattern, self.theta, self.place.astype(np.float64))
+        outside = outside_share(self.pattern, self.theta, self.place.astype(np.float64))
         covariance = centre_covariance(self.place, self.jacobian, self.residual, self.weight, outside)
         return MODEL_ERROR.get(self.pattern, 1.0) ** 2 * 0.5 * (covariance + covariance.T)
 
@@ -259,14 +259,14 @@ def _is_sane(theta: FloatArray, start: FloatArray) -> bool:
     return bool(np.isfinite(theta).all() and 0.1 < size < 10.0 and np.ptp(theta[OUTSIDE : SECOND + 1]) < 600.0)
 
 
-def _outside(pattern: Pattern, theta: FloatArray, place: FloatArray) -> FloatArray:
+def outside_share(pattern: Pattern, theta: FloatArray, place: FloatArray) -> FloatArray:
     """Return the share (N,) of each pixel that lies outside the pattern."""
     return level_share(pattern, theta, place, OUTSIDE) if OUTSIDE in FREE[pattern] else np.zeros(len(place))
 
 
 def _zones(pattern: Pattern, theta: FloatArray, place: FloatArray, residual: FloatArray) -> tuple[float, float]:
     """Return the variance of residuals in a target and around it."""
-    outside = _outside(pattern, theta, place)
+    outside = outside_share(pattern, theta, place)
     inner, outer = residual[outside <= 0.1], residual[outside > 0.9]
     if len(inner) < 12:  # bars so thin that nothing lies quite within them
         inner = residual[outside <= 0.9]
@@ -277,7 +277,7 @@ def _zones(pattern: Pattern, theta: FloatArray, place: FloatArray, residual: Flo
 
 
 def _weight(pattern: Pattern, theta: FloatArray, place: FloatArray, zones: tuple[float, float]) -> FloatArray:
-    outside = _outside(pattern, theta, place)
+    outside = outside_share(pattern, theta, place)
     return np.asarray(1.0 / ((1.0 - outside) * zones[0] + outside * zones[1]))
 
 

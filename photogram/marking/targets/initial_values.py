@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import combinations, product
 
 import cv2
 import numpy as np
@@ -136,6 +136,14 @@ def texture(grey: FloatArray) -> FloatArray:
     return np.asarray(fine - coarse, np.float64)
 
 
+def second_derivatives(smooth: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the second derivatives of smooth grey values (H, W): twice by column, twice by row, and by both."""
+    twice = np.array([[1.0, -2.0, 1.0]])
+    mixed = 0.25 * np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
+    lxx, lyy, lxy = (cv2.filter2D(smooth, cv2.CV_64F, kernel) for kernel in (twice, twice.T, mixed))
+    return lxx, lyy, lxy
+
+
 def saddles(
     grey: FloatArray, most: int, near: FloatArray | None = None, reach_px: float = np.inf
 ) -> list[tuple[FloatArray, FloatArray]]:
@@ -146,9 +154,7 @@ def saddles(
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.float32)
     for scale in SCALES_PX:
         L = cv2.GaussianBlur(grey, (0, 0), scale)
-        lxx = cv2.filter2D(L, cv2.CV_64F, np.array([[1.0, -2.0, 1.0]]))
-        lyy = cv2.filter2D(L, cv2.CV_64F, np.array([[1.0], [-2.0], [1.0]]))
-        lxy = cv2.filter2D(L, cv2.CV_64F, 0.25 * np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]))
+        lxx, lyy, lxy = second_derivatives(L)
         strength = np.sqrt(np.maximum(lxy**2 - lxx * lyy, 0.0)) * scale**2
         size = 2 * round(1.2 * scale) + 1
         top = (strength >= cv2.dilate(strength, np.ones((size, size)))) & (strength > least)
@@ -463,10 +469,13 @@ def corner_initial_values(grey: FloatArray, near: FloatArray, reach_px: float) -
     mask[low[1] : high[1], low[0] : high[0]] = 255
     smooth = cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.float32)
     corners = cv2.goodFeaturesToTrack(smooth, 12, 0.05, 2.0, mask=mask)
+    angle = np.arange(36) * np.pi / 18
     going_on: list[FloatArray] = []
     ended: list[FloatArray] = []
     for corner in [] if corners is None else corners.reshape(-1, 2).astype(np.float64):
-        for arms in _arms(smooth, corner):
+        for *arms, sine in line_pairs(smooth, corner, angle, np.arange(3.0, 8.5, 1.0), 0.4 * LEAST_CONTRAST_DN, 4):
+            if sine <= 0.35:
+                continue
             for wide in (1.6, 3.0, 5.5):
                 # bars lie between the arms' outer edges: normals of x look along the second arm
                 normal = np.array([[arms[1][1], -arms[1][0]], [-arms[0][1], arms[0][0]]])
@@ -485,18 +494,16 @@ def corner_initial_values(grey: FloatArray, near: FloatArray, reach_px: float) -
     return open_ones + scored(grey, Pattern.CORNER, ended).most_promising(0.4, 6)
 
 
-def _arms(smooth: np.ndarray, corner: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield pairs of directions in which lines leave a corner."""
-    angle = np.arange(36) * np.pi / 18
-    radius = np.arange(3.0, 8.5, 1.0)
-    u = corner[0] + np.cos(angle)[:, None] * radius
-    v = corner[1] + np.sin(angle)[:, None] * radius
-    ring = cv2.remap(smooth, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR).mean(axis=1)
-    for signed in (ring - np.median(ring), np.median(ring) - ring):
-        peak = (signed >= np.roll(signed, 1)) & (signed > np.roll(signed, -1)) & (signed > 0.4 * LEAST_CONTRAST_DN)
-        top = np.flatnonzero(peak)[np.argsort(-signed[peak])][:4]
+def line_pairs(
+    smooth: Float32Array, centre: FloatArray, angle: FloatArray, radius: FloatArray, least_dn: float, most: int
+) -> Iterator[tuple[FloatArray, FloatArray, float]]:
+    """Yield pairs of directions in which lines leave a place (2,), and the sine of the angle between them: of the rays
+    at ``angle`` (K,), sampled at ``radius`` (R,), so many at most that are brighter, or darker, than the rest."""
+    u, v = (centre[i] + f(angle)[:, None] * radius for i, f in enumerate((np.cos, np.sin)))
+    ray = cv2.remap(smooth, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR).mean(axis=1)
+    for signed in (ray - np.median(ray), np.median(ray) - ray):
+        peak = (signed >= np.roll(signed, 1)) & (signed > np.roll(signed, -1)) & (signed > least_dn)
+        top = np.flatnonzero(peak)[np.argsort(-signed[peak])][:most]
         directions = [np.array([np.cos(angle[i]), np.sin(angle[i])]) for i in top]
-        for i, one in enumerate(directions):
-            for other in directions[i + 1 :]:
-                if abs(one[0] * other[1] - one[1] * other[0]) > 0.35:
-                    yield one, other
+        for one, other in combinations(directions, 2):
+            yield one, other, abs(float(one[0] * other[1] - one[1] * other[0]))

@@ -97,26 +97,26 @@ def _matched(template: Template, grey: FloatArray, near: FloatArray, reach_px: f
     if u.min() < 0 or v.min() < 0 or u.max() > width - 1 or v.max() > height - 1:
         return None
     smooth = gaussian_filter(np.asarray(template.grey, np.float64), BLUR_PX)
-    shown = smooth[v.astype(int), u.astype(int)]
-    if shown.std() < LEAST_CONTRAST_DN:
+    pattern = smooth[v.astype(int), u.astype(int)]
+    if pattern.std() < LEAST_CONTRAST_DN:
         return None
     offset = np.column_stack([u, v]) - template.centre_px
-    start = _correlated(shown.reshape(len(step), -1), template.centre_px - at, grey, near, reach_px)
-    return None if start is None else _refined(shown, offset, grey, start, near, reach_px)
+    start = _correlated(pattern.reshape(len(step), -1), template.centre_px - at, grey, near, reach_px)
+    return None if start is None else _refined(pattern, offset, grey, start, near, reach_px)
 
 
 def _correlated(
-    shown: FloatArray, mark: FloatArray, grey: FloatArray, near: FloatArray, reach_px: float
+    pattern: FloatArray, mark: FloatArray, grey: FloatArray, near: FloatArray, reach_px: float
 ) -> FloatArray | None:
     """Return the place (2,) where a template (n, n), its mark at ``mark`` (2,) from its middle, correlates best, to a
     pixel; None where it does so nowhere or in several places."""
     margin = HALF_PX + int(np.ceil(reach_px))
     low = np.maximum(np.round(near - mark).astype(int) - margin, 0)
     high = np.minimum(np.round(near - mark).astype(int) + margin + 1, np.array(grey.shape)[::-1])
-    if (high - low < shown.shape[0]).any():
+    if (high - low < pattern.shape[0]).any():
         return None
     part = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], np.float32)
-    score = np.asarray(cv2.matchTemplate(part, shown.astype(np.float32), cv2.TM_CCOEFF_NORMED), np.float64)
+    score = np.asarray(cv2.matchTemplate(part, pattern.astype(np.float32), cv2.TM_CCOEFF_NORMED), np.float64)
     row, column = (int(i) for i in np.unravel_index(int(np.argmax(score)), score.shape))
     best = float(score[row, column])
     if best < LEAST_CORRELATION - 0.2:
@@ -130,9 +130,9 @@ def _correlated(
 
 
 def _refined(
-    shown: FloatArray, offset: FloatArray, grey: FloatArray, start: FloatArray, near: FloatArray, reach_px: float
+    pattern: FloatArray, offset: FloatArray, grey: FloatArray, start: FloatArray, near: FloatArray, reach_px: float
 ) -> MeasuredCentre | None:
-    """Return the place estimated by least squares from ``start`` (2,), for grey values ``shown`` (N,) at ``offset``
+    """Return the place estimated by least squares from ``start`` (2,), for grey values ``pattern`` (N,) at ``offset``
     (N, 2) from the mark."""
     spline = spline_filter(gaussian_filter(grey, BLUR_PX), order=3)
     theta = np.array([start[0], start[1], 1.0, 0.0, 0.0, 1.0])
@@ -141,7 +141,7 @@ def _refined(
         if (place < 1).any() or (place > np.array(grey.shape)[::-1] - 2).any():
             return None
         value, slope_u, slope_v = sampled(spline, place)
-        design = np.column_stack([shown, np.ones(len(shown))])
+        design = np.column_stack([pattern, np.ones(len(pattern))])
         level = np.linalg.lstsq(design, value, rcond=None)[0]
         residual = value - design @ level
         turned = (-slope_u[:, None] * offset, -slope_v[:, None] * offset)
@@ -155,7 +155,7 @@ def _refined(
     else:
         return None
     scale = np.linalg.svd(theta[2:].reshape(2, 2), compute_uv=False)
-    correlation = float(np.corrcoef(value, shown)[0, 1])
+    correlation = float(np.corrcoef(value, pattern)[0, 1])
     if correlation < LEAST_CORRELATION or level[0] < 0.3 or scale[0] > 2.0 or scale[1] < 0.5:
         return None
     pixel = np.round(offset - offset.min(axis=0)).astype(np.int64)

@@ -101,11 +101,7 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     if grey.ndim != 2 or min(grey.shape) < 9:
         return []
     own = grey.astype(np.float64)
-    starts: list[InitialValues] = []
-    for centre, normals in saddles(own, 10 + own.size // 2500):
-        starts += saddle_initial_values(own, centre, normals, (0.7, 1.8))
-    for region in regions(own):
-        starts += region_initial_values(own, region)
+    starts = _initial_values(own, 10 + own.size // 2500)
     zero = np.zeros(2, int)
     ranked = [(_coded_gain(c), c) for c in find_coded(grey)]
     ranked += [
@@ -122,12 +118,19 @@ def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]
     return kept
 
 
-def _initial_values_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
+def _initial_values(
+    grey: FloatArray, saddle_count: int, near: FloatArray | None = None, reach_px: float = np.inf
+) -> list[InitialValues]:
     starts: list[InitialValues] = []
-    for centre, normals in saddles(grey, 10, near, reach_px):
-        starts += saddle_initial_values(grey, centre, normals, (0.7, 1.8))
+    for centre, normals in saddles(grey, saddle_count, near, reach_px):
+        starts += saddle_initial_values(grey, centre, normals)
     for region in regions(grey, near, reach_px):
         starts += region_initial_values(grey, region)
+    return starts
+
+
+def _initial_values_near(grey: FloatArray, near: FloatArray, reach_px: float) -> list[InitialValues]:
+    starts = _initial_values(grey, 10, near, reach_px)
     starts += corner_initial_values(grey, near, reach_px)
     starts += cross_initial_values(grey, near, reach_px)
     apart = [float(np.hypot(*(s.theta[:2] - near))) / reach_px for s in starts]
