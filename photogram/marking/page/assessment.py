@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from photogram.adjustment.oriented_subset import without_marks
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
@@ -49,6 +50,10 @@ class Assessment:
     """Proposals that agree with the marks, and with each other where a point has three or more of both."""
     off_target: Mapping[MarkKey, Snapped] = field(default_factory=dict)
     """What the click of a mark that was taken as it is would have been taken for, where it missed that."""
+
+    def position_of(self, point: str) -> FloatArray:
+        """Return the position (3,) of a point in the world, NaN where nothing places it."""
+        return self.position_world_m[self.names.index(point)] if point in self.names else np.full(3, np.nan)
 
     def sigma_m(self, point: str) -> FloatArray | None:
         """Return the standard deviations (3,) of a marked point along the map's axes."""
@@ -141,7 +146,7 @@ def assessed(
     except PhotogramError as error:
         problem = str(error)
         if comparison is None and len(points.mark_point):
-            places, problem = _without_marks(block, settings, problem)
+            places = _places_without_marks(block, settings)
     compared = {
         (points.name[points.mark_point[one.mark]], names[points.mark_photograph[one.mark]]): one
         for one in (comparison.marks if comparison else ())
@@ -179,18 +184,10 @@ def _positions(block: Block) -> FloatArray:
     return position
 
 
-def _without_marks(block: Block, settings: AdjustmentSettings, problem: str) -> tuple[PredictedPlaces | None, str]:
-    """Return the places that a block predicts where its marks cannot be compared, and why they cannot."""
-    points = block.control_points
-    nothing = np.zeros(0, dtype=np.int64)
-    bare = replace(
-        points,
-        mark_point=nothing,
-        mark_photograph=nothing,
-        mark_pixel=np.zeros((0, 2)),
-        mark_covariance_px2=np.zeros((0, 2, 2)),
-    )
+def _places_without_marks(block: Block, settings: AdjustmentSettings) -> PredictedPlaces | None:
+    """Return the places that a block predicts whose marks cannot be compared, None where it is not determined."""
+    no_marks = np.zeros(len(block.control_points.mark_point), dtype=bool)
     try:
-        return predicted_places(replace(block, control_points=bare), settings), problem
+        return predicted_places(without_marks(block, no_marks), settings)
     except PhotogramError:
-        return None, problem
+        return None

@@ -17,8 +17,8 @@ from threading import Thread
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from photogram.errors import ControlPointError, PhotogramError
-from photogram.files.tables.surveyed_points import ROLES, UNSTATED, PointRole, SurveyedPoint
-from photogram.marking.page.patches import PatchReader, Window
+from photogram.files.tables.surveyed_points import ROLES, UNSTATED, MarkKey, PointRole, SurveyedPoint
+from photogram.marking.page.patches import SCALES, PatchReader, Window
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import REACH_PX
 from photogram.marking.page.views import PointView, Views
@@ -102,39 +102,44 @@ def _role(body: Body) -> PointRole:
     raise _RefusedError(f"role must be {', '.join(ROLES)}")
 
 
+def _key(body: Body) -> MarkKey:
+    return _text(body, "point"), _text(body, "photograph")
+
+
+def _mark(session: MarkingSession, body: Body) -> None:
+    point, photograph = _key(body)
+    pixel = _figure(body.get("u"), "u"), _figure(body.get("v"), "v")
+    reach_px = _figure(body.get("reach", REACH_PX[0]), "reach")
+    session.mark(point, photograph, pixel, raw=body.get("raw") is True, reach_px=reach_px)
+
+
+def _add_point(session: MarkingSession, body: Body) -> None:
+    name = _text(body, "name")
+    session.add_point(SurveyedPoint(name, _three(body, "position"), _three(body, "sigma_m") or UNSTATED))
+
+
+_ACTIONS: Mapping[str, Callable[[MarkingSession, Body], object]] = {
+    "mark": _mark,
+    "remove": lambda session, body: session.remove(*_key(body)),
+    "not_visible": lambda session, body: session.set_visible(*_key(body), body.get("visible") is True),
+    "doubtful": lambda session, body: session.set_doubtful(*_key(body), body.get("doubtful") is True),
+    "role": lambda session, body: session.set_role(_text(body, "point"), _role(body)),
+    "point": _add_point,
+    "look": lambda session, _: session.search(),
+    "confirm": lambda session, body: session.confirm(*_key(body)),
+    "confirm_agreeing": lambda session, _: session.confirm_agreeing(),
+    "undo": lambda session, _: session.undo(),
+    "redo": lambda session, _: session.redo(),
+}
+"""What the page may ask for, by the name in ``do``."""
+
+
 def done(session: MarkingSession, body: Body) -> None:
     """Do what the page asks for. Raises a PhotogramError that says why it cannot be done."""
-    what = _text(body, "do")
-    if what == "mark":
-        pixel = _figure(body.get("u"), "u"), _figure(body.get("v"), "v")
-        reach = _figure(body.get("reach", REACH_PX[0]), "reach")
-        session.mark(
-            _text(body, "point"), _text(body, "photograph"), pixel, raw=body.get("raw") is True, reach_px=reach
-        )
-    elif what == "remove":
-        session.remove(_text(body, "point"), _text(body, "photograph"))
-    elif what == "not_visible":
-        session.set_visible(_text(body, "point"), _text(body, "photograph"), body.get("visible") is True)
-    elif what == "doubtful":
-        session.set_doubtful(_text(body, "point"), _text(body, "photograph"), body.get("doubtful") is True)
-    elif what == "role":
-        session.set_role(_text(body, "point"), _role(body))
-    elif what == "point":
-        name = _text(body, "name")
-        position, sigma_m = _three(body, "position"), _three(body, "sigma_m")
-        session.add_point(SurveyedPoint(name, position, sigma_m or UNSTATED))
-    elif what == "look":
-        session.search()
-    elif what == "confirm":
-        session.confirm(_text(body, "point"), _text(body, "photograph"))
-    elif what == "confirm_agreeing":
-        session.confirm_agreeing()
-    elif what == "undo":
-        session.undo()
-    elif what == "redo":
-        session.redo()
-    else:
-        raise _RefusedError(f"unknown action {shortened(printable(what))!r}")
+    name = _text(body, "do")
+    if name not in _ACTIONS:
+        raise _RefusedError(f"unknown action {shortened(printable(name))!r}")
+    _ACTIONS[name](session, body)
 
 
 class MarkServer:
@@ -187,10 +192,7 @@ class MarkServer:
 
 def scale_for(span_px: float, side_px: int) -> int:
     """Return by how much a patch of so many pixels is reduced that is shown on so many: never below one to one."""
-    scale = 1
-    while scale < 8 and span_px / (2 * scale) >= max(side_px, 1):
-        scale *= 2
-    return scale
+    return max((scale for scale in SCALES if span_px / scale >= max(side_px, 1)), default=1)
 
 
 class _Http(ThreadingHTTPServer):

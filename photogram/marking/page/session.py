@@ -288,9 +288,7 @@ class MarkingSession:
             and not m.is_doubtful
             and not (assessment is not None and m.key in assessment.compared and assessment.compared[m.key].rejected)
         )
-        position = np.full(3, np.nan)
-        if assessment is not None and point in assessment.names:
-            position = assessment.position_world_m[assessment.names.index(point)]
+        position = np.full(3, np.nan) if assessment is None else assessment.position_of(point)
         return Click(known, photograph, pixel, reach_px, others, position)
 
     def remove(self, point: str, photograph: str) -> None:
@@ -371,7 +369,7 @@ class MarkingSession:
         with self._changed:
             self._proposals = {proposal.mark.key: proposal for proposal in kept}
             self._is_stale = True
-        self._notify()
+            self._notify()
 
     def confirm(self, point: str, photograph: str) -> None:
         """Make a proposal a mark. Raises ControlPointError as ``mark``, and where nothing is proposed."""
@@ -416,8 +414,7 @@ class MarkingSession:
             state = self._journal.state
             with self._changed:
                 self._state, self._is_stale = state, True
-                self._version += 1
-                self._changed.notify_all()
+                self._notify()
             self._write()
 
     def _write(self) -> None:
@@ -441,8 +438,7 @@ class MarkingSession:
             self._basis = basis
             self._known = block
             self._is_stale = True
-            self._version += 1
-            self._changed.notify_all()
+            self._notify()
 
     def _assess(self) -> None:
         with self._changed:
@@ -468,8 +464,7 @@ class MarkingSession:
     def _publish(self, assessment: Assessment, is_computing: bool) -> None:
         with self._changed:
             self._assessment, self._is_computing = assessment, is_computing
-            self._version += 1
-            self._changed.notify_all()
+            self._notify()
 
     def _off_target(self, state: MarkState) -> dict[MarkKey, Snapped]:
         """Return the targets that clicks taken as they are have missed; each is looked at once."""

@@ -1,5 +1,6 @@
 """What the page shows, as plain records: the points and how far each is, and the photographs of one in order."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TypedDict
 
@@ -9,7 +10,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.files.tables.surveyed_points import Mark, MarkKey
 from photogram.marking.mark_comparison import ComparedMark
-from photogram.marking.page.assessment import RAW_SIGMA_PX, Assessment
+from photogram.marking.page.assessment import RAW_SIGMA_PX, Assessment, isotropic_px
 from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
 from photogram.marking.page.session import MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
@@ -45,31 +46,30 @@ class EllipseRecord(TypedDict):
     angle_rad: float
 
 
-class MarkRecord(TypedDict):
-    """A mark."""
+class PixelRecord(TypedDict):
+    """A place in a photograph, as the target that a click taken as it is has missed."""
 
     u: float
     v: float
+
+
+class MeasuredRecord(PixelRecord):
+    """A place that was measured, and how."""
+
     sigma_px: float | None
     kind: str
+
+
+class MarkRecord(MeasuredRecord):
+    """A mark."""
+
     doubtful: bool
 
 
-class ProposalRecord(TypedDict):
+class ProposalRecord(MeasuredRecord):
     """A target that may be the point."""
 
-    u: float
-    v: float
-    sigma_px: float | None
-    kind: str
     agrees: bool
-
-
-class OffTargetRecord(TypedDict):
-    """The target that a click taken as it is has missed."""
-
-    u: float
-    v: float
 
 
 class PhotographRecord(TypedDict):
@@ -88,7 +88,7 @@ class PhotographRecord(TypedDict):
     gain: float | None
     proposal: ProposalRecord | None
     mark: MarkRecord | None
-    off_target: OffTargetRecord | None
+    off_target: PixelRecord | None
     rejected: bool
     w: float | None
     off_px: float | None
@@ -171,29 +171,14 @@ def _ellipse(covariance_px2: FloatArray) -> EllipseRecord:
     }
 
 
-def _mark(mark: Mark) -> MarkRecord:
-    sigma = None if mark.sigma_px is None else float(np.sqrt(np.mean(np.square(mark.sigma_px))))
-    return {
-        "u": mark.pixel[0],
-        "v": mark.pixel[1],
-        "sigma_px": sigma,
-        "kind": mark.kind,
-        "doubtful": mark.is_doubtful,
-    }
+def _measured(mark: Mark) -> MeasuredRecord:
+    u, v = mark.pixel
+    return {"u": u, "v": v, "sigma_px": None if mark.sigma_px is None else isotropic_px(mark), "kind": mark.kind}
 
 
-def _proposal(snapshot: Snapshot, place: MarkKey) -> ProposalRecord | None:
-    proposal = snapshot.proposals.get(place)
-    if proposal is None:
-        return None
-    mark = _mark(proposal.mark)
-    return {
-        "u": mark["u"],
-        "v": mark["v"],
-        "sigma_px": mark["sigma_px"],
-        "kind": mark["kind"],
-        "agrees": place in agreeing(snapshot),
-    }
+def _proposal(snapshot: Snapshot, key: MarkKey) -> ProposalRecord | None:
+    proposal = snapshot.proposals.get(key)
+    return None if proposal is None else {**_measured(proposal.mark), "agrees": key in agreeing(snapshot)}
 
 
 def accused(blunder: Blunder) -> tuple[str, ...]:
@@ -257,12 +242,12 @@ class Views:
         """Return what is weak about the control that is marked in two photographs or more."""
         counts = _counts(snapshot)
         assessment = snapshot.assessment
-        control = [n for n, role in snapshot.roles.items() if role == "control" and counts.get(n, 0) >= 2]
+        control = [n for n, role in snapshot.roles.items() if role == "control" and counts[n] >= 2]
         if assessment is None or not control:
             return []
         if len(control) < 3:
             return [f"{things(len(control), 'control point')} marked in two photographs or more: three are needed"]
-        at = assessment.position_world_m[[assessment.names.index(n) for n in control if n in assessment.names]]
+        at = np.array([assessment.position_of(name) for name in control])
         at = at[np.isfinite(at).all(axis=1)]
         if len(at) < 3:
             return []
@@ -279,7 +264,8 @@ class Views:
         return []
 
     def _point(self, snapshot: Snapshot, name: str) -> PointRecord:
-        assessment, marks = snapshot.assessment, _counts(snapshot).get(name, 0)
+        role = snapshot.roles[name]
+        assessment, marks = snapshot.assessment, _counts(snapshot)[name]
         own = [m for m in snapshot.state.marks.values() if m.point == name]
         wrong = assessment is not None and (
             any(self._of_mark(assessment, m) is not None and assessment.compared[m.key].rejected for m in own)
@@ -291,8 +277,8 @@ class Views:
         words = in_words(marks, None if assessment is None else assessment.sigma_m(name))
         return {
             "name": name,
-            "role": snapshot.roles[name],
-            "surveyed": snapshot.roles[name] != "tie",
+            "role": role,
+            "surveyed": role != "tie",
             "marks": marks,
             "proposals": sum(point == name for point, _ in snapshot.proposals),
             "wrong": wrong,
@@ -329,14 +315,13 @@ class Views:
         places = assessment.places
         sigma_m = assessment.sigma_m(name)
         block = self._session.block
-        g = assessment.names.index(name)
-        position = assessment.position_world_m[g]
+        position = assessment.position_of(name)
         if places is None or sigma_m is None or not np.isfinite(position).all():
             return {}
         axes = block.frame.rotation_world_from_map(np.zeros(3))
         covariance = axes @ np.diag(sigma_m**2) @ axes.T
         gains = {}
-        for k in places.of_point(g).tolist():
+        for k in places.of_point(assessment.names.index(name)).tolist():
             i = int(places.photograph[k])
             pose = block.poses[i]
             if pose is None or not places.inside[k]:
@@ -349,9 +334,7 @@ class Views:
         """Return a point and its photographs, in the order in which they are shown. Raises KeyError where there is no
         such point."""
         snapshot = self._session.snapshot()
-        record = self._point(snapshot, name) if name in snapshot.roles else None
-        if record is None:
-            raise KeyError(name)
+        record = self._point(snapshot, name)
         photographs, radii = self._photographs(snapshot, name)
         return {
             "version": snapshot.version,
@@ -431,11 +414,9 @@ class Views:
         return bool(np.all((pixel + reach >= -0.5) & (pixel - reach <= size - 0.5)))
 
     def _azimuths(self, assessment: Assessment | None, name: str, photographs: Sequence[int]) -> FloatArray:
-        block, position = self._session.block, np.full(3, np.nan)
-        if assessment is not None and name in assessment.names:
-            position = assessment.position_world_m[assessment.names.index(name)]
-        poses: list[Pose | None] = [block.poses[i] for i in photographs]
-        if not np.isfinite(position).all():
+        poses: list[Pose | None] = [self._session.block.poses[i] for i in photographs]
+        position = None if assessment is None else assessment.position_of(name)
+        if position is None or not np.isfinite(position).all():
             return np.zeros(len(poses))
         return np.array([0.0 if pose is None else azimuth_rad(position, pose) for pose in poses])
 
@@ -463,7 +444,7 @@ class Views:
             "hidden": (name, title) in snapshot.state.not_visible,
             "gain": gain,
             "proposal": _proposal(snapshot, (name, title)),
-            "mark": None if mark is None else _mark(mark),
+            "mark": None if mark is None else {**_measured(mark), "doubtful": mark.is_doubtful},
             "off_target": None if off_target is None else {"u": off_target.pixel[0], "v": off_target.pixel[1]},
             "rejected": compared is not None and compared.rejected,
             "w": None if compared is None else compared.w,
@@ -475,9 +456,9 @@ class Views:
     def _north_rad(self, assessment: Assessment | None, name: str, photograph: int) -> float | None:
         """Return the direction of north at a point in a photograph, None where nothing says it."""
         block = self._session.block
-        if assessment is None or name not in assessment.names:
+        if assessment is None:
             return None
-        position = assessment.position_world_m[assessment.names.index(name)]
+        position = assessment.position_of(name)
         scale = ground_scale(_camera(block, photograph), block.poses[photograph], position)
         return None if scale is None else float(np.arctan2(scale[1, 1], scale[0, 1]))
 
@@ -503,11 +484,8 @@ def _place(name: str, position_world_m: FloatArray) -> PlaceRecord:
     return {"name": name, "east_m": float(position_world_m[0]), "north_m": float(position_world_m[1])}
 
 
-def _counts(snapshot: Snapshot) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for mark in snapshot.state.marks.values():
-        counts[mark.point] = counts.get(mark.point, 0) + 1
-    return counts
+def _counts(snapshot: Snapshot) -> Counter[str]:
+    return Counter(mark.point for mark in snapshot.state.marks.values())
 
 
 def span_px(radii_px: Sequence[float], sizes_px: Sequence[tuple[int, int]]) -> float:
