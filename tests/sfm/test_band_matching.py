@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import Camera, Pose, project_points
-from photogram.sfm.tie_points.band_matching import found_in_band, gradients
+from photogram.sfm.tie_points.band_matching import gradients, transfer_to_band
 from photogram.sfm.tie_points.guided_matching import TransferSettings, cut_patches, transfer_to
 from photogram.survey import TiePoints
 
@@ -75,7 +75,7 @@ def test_edges_are_found_where_the_band_shows_them_although_its_relative_pose_is
 ) -> None:
     tie = tie_points()
     drawn = replace(BESIDE, rotation_world_from_camera=ABOVE.rotation_world_from_camera)  # off by 5 to 8 px
-    found = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], [ABOVE, drawn], pictures, SETTINGS)
+    found = transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], [ABOVE, drawn], pictures, SETTINGS)
     true = project_points(BAND, BESIDE, tie.position_world_m)
     off = found.pixel - true[found.point]
     assert len(found.point) > 0.6 * len(tie)
@@ -91,9 +91,9 @@ def test_a_band_that_is_far_off_is_found_where_all_of_it_is_off_alike(pictures: 
     turn = Rotation.from_rotvec([0.05, 0.03, 0.0]).as_matrix()  # 20 px down and 12 px across
     drawn = replace(BESIDE, rotation_world_from_camera=BESIDE.rotation_world_from_camera @ turn)
     cameras, poses = [CAMERA, BAND], [ABOVE, drawn]
-    near = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS)
+    near = transfer_to_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS)
     assert len(near.point) < 0.05 * len(tie)
-    far = found_in_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS, reach_px=35.0)
+    far = transfer_to_band((0, 1), tie, NONE, cameras, poses, pictures, SETTINGS, reach_px=35.0)
     off = far.pixel - project_points(BAND, BESIDE, tie.position_world_m)[far.point]
     assert len(far.point) > 0.4 * len(tie)
     assert np.median(np.abs(off)) < 0.15
@@ -114,16 +114,16 @@ def test_grey_values_say_nothing_of_such_a_band(pictures: tuple[ByteArray, ByteA
 
 def test_known_and_masked_tie_points_are_not_searched_for(pictures: tuple[ByteArray, ByteArray]) -> None:
     tie, poses = tie_points(), [ABOVE, BESIDE]
-    every = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS)
-    rest = found_in_band((0, 1), tie, every.point[:50], [CAMERA, BAND], poses, pictures, SETTINGS)
+    every = transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS)
+    rest = transfer_to_band((0, 1), tie, every.point[:50], [CAMERA, BAND], poses, pictures, SETTINGS)
     np.testing.assert_array_equal(rest.point, every.point[50:])
     np.testing.assert_array_equal(rest.pixel, every.pixel[50:])
     left = np.zeros((300, 360), dtype=bool)
     left[:, :180] = True
-    clear = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS, (None, left))
+    clear = transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS, (None, left))
     assert len(clear.point)
     assert clear.pixel[:, 0].max() < 170.0
-    clear = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS, (left, None))
+    clear = transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], poses, pictures, SETTINGS, (left, None))
     assert tie.pixel[clear.point, 0].max() < 164.0
 
 
@@ -132,13 +132,13 @@ def test_other_ground_and_photographs_without_a_pose_or_contrast_have_none(
 ) -> None:
     tie, poses = tie_points(), [ABOVE, BESIDE]
     other = other_band(seen(BAND, BESIDE, texture(9), 6))
-    found = found_in_band((0, 1), tie, NONE, [CAMERA, BAND], poses, (pictures[0], other), SETTINGS)
+    found = transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], poses, (pictures[0], other), SETTINGS)
     assert len(found.point) < 0.05 * len(tie)
     for lost in ([None, BESIDE], [ABOVE, None]):
-        assert not len(found_in_band((0, 1), tie, NONE, [CAMERA, BAND], lost, pictures, SETTINGS).point)
+        assert not len(transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], lost, pictures, SETTINGS).point)
     flat = np.full((300, 360), 90, dtype=np.uint8)
     assert not gradients(flat).any()
-    assert not len(found_in_band((0, 1), tie, NONE, [CAMERA, BAND], poses, (pictures[0], flat), SETTINGS).point)
+    assert not len(transfer_to_band((0, 1), tie, NONE, [CAMERA, BAND], poses, (pictures[0], flat), SETTINGS).point)
 
 
 def test_gradients_are_the_same_whatever_the_contrast(pictures: tuple[ByteArray, ByteArray]) -> None:

@@ -36,8 +36,14 @@ from photogram.sfm.orientation import Orientation, orient
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.rig_poses import carried_by_masters
 from photogram.sfm.sky import find_sky, shows_above_horizon
-from photogram.sfm.tie_points.band_matching import found_in_band
-from photogram.sfm.tie_points.guided_matching import Found, Patches, cut_patches, transfer_to, with_found
+from photogram.sfm.tie_points.band_matching import transfer_to_band
+from photogram.sfm.tie_points.guided_matching import (
+    Patches,
+    TransferredPoints,
+    cut_patches,
+    transfer_to,
+    with_transferred,
+)
 from photogram.survey import Block, PointCloud, TiePoints
 from photogram.triangulation import ideal_observations, intersect_tie_points
 from photogram.wording import Progress, things
@@ -202,20 +208,20 @@ def _masters_of_bands(run: Run, cameras: Sequence[Camera]) -> dict[int, tuple[in
     return masters
 
 
-def _search(transfer: _Transfer, index: int) -> Found:
+def _search(transfer: _Transfer, index: int) -> TransferredPoints:
     """Search one photograph, and that of a band for what its master shows beside it."""
     run, tie, folder = transfer.run, transfer.tie_points, transfer.folder
     settings, grey, used = transfer_thresholds(run.project), run.grey(index), _used(run, folder, index)
-    found = transfer_to(index, tie, transfer.patches, transfer.cameras, transfer.poses, grey, settings, used)
+    own = transfer_to(index, tie, transfer.patches, transfer.cameras, transfer.poses, grey, settings, used)
     if index not in transfer.master_of:
-        return found
+        return own
     master, reach_px = transfer.master_of[index]
-    known = np.concatenate([tie.point[tie.photograph == index], found.point])
-    beside = found_in_band(
+    known = np.concatenate([tie.point[tie.photograph == index], own.point])
+    by_master = transfer_to_band(
         (master, index), tie, known, transfer.cameras, transfer.poses, (run.grey(master), grey), settings,
         (_used(run, folder, master), used), reach_px,
     )  # fmt: skip
-    return Found(np.concatenate([found.point, beside.point]), np.concatenate([found.pixel, beside.pixel]))
+    return TransferredPoints(np.concatenate([own.point, by_master.point]), np.concatenate([own.pixel, by_master.pixel]))
 
 
 _SEARCHED = PieceType(_Transfer.read, _search)
@@ -266,13 +272,13 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> TransferS
     transfer = _Transfer.of(run, folder, orientation, tie_points)
     if run.pool is not None:
         transfer.write(folder)
-    found = []
+    transferred = []
     for index, places in enumerate(run_pieces(run, folder, _SEARCHED, range(len(run.names)), state=transfer)):
-        found.append(places)
+        transferred.append(places)
         progress(index + 1, len(run.names), run.names[index])
     if run.pool is not None:
         shutil.rmtree(folder / _WINDOWS)
-    whole = with_found(tie_points, found, project.adjustment.tie_point_sigma_px)
+    whole = with_transferred(tie_points, transferred, project.adjustment.tie_point_sigma_px)
     write_record(folder / "tie_points.npz", whole)
     return {
         "tie_points": len(whole),

@@ -14,13 +14,13 @@ import numpy as np
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.sfm.tie_points.guided_matching import (
-    Found,
+    TransferredPoints,
     TransferSettings,
+    clear_of_masks,
     cut_patches,
     ground_jacobians,
     search_patches,
 )
-from photogram.sfm.tie_points.masked import are_clear, clear_px
 from photogram.survey import TiePoints
 
 LEAST_CORRELATION = 0.6
@@ -30,8 +30,10 @@ SEARCH_PX = 12
 """Around the place that is predicted once what all have in common is known."""
 FARTHEST_PX = 48
 """How far away what all have in common is looked for at most."""
-TRIED, LEAST_ALIKE, ALIKE_PX = 150, 8, 4.0
-"""Tie points that are looked for farther away, and how many of them must be off by the same to within how much."""
+TRIED = 150
+"""Tie points that are looked for farther away."""
+LEAST_ALIKE, ALIKE_PX = 8, 4.0
+"""How many of them must be off by the same to within how much."""
 SMOOTH_PX = 1.0
 STRONG = 99.0
 """Percentile of the gradients of a picture that becomes STRONG_BYTE: the contrast of bands differs."""
@@ -61,7 +63,7 @@ def _shown_by(tie: TiePoints, photograph: int) -> tuple[TiePoints, IntArray]:
 
 
 def _common_shift(off_px: FloatArray) -> FloatArray:
-    """Return the shift (2,) that most of the places (N, 2) found are off by alike, zero where few are."""
+    """Return the shift (2,) that most of the measured places (N, 2) are off by alike, zero where few are."""
     alike = np.linalg.norm(off_px[:, None] - off_px, axis=2) < ALIKE_PX
     count = alike.sum(axis=1)
     if not len(off_px) or count.max() < LEAST_ALIKE:
@@ -69,7 +71,7 @@ def _common_shift(off_px: FloatArray) -> FloatArray:
     return np.asarray(off_px[alike[int(np.argmax(count))]].mean(axis=0))
 
 
-def found_in_band(
+def transfer_to_band(
     photographs: tuple[int, int],
     tie: TiePoints,
     known: IntArray,
@@ -79,7 +81,7 @@ def found_in_band(
     settings: TransferSettings,
     used: tuple[BoolArray | None, BoolArray | None] = (None, None),
     reach_px: float = 0.0,
-) -> Found:
+) -> TransferredPoints:
     """Find the tie points of a master's photograph in the band's of the same exposure.
 
     ``photographs``, ``pictures`` (H, W) and ``used`` (H, W), what masks leave, are of the master and the band;
@@ -88,7 +90,7 @@ def found_in_band(
     the tie points are in the frame of the poses.
     """
     master, band = photographs
-    nothing = Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    nothing = TransferredPoints(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     of_master, of_band = poses[master], poses[band]
     shown, number = _shown_by(tie, master)
     if of_master is None or of_band is None or not len(number):
@@ -108,22 +110,22 @@ def found_in_band(
     picture, warp = gradients(pictures[1]), np.ascontiguousarray(there[near] @ np.linalg.inv(here[near]))
     predicted, search = pixel[near], max(SEARCH_PX, settings.search_px)
 
-    def found_from(tried: IntArray, shift_px: FloatArray, search_px: int) -> FloatArray:
-        found: FloatArray = np.empty((len(tried), 2))
-        search_patches(
-            picture, patches.grey[near[tried]], patches.centre_px[near[tried]], warp[tried],
-            predicted[tried] + shift_px, HALF_WINDOW_PX, search_px, min(LEAST_CORRELATION, settings.correlation),
-            settings.least_contrast, found,
-        )  # fmt: skip
-        return found
+    def measured(tried: IntArray, shift_px: FloatArray, search_px: int) -> FloatArray:
+        return search_patches(
+            picture,
+            patches.grey[near[tried]],
+            patches.centre_px[near[tried]],
+            warp[tried],
+            predicted[tried] + shift_px,
+            HALF_WINDOW_PX,
+            search_px,
+            min(LEAST_CORRELATION, settings.correlation),
+            settings.least_contrast,
+        )
 
     shift, every = np.zeros(2), np.arange(len(near))
     if reach_px > search:
         some = np.unique(np.linspace(0, len(near) - 1, TRIED).astype(np.int64))
-        off = found_from(some, shift, int(min(np.ceil(reach_px), FARTHEST_PX))) - predicted[some]
+        off = measured(some, shift, int(min(np.ceil(reach_px), FARTHEST_PX))) - predicted[some]
         shift = _common_shift(off[np.isfinite(off[:, 0])])
-    found = found_from(every, shift, search)
-    good = np.isfinite(found[:, 0])
-    if used[1] is not None:
-        good[good] = are_clear(clear_px(used[1]), found[good], HALF_WINDOW_PX)
-    return Found(number[near[good]], found[good])
+    return clear_of_masks(number[near], measured(every, shift, search), used[1], HALF_WINDOW_PX)

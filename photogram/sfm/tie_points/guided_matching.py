@@ -147,9 +147,10 @@ def _peak(before: float, here: float, after: float) -> float:
 @njit(cache=True, nogil=True)
 def search_patches(
     picture: ByteArray, grey: ByteArray, centre: FloatArray, warp: FloatArray, predicted: FloatArray,
-    half: int, search: int, least: float, contrast: float, pixel: FloatArray,
-) -> None:  # fmt: skip
-    """Find patches (K, S, S) around their predicted pixels (K, 2); ``pixel`` (K, 2) is NaN where nothing correlates."""
+    half: int, search: int, least: float, contrast: float,
+) -> FloatArray:  # fmt: skip
+    """Return the pixels (K, 2) of patches (K, S, S) near those predicted (K, 2), NaN where nothing correlates."""
+    pixel = np.full((len(grey), 2), np.nan)
     height, width = picture.shape
     n = 2 * half + 1
     T = np.empty((n, n))
@@ -157,7 +158,6 @@ def search_patches(
     margin = half + search
     floor = contrast * contrast * n * n
     for k in range(len(grey)):
-        pixel[k] = np.nan
         u, v = int(np.round(predicted[k, 0])), int(np.round(predicted[k, 1]))
         if u < margin or v < margin or u >= width - margin or v >= height - margin:
             continue
@@ -173,6 +173,7 @@ def search_patches(
             continue
         pixel[k, 0] = u - search + at_u + _peak(score[at_v, at_u - 1], best, score[at_v, at_u + 1])
         pixel[k, 1] = v - search + at_v + _peak(score[at_v - 1, at_u], best, score[at_v + 1, at_u])
+    return pixel
 
 
 def ground_jacobians(camera: Camera, pose: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -188,8 +189,8 @@ def ground_jacobians(camera: Camera, pose: Pose, points: FloatArray) -> tuple[Fl
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """Where tie points ``point`` (K,) were found in one photograph: ``pixel`` (K, 2)."""
+class TransferredPoints:
+    """Tie points ``point`` (K,) measured in one more photograph, at ``pixel`` (K, 2)."""
 
     point: IntArray
     pixel: FloatArray
@@ -204,7 +205,7 @@ def transfer_to(
     picture: ByteArray,
     settings: TransferSettings,
     used: BoolArray | None = None,
-) -> Found:
+) -> TransferredPoints:
     """Find the tie points that one photograph should show and has no observation of.
 
     ``cameras`` and ``poses`` are those of every photograph (N), ``picture`` (H, W) its pixels, and ``used`` (H, W)
@@ -214,7 +215,7 @@ def transfer_to(
     pose, camera = poses[photograph], cameras[photograph]
     seen = np.unique(tie.point[tie.photograph == photograph])
     if pose is None or not len(seen):
-        return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+        return TransferredPoints(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     near = _candidates(tie, seen, camera, pose)
     near = near[(patches.source[near] >= 0) & ~np.isin(near, seen)]
     pixel, here = ground_jacobians(camera, pose, tie.position_world_m[near])
@@ -225,18 +226,28 @@ def transfer_to(
         if from_pose is not None:
             there[own] = ground_jacobians(cameras[source], from_pose, tie.position_world_m[near[own]])[1]
     usable = np.abs(np.linalg.det(here)) > 1e-9
-    near, pixel, here, there = near[usable], pixel[usable], here[usable], there[usable]
-    warp = there @ np.linalg.inv(here)
-    found = np.empty((len(near), 2))
-    search_patches(
-        np.ascontiguousarray(picture), patches.grey[near], patches.centre_px[near], np.ascontiguousarray(warp),
-        np.ascontiguousarray(pixel), settings.half_window_px, settings.search_px, settings.correlation,
-        settings.least_contrast, found,
-    )  # fmt: skip
-    good = np.isfinite(found[:, 0])
+    near, predicted = near[usable], pixel[usable]
+    measured = search_patches(
+        np.ascontiguousarray(picture),
+        patches.grey[near],
+        patches.centre_px[near],
+        np.ascontiguousarray(there[usable] @ np.linalg.inv(here[usable])),
+        np.ascontiguousarray(predicted),
+        settings.half_window_px,
+        settings.search_px,
+        settings.correlation,
+        settings.least_contrast,
+    )
+    return clear_of_masks(near, measured, used, settings.half_window_px)
+
+
+def clear_of_masks(point: IntArray, pixel: FloatArray, used: BoolArray | None, reach_px: int) -> TransferredPoints:
+    """Return the tie points (K,) that were measured at pixels (K, 2), not NaN, farther than ``reach_px`` from what a
+    mask leaves out; ``used`` (H, W) are the pixels that it leaves, None for all."""
+    good = np.isfinite(pixel[:, 0])
     if used is not None:
-        good[good] = are_clear(clear_px(used), found[good], settings.half_window_px)
-    return Found(near[good], found[good])
+        good[good] = are_clear(clear_px(used), pixel[good], reach_px)
+    return TransferredPoints(point[good], pixel[good])
 
 
 def _candidates(tie: TiePoints, seen: IntArray, camera: Camera, pose: Pose) -> IntArray:
@@ -253,16 +264,14 @@ def _candidates(tie: TiePoints, seen: IntArray, camera: Camera, pose: Pose) -> I
     return np.asarray(near[np.isfinite(pixel).all(axis=1) & camera.contains(pixel)])
 
 
-def with_found(tie: TiePoints, found: Sequence[Found], sigma_px: float) -> TiePoints:
-    """Return the tie points with what was found in each photograph (N), sorted by point, then photograph.
-
-    What was found has the standard deviation ``sigma_px``.
-    """
+def with_transferred(tie: TiePoints, transferred: Sequence[TransferredPoints], sigma_px: float) -> TiePoints:
+    """Return the tie points with those ``transferred`` to each photograph (N), sorted by point, then photograph; their
+    pixels have the standard deviation ``sigma_px``."""
     photograph = np.concatenate(
-        [tie.photograph, *(np.full(len(f.point), i, dtype=np.int64) for i, f in enumerate(found))]
+        [tie.photograph, *(np.full(len(t.point), i, dtype=np.int64) for i, t in enumerate(transferred))]
     )
-    point = np.concatenate([tie.point, *(f.point for f in found)])
-    pixel = np.concatenate([tie.pixel, *(f.pixel for f in found)])
+    point = np.concatenate([tie.point, *(t.point for t in transferred)])
+    pixel = np.concatenate([tie.pixel, *(t.pixel for t in transferred)])
     added = len(point) - len(tie.point)
     order = np.lexsort((photograph, point))
     return TiePoints(
