@@ -15,7 +15,7 @@ from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import similarity_from_attitudes
 from photogram.survey import Block
 
-HELD = 0.1  # of the height above the ground; standard deviation of the measured positions in the start
+START_SHARE = 0.1  # of the height above the ground; standard deviation of the measured positions in the start
 GROUND_WEIGHT = 0.02  # of a ray; weight of the ground constraint of a tie point at the start
 ROUNDS = 8
 AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are accepted
@@ -100,12 +100,10 @@ def _start_points(structure: Structure, block: Block) -> float:
     return float(np.median(np.maximum(structure.position[structure.registered, 2] - height, 1.0)))
 
 
-def _agreeing(structure: Structure) -> FloatArray:
+def _agreeing_shares(structure: Structure) -> FloatArray:
     """Return the share (N,) of each photograph's image points that agree, 0 without any."""
-    tie = structure.tie_points
-    everything = np.bincount(tie.photograph, minlength=len(structure.camera_of))
-    good = np.bincount(tie.photograph[structure.good], minlength=len(structure.camera_of))
-    return np.asarray(good / np.maximum(everything, 1))
+    everything = np.bincount(structure.tie_points.photograph, minlength=len(structure.camera_of))
+    return np.asarray(structure.agreeing / np.maximum(everything, 1))
 
 
 def direct_structure(block: Block, settings: StructureSettings) -> Structure | None:
@@ -125,7 +123,7 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
         structure.position[i] = photograph.gnss_world_m
     structure.registered[:] = usable
     measured_m = structure.position.copy()
-    sigma_m = max(HELD * _start_points(structure, block), _stated_sigma_m(block, usable))
+    sigma_m = max(START_SHARE * _start_points(structure, block), _stated_sigma_m(block, usable))
     if _spread_across_m(measured_m[usable]) < sigma_m:
         sigma_m = np.inf  # a single strip would roll after the errors of its positions
     limit = np.inf
@@ -151,9 +149,9 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
             break
     structure.judge()
     structure.intersect()
-    share = _agreeing(structure)
-    good = np.bincount(block.tie_points.photograph[structure.good], minlength=len(usable))
-    confirmed = structure.registered & (share >= settings.minimum_share) & (good >= settings.minimum_points)
+    share = _agreeing_shares(structure)
+    enough = structure.agreeing >= settings.minimum_points
+    confirmed = structure.registered & (share >= settings.minimum_share) & enough
     structure.withdraw(structure.registered & ~confirmed)
     confirmed &= _largest_piece(structure)
     structure.withdraw(structure.registered & ~confirmed)
@@ -180,7 +178,7 @@ def _spread_across_m(position: FloatArray) -> float:
 
 def _withdraw_strangers(structure: Structure) -> None:
     """Withdraw photographs that agree far less than most do, before they bend the others."""
-    share = _agreeing(structure)
+    share = _agreeing_shares(structure)
     structure.withdraw(structure.registered & (share < STRANGER_SHARE * np.median(share[structure.registered])))
 
 

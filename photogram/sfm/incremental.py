@@ -8,6 +8,7 @@ What cannot be joined starts a component of its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_matrix, triu
@@ -68,7 +69,7 @@ def seed_pairs(structure: Structure, shared: csr_matrix, candidates: BoolArray) 
     # the pairs with most points are those with the shortest base: take some from further down too
     step = max(1, len(order) // (4 * SEED_PAIRS))
     chosen = np.unique(np.concatenate([np.arange(len(order))[: SEED_PAIRS // 2], np.arange(0, len(order), step)]))
-    found = []
+    seeds = []
     for k in chosen[:SEED_PAIRS].tolist():
         a, b = _common(structure, int(rows[k]), int(columns[k]))
         thin = max(1, len(a) // SEED_POINTS)
@@ -77,8 +78,8 @@ def seed_pairs(structure: Structure, shared: csr_matrix, candidates: BoolArray) 
             structure.ideal(a[::thin]), structure.ideal(b[::thin]), structure.settings.threshold_px / float(focal)
         )
         if orientations and orientations[0].inliers.sum() * thin >= structure.settings.minimum_points:
-            found.append(SeedPair(int(rows[k]), int(columns[k]), orientations))
-    return sorted(found, key=lambda pair: (-pair.quality, pair.first, pair.second))
+            seeds.append(SeedPair(int(rows[k]), int(columns[k]), orientations))
+    return sorted(seeds, key=lambda pair: (-pair.quality, pair.first, pair.second))
 
 
 def _started(empty: Callable[[], Structure], pair: SeedPair) -> list[Structure]:
@@ -145,9 +146,7 @@ def settle(structure: Structure, rounds: int = 2) -> None:
 
 def _drop_weak(structure: Structure) -> BoolArray:
     """Withdraw photographs that fewer points than needed agree with; returns which."""
-    tie = structure.tie_points
-    good = np.bincount(tie.photograph[structure.good], minlength=len(structure.camera_of))
-    weak = structure.registered & (good < structure.settings.minimum_points)
+    weak = structure.registered & (structure.agreeing < structure.settings.minimum_points)
     if weak.any():
         structure.withdraw(weak)
     return weak
@@ -188,22 +187,13 @@ def extend(structure: Structure, candidates: BoolArray, progress: Progress) -> N
 
 
 def grow_component(
-    tie_points: TiePoints,
-    cameras: Sequence[Camera],
-    camera_of: IntArray,
-    settings: StructureSettings,
-    candidates: BoolArray,
-    shared: csr_matrix,
-    progress: Progress,
+    empty: Callable[[], Structure], candidates: BoolArray, shared: csr_matrix, progress: Progress
 ) -> Structure | None:
-    """Grow the largest block that a seed pair of the photographs ``candidates`` (N,) leads to; None without a seed.
+    """Grow the largest block that a seed pair of the photographs ``candidates`` (N,) leads to, in a structure that
+    ``empty`` makes; None without a seed.
 
     A seed is accepted when a third photograph agrees with it, or there is none that could.
     """
-
-    def empty() -> Structure:
-        return Structure.empty(tie_points, cameras, camera_of, settings)
-
     fallback: Structure | None = None
     for pair in seed_pairs(empty(), shared, candidates)[:SEED_TRIALS]:
         for structure in _started(empty, pair):
@@ -229,11 +219,12 @@ def grow(
     ``camera_of`` (N,) is the camera of each photograph. Photographs that nothing can be joined to are in no component.
     Only those of ``candidates`` (N,) are oriented, where they are given.
     """
+    empty = partial(Structure.empty, tie_points, cameras, camera_of, settings)
     shared = shared_points(tie_points, len(camera_of))
     left = np.ones(len(camera_of), dtype=bool) if candidates is None else candidates.copy()
     components: list[Structure] = []
     while left.sum() >= 2:
-        structure = grow_component(tie_points, cameras, camera_of, settings, left, shared, progress)
+        structure = grow_component(empty, left, shared, progress)
         if structure is None or structure.registered.sum() < 2:
             break
         components.append(structure)

@@ -36,9 +36,7 @@ def known_structure(block: Block, settings: StructureSettings, known: KnownPoses
     than half of all agree.
     """
     structure = Structure.oriented(block.tie_points, known.cameras, block.camera_of, settings, known.poses)
-    tie = block.tie_points
-    seen = structure.registered[tie.photograph]
-    seen &= (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point]
+    tie, seen = block.tie_points, structure.intersectable
     agreeing = float(structure.good[seen].mean()) if seen.any() else 0.0
     if agreeing < AGREEING_SHARE:
         raise OrientationError(
@@ -46,9 +44,9 @@ def known_structure(block: Block, settings: StructureSettings, known: KnownPoses
             f"within {settings.threshold_px:g} px of what they say: set start: {{poses: own}}, and check that the "
             "solution is one of these photographs"
         )
-    good = np.bincount(tie.photograph[structure.good], minlength=len(block.photographs))
-    shown = np.bincount(tie.photograph[seen], minlength=len(block.photographs))
-    structure.withdraw(structure.registered & ((good < FEWEST_POINTS) | (good < AGREEING_SHARE * shown)))
+    good = structure.agreeing
+    visible = np.bincount(tie.photograph[seen], minlength=len(block.photographs))
+    structure.withdraw(structure.registered & ((good < FEWEST_POINTS) | (good < AGREEING_SHARE * visible)))
     rays = np.bincount(tie.photograph, minlength=len(block.photographs))
     wanted = ~structure.registered & (rays >= settings.minimum_points)
     if wanted.any():

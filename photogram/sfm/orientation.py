@@ -22,13 +22,13 @@ from photogram.sfm.known_poses import KnownPoses, known_structure
 from photogram.sfm.local_frame import Vertical, local_similarity
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
-from photogram.sfm.resection import Resection, collinear, resect
+from photogram.sfm.resection import Resection, resect
 from photogram.sfm.similarity import (
+    collinear,
     common_rotation,
     open_turn_rad,
     robust_similarity,
     similarity_from_attitudes,
-    straight,
 )
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
@@ -104,16 +104,8 @@ def _distortion_sigma_px(camera: Camera) -> float:
     Focal length and principal point do not count: a pose takes up what is wrong with them.
     """
     f, r = camera.focal_px, 0.5 * float(np.hypot(camera.width_px, camera.height_px)) / camera.focal_px
-    moved = {
-        "k1": r**3,
-        "k2": r**5,
-        "k3": r**7,
-        "k4": r**9,
-        "p1": 3.0 * r**2,
-        "p2": 3.0 * r**2,
-        "b1": r / f,
-        "b2": r / f,
-    }
+    radial = {"k1": r**3, "k2": r**5, "k3": r**7, "k4": r**9}
+    moved = {**radial, "p1": 3.0 * r**2, "p2": 3.0 * r**2, "b1": r / f, "b2": r / f}
     sigmas = np.array([camera.sigmas[PARAMETER_NAMES.index(name)] for name in moved])
     return float(np.linalg.norm(f * np.array(list(moved.values())) * np.where(np.isfinite(sigmas), sigmas, 0.0)))
 
@@ -128,7 +120,7 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
     points = block.control_points.fully_controlled()
     bent = [max(DISTORTION_PX, DISTORTION_SHARE * max(c.width_px, c.height_px)) for c in block.cameras]
     known = [any_camera or _distortion_sigma_px(c) < most for c, most in zip(block.cameras, bent, strict=True)]
-    found: list[Resection | None] = []
+    resections: list[Resection | None] = []
     errors: list[str] = []
     for index, photograph in enumerate(block.photographs):
         marks = np.flatnonzero(points.mark_photograph == index)
@@ -144,8 +136,8 @@ def resections_of(block: Block, *, any_camera: bool = False) -> tuple[tuple[Rese
                 resection = resect(camera, position, pixel, sigma, sigma_m=sigma_m, expected_world_m=gnss)
             except PhotogramError as error:
                 errors.append(f"photograph {photograph.name}: {error}")
-        found.append(resection)
-    return tuple(found), tuple(errors)
+        resections.append(resection)
+    return tuple(resections), tuple(errors)
 
 
 def _confirmed(
@@ -153,16 +145,12 @@ def _confirmed(
 ) -> tuple[Resection | None, ...]:
     """Return the resections without those that the tie points contradict: P3P of three or four points may pick a pose
     far away, and its control points alone do not show it."""
-    camera_of = block.camera_of
     loose = replace(settings, threshold_px=LOOSE * settings.threshold_px)
     poses = [None if resection is None else resection.refined for resection in resections]
-    structure = Structure.oriented(block.tie_points, block.cameras, camera_of, loose, poses)
-    tie, count = block.tie_points, len(resections)
-    seen = structure.registered[tie.photograph]
-    seen &= (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point]
-    visible = np.bincount(tie.photograph[seen], minlength=count)
-    good = np.bincount(tie.photograph[structure.good], minlength=count)
-    holds = (visible < settings.minimum_points) | (good >= CONFIRMED_SHARE * visible)
+    structure = Structure.oriented(block.tie_points, block.cameras, block.camera_of, loose, poses)
+    seen = block.tie_points.photograph[structure.intersectable]
+    visible = np.bincount(seen, minlength=len(resections))
+    holds = (visible < settings.minimum_points) | (structure.agreeing >= CONFIRMED_SHARE * visible)
     return tuple(r if h else None for r, h in zip(resections, holds, strict=True))
 
 
@@ -203,7 +191,7 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
     points = block.control_points.fully_controlled()
     source = intersected_control(structure, points)
     known = np.isfinite(source).all(axis=1)
-    if not straight(points.position_world_m[known]):
+    if not collinear(points.position_world_m[known]):
         target = points.position_world_m[known]
         extent = float(np.linalg.norm(np.ptp(target, axis=0)))
         sigma = np.linalg.norm(points.sigma_m[known], axis=1) + SHAPE_TOLERANCE * extent
@@ -227,7 +215,7 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
             np.array([block.photographs[i].gnss_world_m for i in with_attitude]),
             np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
         )
-    if not (straight(source) or straight(target)):
+    if not (collinear(source) or collinear(target)):
         return robust_similarity(source, target, sigma)[0]
     where = "its local system" if block.frame.is_local else block.frame.crs
     raise OrientationError(
@@ -240,21 +228,20 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
 def _components(
     block: Block, settings: OrientationSettings, progress: Progress, known: KnownPoses | None
 ) -> tuple[list[Structure], Method]:
-    camera_of = block.camera_of
+
+    def grown(cameras: Sequence[Camera], candidates: BoolArray) -> list[Structure]:
+        return grow(block.tie_points, cameras, block.camera_of, settings, progress, candidates=candidates)
+
     if known is not None:
         started = known_structure(block, settings, known)
-        rest = ~started.registered
-        others = grow(block.tie_points, known.cameras, camera_of, settings, progress, candidates=rest)
-        return [started, *others], "start"
-    everything = np.ones(len(camera_of), dtype=bool)
+        return [started, *grown(known.cameras, ~started.registered)], "start"
+    everything = np.ones(len(block.photographs), dtype=bool)
     if settings.method != "growth" and measured(block).sum() >= 3:
-        progress(0, len(camera_of), "from measured poses")
+        progress(0, len(everything), "from measured poses")
         structure = direct_structure(block, settings)
         if structure is not None:
             extend(structure, everything, progress)
-            rest = ~structure.registered
-            others = grow(block.tie_points, block.cameras, camera_of, settings, progress, candidates=rest)
-            return [structure, *others], "attitude"
+            return [structure, *grown(block.cameras, ~structure.registered)], "attitude"
         if settings.method == "attitude":
             raise OrientationError(
                 "the tie points do not confirm the measured positions and attitudes: "
@@ -262,7 +249,7 @@ def _components(
             )
     if settings.method == "attitude":
         raise OrientationError("orientation by attitude needs three photographs with GNSS position and attitude")
-    return grow(block.tie_points, block.cameras, camera_of, settings, progress), "growth"
+    return grown(block.cameras, everything), "growth"
 
 
 def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -> tuple[str, ...]:
@@ -329,12 +316,12 @@ def orient(
     component = np.full(count, -1, dtype=np.int64)
     for number, other in enumerate(components):
         component[other.registered] = number
-    poses_found = [None if pose is None else fit.pose(pose) for pose in structure.poses()]
+    poses_world = [None if pose is None else fit.pose(pose) for pose in structure.poses()]
     for i, resection in enumerate(resections):
-        if poses_found[i] is None and resection is not None:
-            poses_found[i], component[i] = resection.refined, 0
+        if poses_world[i] is None and resection is not None:
+            poses_world[i], component[i] = resection.refined, 0
     return Orientation(
-        tuple(poses_found), resections, component, method, _reasons(block, component, settings),
+        tuple(poses_world), resections, component, method, _reasons(block, component, settings),
         tuple(structure.parameters),
     )  # fmt: skip
 
@@ -345,9 +332,8 @@ def georeferenced_again(block: Block, orientation: Orientation, settings: Orient
 
     ``block`` has the tie points. Raises OrientationError where nothing places the block in the world.
     """
-    camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
-    structure = Structure.oriented(block.tie_points, cameras, camera_of, settings, orientation.poses)
+    structure = Structure.oriented(block.tie_points, cameras, block.camera_of, settings, orientation.poses)
     fit = georeference(structure, block, settings.vertical)
     points = fit.points(block.tie_points.position_world_m)
     return replace(

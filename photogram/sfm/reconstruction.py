@@ -125,6 +125,18 @@ class Structure:
         seen = self.known[self.tie_points.point]
         return np.bincount(self.tie_points.photograph[seen], minlength=len(self.camera_of)).astype(np.int64)
 
+    @property
+    def agreeing(self) -> IntArray:
+        """Return how many image points of each photograph (N,) agree."""
+        return np.bincount(self.tie_points.photograph[self.good], minlength=len(self.camera_of)).astype(np.int64)
+
+    @property
+    def intersectable(self) -> BoolArray:
+        """Return which observations (O,) are of registered photographs and of points that two of these show."""
+        tie = self.tie_points
+        seen = self.registered[tie.photograph]
+        return np.asarray(seen & (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)[tie.point])
+
     @cached_property
     def _by_photograph(self) -> tuple[IntArray, IntArray]:
         """Return the observations (O,) in the order of their photographs, and the first of each (N + 1,)."""
@@ -167,6 +179,12 @@ class Structure:
         self.point[points] = np.nan
         self.good &= ~points[self.tie_points.point]
 
+    def _points_of(self, chosen: BoolArray) -> BoolArray:
+        """Return the tie points (P,) of chosen observations (O,)."""
+        points = np.zeros(len(self.tie_points), dtype=bool)
+        points[self.tie_points.point[chosen]] = True
+        return points
+
     def _observations(self, chosen: BoolArray) -> Observations:
         tie = self.tie_points
         photograph = tie.photograph[chosen]
@@ -181,11 +199,9 @@ class Structure:
         """Intersect unknown tie points from their registered photographs; only those seen by ``photographs`` (N,)."""
         tie = self.tie_points
         seen = self.registered[tie.photograph]
-        wanted = ~self.known & (np.bincount(tie.point[seen], minlength=len(tie)) >= 2)
+        wanted = ~self.known & self._points_of(self.intersectable)
         if photographs is not None:
-            touched = np.zeros(len(tie), dtype=bool)
-            touched[tie.point[photographs[tie.photograph]]] = True
-            wanted &= touched
+            wanted &= self._points_of(photographs[tie.photograph])
         if not wanted.any():
             return
         chosen = seen & wanted[tie.point]
@@ -217,8 +233,7 @@ class Structure:
     def neighbours(self, photographs: BoolArray) -> BoolArray:
         """Return ``photographs`` (N,) and the registered ones that share most points with any of them."""
         tie = self.tie_points
-        touched = np.zeros(len(tie), dtype=bool)
-        touched[tie.point[self.good & photographs[tie.photograph]]] = True
+        touched = self._points_of(self.good & photographs[tie.photograph])
         shared = np.bincount(tie.photograph[self.good & touched[tie.point]], minlength=len(self.camera_of))
         shared[photographs | ~self.registered] = 0
         wanted = NEIGHBOURS * max(1, int(photographs.sum()))
@@ -247,9 +262,7 @@ class Structure:
         """
         tie, chosen = self.tie_points, self.good.copy()
         if active is not None:
-            touched = np.zeros(len(tie), dtype=bool)
-            touched[tie.point[chosen & active[tie.photograph]]] = True
-            chosen &= touched[tie.point]
+            chosen &= self._points_of(chosen & active[tie.photograph])[tie.point]
         photographs, photograph = _numbered(tie.photograph[chosen], len(self.camera_of))
         points, point = _numbered(tie.point[chosen], len(tie))
         if not len(points):
@@ -347,11 +360,11 @@ def resected(points: FloatArray, ideal: FloatArray, threshold: float) -> Pose | 
     ``threshold`` is the largest disagreement at unit focal length.
     """
     origin = points.mean(axis=0)
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
+    is_solved, rotation, translation, inliers = cv2.solvePnPRansac(
         points - origin, ideal, np.eye(3), np.zeros(4), None, None, False, 2000, threshold, 0.9999, None,
         cv2.SOLVEPNP_P3P,
     )  # fmt: skip
-    if not found or inliers is None or len(inliers) < 4:
+    if not is_solved or inliers is None or len(inliers) < 4:
         return None
     chosen = inliers.ravel()
     rotation, translation = cv2.solvePnPRefineLM(

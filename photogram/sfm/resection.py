@@ -21,10 +21,11 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
+from photogram.sfm.similarity import collinear
 
 TRIPLES = 400
 REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only
-COLLINEAR = 0.02  # height of a triangle over its longest side
+FLAT = 0.02  # height of a triangle over its longest side, below which its corners are in one line
 CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
 AGREEING = 3.0  # sigmas, that a mark may be off
 CANDIDATES = 5  # minimal solutions that are refined on the marks that agree with them
@@ -110,13 +111,6 @@ def _flatness(points: FloatArray) -> float:
     return float(np.linalg.norm(np.cross(a, b)) / longest**2) if longest > 0 else 0.0
 
 
-def collinear(points_world_m: FloatArray) -> bool:
-    """Return whether points (N, 3) lie so nearly in one line that no three of them fix a pose."""
-    centred = points_world_m - points_world_m.mean(axis=0)
-    singular = np.linalg.svd(centred, compute_uv=False)
-    return len(points_world_m) < 3 or bool(singular[1] < COLLINEAR * singular[0])
-
-
 @dataclass(frozen=True, eq=False)
 class _Marks:
     """The marks (N, 2) of a photograph with their sigmas (N,) in px, and their points in the world with the sigmas of
@@ -191,18 +185,18 @@ def resect(
         )
     sigma_m = np.zeros((count, 3)) if sigma_m is None else sigma_m
     marks = _Marks(camera, points_world_m, pixel, sigma_px, sigma_m, tolerance_px)
-    first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > COLLINEAR else _triples(count, seed)
-    found = _solutions(marks, first, expected_world_m)
-    if count == 4 and (not found or min(c.misfit for c in found) > _contradiction_px(marks, found[0].pose)):
+    first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > FLAT else _triples(count, seed)
+    choices = _solutions(marks, first, expected_world_m)
+    if count == 4 and (not choices or min(c.misfit for c in choices) > _contradiction_px(marks, choices[0].pose)):
         # three points of a small or nearly flat triangle magnify the noise of their marks
-        found = _solutions(marks, _triples(count, seed), expected_world_m)
-    if not found:
+        choices = _solutions(marks, _triples(count, seed), expected_world_m)
+    if not choices:
         raise OrientationError(
             "no pose agrees with the marks of three of its control points: check their coordinates and marks"
         )
     if count > 4:
-        return _of_most(marks, found)
-    return _of_few(marks, min(found, key=lambda choice: choice.misfit))
+        return _of_most(marks, choices)
+    return _of_few(marks, min(choices, key=lambda choice: choice.misfit))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,9 +215,9 @@ def _solutions(
     marks: _Marks, triples: list[tuple[int, int, int]], expected_world_m: FloatArray | None
 ) -> list[_Choice]:
     """Return the poses of all triples that do not lie in one line."""
-    found = []
+    choices = []
     for triple in triples:
-        if _flatness(marks.points[list(triple)]) < COLLINEAR:
+        if _flatness(marks.points[list(triple)]) < FLAT:
             continue
         poses = p3p_poses(marks.camera, marks.points[list(triple)], marks.pixel[list(triple)])
         for pose in poses:
@@ -231,8 +225,8 @@ def _solutions(
             misfit = float(error.max())
             if len(marks) == 3 and expected_world_m is not None:
                 misfit = float(np.linalg.norm(pose.position_world_m - expected_world_m))
-            found.append(_Choice(triple, len(poses), pose, misfit, error))
-    return found
+            choices.append(_Choice(triple, len(poses), pose, misfit, error))
+    return choices
 
 
 def _contradiction_px(marks: _Marks, pose: Pose) -> float:
@@ -254,17 +248,17 @@ def _of_few(marks: _Marks, choice: _Choice) -> Resection:
     return _resection(marks, choice, marks.refined(choice.pose, inliers) if others else choice.pose, inliers)
 
 
-def _of_most(marks: _Marks, found: list[_Choice]) -> Resection:
+def _of_most(marks: _Marks, choices: list[_Choice]) -> Resection:
     """Return the resection that most marks agree with, of five or more.
 
     Raises OrientationError where fewer than four agree with any pose.
     """
-    agreeing = _settled(marks, found)
+    agreeing = _settled(marks, choices)
     if agreeing is None or agreeing[2].sum() < MAJORITY * len(marks):
-        scattered = _scattered(marks, found)
+        scattered = _scattered(marks, choices)
         agreeing = agreeing if scattered is None else scattered
     if agreeing is None:
-        most = max(int(marks.agrees(choice.pose).sum()) for choice in found)
+        most = max(int(marks.agrees(choice.pose).sum()) for choice in choices)
         raise OrientationError(
             f"only {most} of its {len(marks)} control points agree with any pose: check their coordinates and marks"
         )
@@ -274,7 +268,7 @@ def _of_most(marks: _Marks, found: list[_Choice]) -> Resection:
 _Agreeing = tuple[_Choice, Pose, BoolArray]
 
 
-def _settled(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
+def _settled(marks: _Marks, choices: list[_Choice]) -> _Agreeing | None:
     """Return the minimal solution, refined on the marks that agree with it, that most agree with; None where four never
     do."""
 
@@ -283,15 +277,15 @@ def _settled(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
         return -int(agrees.sum()), float(np.sum(np.minimum(error_px / limit, 1.0) ** 2))
 
     ranked = sorted(
-        ((rank(c.pose, c.error_px, marks.agrees(c.pose)), i) for i, c in enumerate(found)), key=lambda pair: pair
+        ((rank(c.pose, c.error_px, marks.agrees(c.pose)), i) for i, c in enumerate(choices)), key=lambda pair: pair
     )
     best: tuple[tuple[int, float], _Agreeing] | None = None
     for _, i in ranked[:CANDIDATES]:
-        settled = _refined_on(marks, found[i].pose, marks.agrees(found[i].pose), marks.agrees)
+        settled = _refined_on(marks, choices[i].pose, marks.agrees(choices[i].pose), marks.agrees)
         if settled is not None:
             of_all = rank(settled[0], marks.misfit_px(settled[0]), settled[1])
             if best is None or of_all < best[0]:
-                best = of_all, (found[i], *settled)
+                best = of_all, (choices[i], *settled)
     return None if best is None else best[1]
 
 
@@ -314,7 +308,7 @@ def _refined_on(
     return pose, chosen
 
 
-def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
+def _scattered(marks: _Marks, choices: list[_Choice]) -> _Agreeing | None:
     """Return the pose with the least median of squares, refined on the marks within AGREEING times the scatter of that
     majority; None where the scatter is beyond what marks may have."""
     least = max(5, int(np.ceil(MAJORITY * len(marks))))
@@ -327,7 +321,7 @@ def _scattered(marks: _Marks, found: list[_Choice]) -> _Agreeing | None:
         return float(np.sort(choice.error_px / marks.expected_px(choice.pose))[least - 1])
 
     best: tuple[float, _Agreeing] | None = None
-    for choice in sorted(found, key=largest)[:CANDIDATES]:
+    for choice in sorted(choices, key=largest)[:CANDIDATES]:
         core = _refined_on(marks, choice.pose, nearest(choice.pose), nearest)
         if core is None:
             continue

@@ -12,25 +12,25 @@ from photogram.camera import Similarity
 from photogram.errors import OrientationError
 
 TRIPLES = 500
-STRAIGHT = 0.02  # second over first principal extent of points that lie in one line
+COLLINEAR = 0.02  # second over first principal extent of points that lie in one line
 AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
 UNEXPLAINED = (
     0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
 )
 
 
-def straight(points: FloatArray) -> bool:
-    """Return whether points (N, 3) lie so nearly in one line that they leave a turn about it open."""
+def collinear(points: FloatArray) -> bool:
+    """Return whether points (N, 3) lie so nearly in one line that they leave a turn about it open, or are too few."""
     if len(points) < 3:
         return True
     singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(singular[1] < STRAIGHT * singular[0])
+    return bool(singular[1] < COLLINEAR * singular[0])
 
 
 def open_turn_rad(source: FloatArray, target: FloatArray, sigma_m: FloatArray) -> float:
     """Return how well ``target`` (N, 3), known to ``sigma_m`` (N,), holds a turn of ``source`` (N, 3) about the line
     that both lie along: its standard deviation, infinite in one line."""
-    if straight(source) or straight(target):
+    if collinear(source) or collinear(target):
         return float("inf")
     extent = [np.linalg.svd(points - points.mean(axis=0), compute_uv=False) for points in (source, target)]
     # the shape is the block's own; noise widens the measured one
@@ -44,7 +44,7 @@ def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | 
     Raises OrientationError when the points do not fix it.
     """
     w = np.ones(len(source)) if weight is None else weight
-    if straight(source) or straight(target):
+    if collinear(source) or collinear(target):
         raise OrientationError(
             f"{len(source)} collinear positions do not determine a similarity: rotation about the line is free"
         )
@@ -79,7 +79,7 @@ def robust_similarity(
     extent = 0.5 * np.linalg.norm(np.ptp(target, axis=0)) if len(target) else 0.0
     for triple in _triples(len(source), seed) if len(source) >= 3 else []:
         spread = np.linalg.svd(target[triple] - target[triple].mean(axis=0), compute_uv=False)[1]
-        if spread < STRAIGHT * extent or straight(source[triple]) or straight(target[triple]):
+        if spread < COLLINEAR * extent or collinear(source[triple]) or collinear(target[triple]):
             continue
         fit = fit_similarity(source[triple], target[triple])
         error = np.linalg.norm(fit.points(source) - target, axis=1) / sigma_m
@@ -95,7 +95,7 @@ def robust_similarity(
     for _ in range(10):
         fit = fit_similarity(source[best], target[best], 1.0 / sigma_m[best] ** 2)
         agrees = np.linalg.norm(fit.points(source) - target, axis=1) < limit * sigma_m
-        if agrees.sum() < 3 or straight(target[agrees]) or np.array_equal(agrees, best):
+        if agrees.sum() < 3 or collinear(target[agrees]) or np.array_equal(agrees, best):
             break
         best = agrees
     wanted = target[best]

@@ -112,8 +112,8 @@ def test_measured_positions_hold_the_frame_of_a_block_of_strips(monkeypatch: pyt
     block = changed(simulated(1), lambda _, p: p)
     given = np.array([p.gnss_world_m for p in block.photographs])
     off_m = []
-    for held in (direct.HELD, np.inf):
-        monkeypatch.setattr(direct, "HELD", held)
+    for held in (direct.START_SHARE, np.inf):
+        monkeypatch.setattr(direct, "START_SHARE", held)
         structure = direct_structure(block, SETTINGS)
         assert structure is not None
         assert structure.registered.all()

@@ -16,7 +16,8 @@ from photogram.errors import OrientationError
 from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project
 from photogram.projection import project_point_jacobians
-from photogram.sfm.resection import collinear, p3p_poses, refine_pose, resect
+from photogram.sfm.resection import p3p_poses, refine_pose, resect
+from photogram.sfm.similarity import collinear
 
 ROOT = Path(__file__).parents[2]
 

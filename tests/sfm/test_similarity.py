@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 from photogram.camera import Camera, Pose, Similarity, project_points
 from photogram.errors import OrientationError
 from photogram.sfm.similarity import (
+    collinear,
     fit_similarity,
     open_turn_rad,
     robust_similarity,
     similarity_from_attitudes,
-    straight,
 )
 
 
@@ -100,9 +100,9 @@ def test_points_in_one_line_are_refused() -> None:
         with pytest.raises(OrientationError, match="collinear"):
             fit_similarity(source, target)
     fit_similarity(beside, beside)
-    assert straight(LINE + 0.01 * np.random.default_rng(0).standard_normal((5, 3)))
-    assert straight(np.zeros((0, 3)))
-    assert not straight(beside)
+    assert collinear(LINE + 0.01 * np.random.default_rng(0).standard_normal((5, 3)))
+    assert collinear(np.zeros((0, 3)))
+    assert not collinear(beside)
 
 
 def flown(seed: int, rows: int = 4, columns: int = 6) -> np.ndarray:

@@ -25,7 +25,7 @@ from photogram.project.measured.measured_survey import (
 )
 from photogram.project.misplaced import other_reading
 from photogram.project.project import Project
-from photogram.sfm.similarity import straight
+from photogram.sfm.similarity import collinear
 from photogram.wording import some, things
 
 FAR_FOOTPRINTS = 3.0
@@ -217,8 +217,8 @@ def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
         )
         return [Finding("error", "the block", text, remedy)]
     findings = []
-    in_line = count >= 3 and straight(points.position_world_m[control])
-    gnss_in_line = positions >= 3 and straight(survey.gnss_world_m[survey.positioned])
+    in_line = count >= 3 and collinear(points.position_world_m[control])
+    gnss_in_line = positions >= 3 and collinear(survey.gnss_world_m[survey.positioned])
     if in_line and positions < 3:
         text = "are collinear: rotation of the block about their line is not determined"
         findings.append(Finding("error", "control points", text, remedy))
