@@ -31,7 +31,7 @@ SPACING = "mean distance of photographs from their nearest neighbours"
 
 
 @dataclass(frozen=True)
-class FoundVertical:
+class EstimatedVertical:
     """``up_world`` (3,) of photographs and ``by`` what it was found: measured attitudes, photographs that look down, or
     photographs held level; not ``sure`` where they could as well look down."""
 
@@ -40,7 +40,7 @@ class FoundVertical:
     sure: bool = True
 
 
-def vertical_by_view(rotation_world_from_camera: FloatArray, wanted: Vertical = "auto") -> FoundVertical:
+def vertical_by_view(rotation_world_from_camera: FloatArray, wanted: Vertical = "auto") -> EstimatedVertical:
     """Return which way is up for photographs with rotations (N, 3, 3), looking down or held level as ``wanted``, or
     whichever they show.
 
@@ -55,11 +55,11 @@ def vertical_by_view(rotation_world_from_camera: FloatArray, wanted: Vertical = 
     if wanted == "auto":
         down = float(np.linalg.norm(view)) > ALIKE and upright < ALIKE
     if down:
-        return FoundVertical(-view / max(float(np.linalg.norm(view)), 1e-12), "down")
+        return EstimatedVertical(-view / max(float(np.linalg.norm(view)), 1e-12), "down")
     up = vector[:, 0] if turned else picture_up - x.mean(axis=0) * (picture_up @ x.mean(axis=0))
     up = up / max(float(np.linalg.norm(up)), 1e-12)
     sure = wanted == "level" or (turned and abs(float(up @ picture_up)) > 0.5 * upright > 0.0)
-    return FoundVertical(up if up @ picture_up >= 0.0 else -up, "level", bool(sure))
+    return EstimatedVertical(up if up @ picture_up >= 0.0 else -up, "level", bool(sure))
 
 
 def _level_axes(up: FloatArray, rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -90,14 +90,14 @@ def _scale(block: Block, centre: FloatArray, registered: BoolArray, ground: Floa
         return float("nan") if a is None or b is None else float(np.linalg.norm(places[a] - places[b]))
 
     measured = [c for c in block.constraints if isinstance(c, Distance) and gives_scale([c])]
-    found = np.array([length(d) for d in measured])
-    known = np.isfinite(found) & (found > 0.0)
+    lengths = np.array([length(d) for d in measured])
+    known = np.isfinite(lengths) & (lengths > 0.0)
     if not known.any():
         raise OrientationError(
             f"the scale is not known: no end of the {len(measured)} distances is where the photographs show it; "
             "mark each end in two oriented photographs or more"
         )
-    return float(np.median(np.array([d.length_m for d in measured])[known] / found[known]))
+    return float(np.median(np.array([d.length_m for d in measured])[known] / lengths[known]))
 
 
 def local_similarity(

@@ -36,7 +36,8 @@ def _judged(
     a = np.column_stack([first, np.ones(len(first))])
     b = np.column_stack([second, np.ones(len(second))]) @ R
     centre = -R.T @ t
-    aa, ab, bb = np.sum(a * a, 1), np.sum(a * b, 1), np.sum(b * b, 1)
+    aa, bb = np.sum(a * a, 1), np.sum(b * b, 1)
+    ab = np.sum(a * b, 1)
     determinant = np.maximum(aa * bb - ab * ab, 1e-300)
     ta = (bb * (a @ centre) - ab * (b @ centre)) / determinant
     tb = (ab * (a @ centre) - aa * (b @ centre)) / determinant
@@ -76,5 +77,5 @@ def relative_orientations(first: FloatArray, second: FloatArray, threshold: floa
             length = float(np.linalg.norm(t))
             if length > 1e-6:
                 motions.append((np.asarray(R), np.asarray(t).ravel() / length))
-    found = [_judged(R, t, first, second, threshold) for R, t in motions]
-    return sorted((f for f in found if f.inliers.sum() >= 8), key=lambda f: -int(f.inliers.sum()))
+    orientations = [_judged(R, t, first, second, threshold) for R, t in motions]
+    return sorted((o for o in orientations if o.inliers.sum() >= 8), key=lambda o: -int(o.inliers.sum()))

@@ -13,7 +13,9 @@ def carried_by_masters(block: Block, orientation: Orientation) -> Orientation:
     """Return an orientation in which the companions without a pose have that of their master with the relative pose
     that is given; where offset or rotation is free there is nothing to place them by, and they stay without."""
     numbers = {photograph.name: i for i, photograph in enumerate(block.photographs)}
-    poses, component, reason = list(orientation.poses), orientation.component.copy(), list(orientation.reason)
+    poses = list(orientation.poses)
+    component = orientation.component.copy()
+    reason = list(orientation.reason)
     for rig in block.rigs:
         given = rig.pose
         if given is None:

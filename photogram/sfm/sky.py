@@ -4,7 +4,7 @@ Where the block is oriented, the elevation of every pixel's ray is known. Sky is
 picture reduced by REDUCTION:
 
 - it lies ABOVE_HORIZON_DEG or more above the horizon, seen from the projection centre;
-- it lies ABOVE_MATCHED_DEG or more above every tie point of the photograph whose azimuth is less than BESIDE_DEG away:
+- it lies ABOVE_MATCHED_DEG or more above every tie point of the photograph whose azimuth is less than NEAR_DEG away:
   what stands below the top of a mast belongs to the mast, whether it matches or not;
 - it is smooth: grey values vary by less than ROUGH_DN within a reduced pixel, and by less than STEP_DN to the next;
 - it belongs to an area that reaches the border of the photograph and has LEAST_SHARE of its pixels;
@@ -21,7 +21,8 @@ from photogram.arrays import BoolArray, ByteArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane_or_nan
 
 REDUCTION = 8
-ABOVE_HORIZON_DEG, ABOVE_MATCHED_DEG, BESIDE_DEG = 1.0, 1.0, 3.0
+ABOVE_HORIZON_DEG, ABOVE_MATCHED_DEG = 1.0, 1.0
+NEAR_DEG = 3.0
 ROUGH_DN, STEP_DN = 6.0, 6.0
 LEAST_SHARE = 0.01
 RIM_PIXELS = 1
@@ -56,13 +57,13 @@ def shows_above_horizon(camera: Camera, pose: Pose, up_world: FloatArray) -> boo
 
 
 def _highest_matched_deg(azimuth: FloatArray, matched_azimuth: FloatArray, matched_elevation: FloatArray) -> FloatArray:
-    """Return the elevation (N,) of the highest tie point less than BESIDE_DEG beside each azimuth, −90 without any."""
+    """Return the elevation (N,) of the highest tie point less than NEAR_DEG from each azimuth, −90 without any."""
     bins = 720
     known = np.isfinite(matched_azimuth) & np.isfinite(matched_elevation)
     at = np.floor((matched_azimuth[known] + 180.0) / 360.0 * bins).astype(np.int64) % bins
     highest = np.full(bins, -90.0)
     np.maximum.at(highest, at, matched_elevation[known])
-    reach = int(np.ceil(BESIDE_DEG / 360.0 * bins)) + 1
+    reach = int(np.ceil(NEAR_DEG / 360.0 * bins)) + 1
     widened = np.max([np.roll(highest, step) for step in range(-reach, reach + 1)], axis=0)
     return np.asarray(widened[np.floor((np.nan_to_num(azimuth) + 180.0) / 360.0 * bins).astype(np.int64) % bins])
 

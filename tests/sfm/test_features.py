@@ -93,7 +93,7 @@ def test_a_scale_space_made_again_gives_the_same_bytes(
 ) -> None:
     settings = FeatureSettings(maximum=maximum, tile_px=300, overlap_px=60)
     held = find_features("held", picture, settings)
-    monkeypatch.setattr(sift, "HELD_PX", 0)
+    monkeypatch.setattr(sift, "KEPT_PX", 0)
     again = find_features("again", picture, settings)
     for name in ("pixel", "size_px", "angle_rad", "descriptor", "colour"):
         np.testing.assert_array_equal(getattr(held, name), getattr(again, name))

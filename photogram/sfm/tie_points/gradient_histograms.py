@@ -68,10 +68,10 @@ def orientations(
         for i in range(-radius, radius + 1):
             weight[i + radius] = np.exp(-0.5 * (i / (1.5 * sigma_px[n])) ** 2)
         start, stop = max(x0 - radius, 1), min(x0 + radius, width - 2) + 1
-        beside, count = weight[start - x0 + radius :], 0
+        column_weight, count = weight[start - x0 + radius :], 0
         for y in range(max(y0 - radius, 1), min(y0 + radius, height - 2) + 1):
             factor = weight[y - y0 + radius]
-            _gather(picture, y, start, stop, factor, beside, room[0, count:], room[1, count:], room[2, count:])
+            _gather(picture, y, start, stop, factor, column_weight, room[0, count:], room[1, count:], room[2, count:])
             count += stop - start
         _polar(room[0, :count], room[1, :count])
         for i in range(_DIRECTIONS):
@@ -185,8 +185,8 @@ def _histogram(
         stop = min(int(np.ceil(min(b, d, radius))) + x0, width - 2) + 1
         if stop <= start:
             continue
-        beside, factor = weight[start - x0 + radius :], weight[i + radius]
-        _gather(picture, y, start, stop, factor, beside, room[0, count:], room[1, count:], room[2, count:])
+        column_weight, factor = weight[start - x0 + radius :], weight[i + radius]
+        _gather(picture, y, start, stop, factor, column_weight, room[0, count:], room[1, count:], room[2, count:])
         row, column = room[3, count:], room[4, count:]
         for n in range(stop - start):
             row[n], column[n] = Float32(i), Float32(start - x0 + n)

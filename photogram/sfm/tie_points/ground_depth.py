@@ -28,7 +28,8 @@ truth."""
 UNSEEN = 0.02
 """Predicted overlap below which two photographs have nothing in common at a depth."""
 
-MOST_PROBES, FEWEST_PROBES, PROBED_SHARE = 12, 4, 0.05
+PROBED_SHARE = 0.05
+FEWEST_PROBES, MOST_PROBES = 4, 12
 """Pairs that are matched for each depth: this share of those selected, within these limits."""
 
 VERIFIED_SHARE = 0.25
@@ -50,7 +51,10 @@ class _Choice:
     def __init__(
         self, photographs: Sequence[Photograph], cameras: Sequence[Camera], settings: PairSettings, count: int
     ) -> None:
-        self._photographs, self._cameras, self._settings, self._count = photographs, cameras, settings, count
+        self._photographs = photographs
+        self._cameras = cameras
+        self._settings = settings
+        self._count = count
 
     def pairs(self, factor: float) -> list[tuple[int, int]]:
         """Return the pairs by footprint with the ground ``factor`` times as deep as stated."""

@@ -36,7 +36,9 @@ def detected(
 ) -> KeyPoints:
     """Return key points of a picture and its ``tiles`` as `Detector.detect` says; those of ``overlap_px`` and more,
     which no tile sees whole, are left out."""
-    points, table, number = list[cv2.KeyPoint](), list[FloatArray](), list[IntArray]()
+    points = list[cv2.KeyPoint]()
+    table = list[FloatArray]()
+    number = list[IntArray]()
     for n, tile in enumerate(tiles):
         seen = method.detect(tile.grey)
         rows = [(k.pt[0] + tile.u0, k.pt[1] + tile.v0, k.size, k.angle, k.response) for k in seen]

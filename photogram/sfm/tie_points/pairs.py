@@ -220,8 +220,8 @@ def _overlaps(
 
 def _aimed_overlap(aim: _Aim, pair: IntArray) -> FloatArray:
     pair = np.ascontiguousarray(pair, dtype=np.int64)
-    C, h, R = aim.position_m, aim.height_m, aim.rotation
-    return _overlaps(pair, C, h, R, aim.ground_m, aim.frame, aim.sigma_rad, aim.sigma_m)
+    ground, frame = aim.ground_m, aim.frame
+    return _overlaps(pair, aim.position_m, aim.height_m, aim.rotation, ground, frame, aim.sigma_rad, aim.sigma_m)
 
 
 def predicted_overlap(
@@ -347,9 +347,9 @@ def _pieces(count: int, pair: IntArray) -> IntArray:
 def _links(position_m: FloatArray, limit_m: FloatArray, pair: IntArray) -> IntArray:
     """Return the pairs (P, 2) that join pieces near each other: round by round, each piece with its nearest one
     (Borůvka 1926)."""
-    found = [np.zeros((0, 2), dtype=np.int64)]
+    links = [np.zeros((0, 2), dtype=np.int64)]
     while True:
-        piece = _pieces(len(position_m), np.vstack([pair, *found]))
+        piece = _pieces(len(position_m), np.vstack([pair, *links]))
         new = []
         for p in range(int(piece.max(initial=-1)) + 1 if piece.any() else 0):
             own, others = np.flatnonzero(piece == p), np.flatnonzero(piece != p)
@@ -358,21 +358,21 @@ def _links(position_m: FloatArray, limit_m: FloatArray, pair: IntArray) -> IntAr
             link = np.column_stack([own[at[best]], others[best]])
             new.append(link[distance[best] <= limit_m[link].max(axis=1)])
         if not any(len(link) for link in new):
-            return np.vstack(found)
-        found += new
+            return np.vstack(links)
+        links += new
 
 
 def _similar_links(count: int, pair: IntArray, similar: IntArray, rows: IntArray, columns: range) -> IntArray:
     """Return pairs (P, 2) from further columns of ``similar`` that join pieces of the graph, column by column."""
-    found = [np.zeros((0, 2), dtype=np.int64)]
+    links = [np.zeros((0, 2), dtype=np.int64)]
     for column in columns:
-        piece = _pieces(count, np.vstack([pair, *found]))
+        piece = _pieces(count, np.vstack([pair, *links]))
         edge = np.column_stack([rows, similar[rows, column]])
         edge = edge[edge[:, 1] >= 0]
         edge = edge[piece[edge[:, 0]] != piece[edge[:, 1]]]
         first = _rank(piece[edge[:, 0]], np.zeros(len(edge)), edge[:, 0]) < _LINKS
-        found.append(edge[first])
-    return np.vstack(found)
+        links.append(edge[first])
+    return np.vstack(links)
 
 
 # ---- all together ----------------------------------------------------------------------------------------------------
@@ -420,25 +420,25 @@ def select_pairs(
     nothing stands in for them, ImageError where a camera's distortion cannot be undone.
     """
     n = len(photographs)
-    found: list[tuple[Reason, IntArray]] = []
+    by_reason: list[tuple[Reason, IntArray]] = []
     aim = _aim(photographs, cameras)
-    found.append(("footprint", _unique(_by_footprint(aim, settings))))
+    by_reason.append(("footprint", _unique(_by_footprint(aim, settings))))
     located = np.array([i for i, p in enumerate(photographs) if p.gnss_world_m is not None], dtype=np.int64)
     position = np.array([photographs[i].gnss_world_m for i in located], dtype=np.float64).reshape(-1, 3)
     limit = _near_limit_m(photographs, located, position)
-    partners = np.bincount(found[0][1].ravel(), minlength=n)[located]
+    partners = np.bincount(by_reason[0][1].ravel(), minlength=n)[located]
     predicted = np.isin(located, aim.photograph) & (partners >= _FEW)
     near = _by_neighbourhood(position, limit, np.flatnonzero(~predicted), settings.neighbours)
-    inner = np.searchsorted(located, found[0][1])
+    inner = np.searchsorted(located, by_reason[0][1])
     near = np.vstack([near, _links(position, limit, np.vstack([inner, near]))])
-    found.append(("neighbour", located[near]))
+    by_reason.append(("neighbour", located[near]))
     lost = np.setdiff1d(np.arange(n), located)
     if len(lost):
-        known = np.vstack([pair for _, pair in found])
+        known = np.vstack([pair for _, pair in by_reason])
         pair, reason = _by_similarity(photographs, lost, known, settings, similar)
-        found.append((reason, pair))
+        by_reason.append((reason, pair))
     reasons: dict[tuple[int, int], Reason] = {}
-    for reason, pair in reversed(found):
+    for reason, pair in reversed(by_reason):
         reasons.update(dict.fromkeys(map(tuple, np.sort(pair, axis=1).tolist()), reason))
     pairs = sorted(reasons)
     return SelectedPairs(tuple(pairs), tuple(reasons[p] for p in pairs))

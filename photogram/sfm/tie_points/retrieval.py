@@ -117,6 +117,6 @@ def most_similar(load: Callable[[int], Features], count: int, partners: int, see
         similarity[:, empty] = -np.inf
         similarity[np.arange(len(rows)), start + np.arange(len(rows))] = -np.inf
         best = np.argsort(-similarity, axis=1, kind="stable")[:, :taken]
-        found = np.isfinite(np.take_along_axis(similarity, best, axis=1))
-        result[start : start + _BLOCK, :taken] = np.where(found & ~empty[start : start + _BLOCK, None], best, -1)
+        exists = np.isfinite(np.take_along_axis(similarity, best, axis=1))
+        result[start : start + _BLOCK, :taken] = np.where(exists & ~empty[start : start + _BLOCK, None], best, -1)
     return result

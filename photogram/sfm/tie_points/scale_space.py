@@ -114,9 +114,9 @@ def _mark(value: Float32Array, high: Float32Array, low: Float32Array, least: flo
 
 @njit(cache=True, nogil=True, _nrt=False)
 def _extrema(
-    level: Float32Array, outer: Float32Array, least: float, room: Float32Array, marked: ByteArray, found: Int32Array
+    level: Float32Array, outer: Float32Array, least: float, room: Float32Array, marked: ByteArray, index: Int32Array
 ) -> int:
-    """Fill ``found`` (N, 3) with level, row, column of the extrema of an octave; return their number, which may be more
+    """Fill ``index`` (N, 3) with level, row, column of the extrema of an octave; return their number, which may be more
     than there is room for. ``room`` (3, 5, 4, W) and ``marked``, W zeros and as many more as make eights, are for what
     is counted on the way."""
     height, width = level.shape[1], level.shape[2]
@@ -144,8 +144,8 @@ def _extrema(
                     continue
                 for x in range(max(8 * start, _BORDER), min(8 * start + 8, width - _BORDER)):
                     if marked[x] != 0:
-                        if count < len(found):
-                            found[count, 0], found[count, 1], found[count, 2] = k + 1, y - 1, x
+                        if count < len(index):
+                            index[count, 0], index[count, 1], index[count, 2] = k + 1, y - 1, x
                         count += 1
     return count
 
@@ -163,15 +163,15 @@ def _difference(level: Float32Array, outer: Float32Array, k: int, y: int, x: int
 
 
 @njit(cache=True, nogil=True)
-def _refined(level: Float32Array, outer: Float32Array, contrast: float, found: Int32Array, place: FloatArray) -> None:
+def _refined(level: Float32Array, outer: Float32Array, contrast: float, index: Int32Array, place: FloatArray) -> None:
     """Move extrema (N, 3) to the pixel of the parabola's extremum (Brown & Lowe 2002), and fill ``place`` (N, 4): scale
     and row and column there, and response; the scale is NaN where there is none, its contrast is too small, or it lies
     on an edge."""
     height, width = level.shape[1], level.shape[2]
     cube = np.empty((3, 3, 3))
-    for n in range(len(found)):
+    for n in range(len(index)):
         place[n, 0] = np.nan
-        k, y, x = found[n]
+        k, y, x = index[n]
         for _ in range(_STEPS):
             for i in range(3):
                 for j in range(3):
@@ -199,7 +199,7 @@ def _refined(level: Float32Array, outer: Float32Array, contrast: float, found: I
                 sharp = trace * trace * _EDGE_RATIO < (_EDGE_RATIO + 1.0) ** 2 * flat
                 if response * LEVELS >= contrast and flat > 0.0 and sharp:
                     place[n, 0], place[n, 1], place[n, 2], place[n, 3] = k + ds, y + dy, x + dx, response
-                    found[n, 0], found[n, 1], found[n, 2] = k, y, x
+                    index[n, 0], index[n, 1], index[n, 2] = k, y, x
                 break
             if not (abs(dx) < 1e6 and abs(dy) < 1e6 and abs(ds) < 1e6):
                 break
@@ -226,23 +226,23 @@ def extrema(octave: Octave, contrast: float) -> Extrema:
     rows, marked = np.zeros((3, LEVELS + 2, 4, width), dtype=np.float32), np.zeros(width + -width % 8, dtype=np.uint8)
     most = height * width // 50 + 100
     while True:
-        found = np.empty((most, 3), dtype=np.int32)
-        count = _extrema(octave.level, octave.outer, least, rows, marked, found)
+        index = np.empty((most, 3), dtype=np.int32)
+        count = _extrema(octave.level, octave.outer, least, rows, marked, index)
         if count <= most:
             break
         most = count
-    found = found[:count]
+    index = index[:count]
     place = np.empty((count, 4))
-    _refined(octave.level, octave.outer, contrast, found, place)
+    _refined(octave.level, octave.outer, contrast, index, place)
     good = np.isfinite(place[:, 0])
     shape = octave.level.shape
-    pixel = np.ravel_multi_index((found[good, 0] - 1, found[good, 1], found[good, 2]), shape)
+    pixel = np.ravel_multi_index((index[good, 0] - 1, index[good, 1], index[good, 2]), shape)
     at = np.unique(pixel, return_index=True)[1]  # several may have moved to one place
-    found = found[good][at]
+    index = index[good][at]
     scale, row, column, response = place[good][at].T
     size = octave.step * _FIRST_SIGMA * 2.0 ** (scale / LEVELS)
     return Extrema(
-        found[:, 0] - 1,
-        np.ascontiguousarray(found[:, 1:]),
+        index[:, 0] - 1,
+        np.ascontiguousarray(index[:, 1:]),
         np.column_stack([0.5 * octave.step * column, 0.5 * octave.step * row, size, response]),
     )

@@ -49,13 +49,15 @@ def join_matches(features: Sequence[Features], matches: Sequence[Matches], sigma
     _, first, count = np.unique(pair, return_index=True, return_counts=True)
     conflicting = np.unique(component[first[count > 1]])
     good = ~np.isin(component, conflicting)
-    node, photograph, component = node[good], photograph[good], component[good]
+    node, photograph = node[good], photograph[good]
+    component = component[good]
     _, start = np.unique(component, return_index=True)
     rank = np.empty(int(component.max(initial=-1)) + 1, dtype=np.int64)
     rank[component[np.sort(start)]] = np.arange(len(start))
     point = rank[component]
     order = np.lexsort((photograph, point))
-    node, photograph, point = node[order], photograph[order], point[order]
+    node, photograph = node[order], photograph[order]
+    point = point[order]
     pixel = np.concatenate([f.pixel for f in features]) if total else np.zeros((0, 2))
     sigma = np.concatenate(sigma_px) if total else np.zeros(0)
     colour = np.concatenate([f.colour for f in features]) if total else np.zeros((0, 3), dtype=np.uint8)

@@ -64,11 +64,11 @@ def _detected(number: int, tile: Tile, settings: FeatureSettings, levels: list[F
     """Return the extrema that a tile answers for, their angles zero; append what they lie on to ``levels``."""
     parts = [_Points(np.zeros((0, 5)), np.zeros((0, 5), dtype=np.int32))]
     for index, octave in enumerate(octaves(tile.grey, settings.overlap_px)):
-        found = extrema(octave, settings.contrast_threshold)
-        u, v, size, response = found.place.T
+        peaks = extrema(octave, settings.contrast_threshold)
+        u, v, size, response = peaks.place.T
         table = np.column_stack([u + tile.u0, v + tile.v0, size, np.zeros_like(u), response])
         where = np.broadcast_to(np.array([number, index], dtype=np.int32), (len(u), 2))
-        points = _Points(table, np.column_stack([where, found.level, found.pixel]))
+        points = _Points(table, np.column_stack([where, peaks.level, peaks.pixel]))
         parts.append(points.only(tile.answers_for(table[:, :2]) & (size < settings.overlap_px)))
         if levels is not None:
             levels.append(octave.level)
@@ -121,8 +121,8 @@ def lasting_strength(picture: Picture, size_px: FloatArray, response: FloatArray
     return response * np.minimum(size_px, LASTING_PX) ** 2 if picture.scale > picture.reduction else response
 
 
-HELD_PX = 3_000_000
-"""Pixels of a picture, at most, whose scale space is held until its key points are described."""
+KEPT_PX = 3_000_000
+"""Pixels of a picture, at most, whose scale space is kept until its key points are described."""
 
 
 class Sift:
@@ -139,13 +139,13 @@ class Sift:
     def detect(self, picture: Picture, settings: FeatureSettings) -> KeyPoints:
         """Return key points with RootSIFT descriptors, as `Detector` says."""
         tiles = picture_tiles(picture.grey, settings)
-        # those of a picture too large to hold are made again for what is wanted of them
-        held: list[list[Float32Array]] | None = [[] for _ in tiles] if picture.grey.size <= HELD_PX else None
-        every = _joined([_detected(n, t, settings, None if held is None else held[n]) for n, t in enumerate(tiles)])
+        # those of a picture too large to keep are made again for what is wanted of them
+        kept: list[list[Float32Array]] | None = [[] for _ in tiles] if picture.grey.size <= KEPT_PX else None
+        every = _joined([_detected(n, t, settings, None if kept is None else kept[n]) for n, t in enumerate(tiles)])
 
         def levels(number: int) -> Iterable[Float32Array]:
-            if held is not None:
-                return held[number]
+            if kept is not None:
+                return kept[number]
             return (o.level for o in octaves(tiles[number].grey, settings.overlap_px, inner_only=True))
 
         def wanted(points: _Points) -> _Points:
@@ -160,8 +160,7 @@ class Sift:
         for n in range(len(tiles)):
             own = every.origin[:, 0] == n
             descriptor[own] = _described(every.only(own), levels(n))
-        place, size_px, angle_deg = every.table[:, :2], every.table[:, 2], every.table[:, 3]
-        return KeyPoints(place, size_px, angle_deg, root_sift(descriptor))
+        return KeyPoints(every.table[:, :2], every.table[:, 2], every.table[:, 3], root_sift(descriptor))
 
 
 DETECTOR = Sift()
