@@ -52,7 +52,7 @@ OPEN_PART = 0.85
 """How much of the length of its bars is fitted of a cross that may end with its board."""
 SMALLEST_PX = 4.0
 LARGEST_PX = 130.0
-_BESIDE = np.ones((5, 5), np.uint8)
+_AROUND = np.ones((5, 5), np.uint8)
 LEAST_CONTRAST_DN = 12.0
 
 
@@ -315,7 +315,7 @@ def _stands_out(
     left, top, wide, high = box
     rows, columns = slice(max(top - 2, 0), top + high + 2), slice(max(left - 2, 0), left + wide + 2)
     own, grey = (label[rows, columns] == index).astype(np.uint8), smooth[rows, columns]
-    around = cv2.dilate(own, _BESIDE) - own
+    around = cv2.dilate(own, _AROUND) - own
     mean, scatter = cv2.meanStdDev(grey, mask=own)  # of few pixels many times faster than numpy
     contrast = abs(float(mean[0, 0]) - cv2.mean(grey, around)[0])
     return contrast > least_dn and contrast > float(scatter[0, 0])
