@@ -65,7 +65,7 @@ def solve(observations: Observations, start: BundleState, iterations: int = 200)
     free = np.zeros(start.parameters.shape, dtype=bool)
     free[:, FREE] = True
     return adjust_bundle(
-        observations, start, held_poses=np.zeros(len(start.position), dtype=bool), free=free,
+        observations, start, fixed_poses=np.zeros(len(start.position), dtype=bool), free=free,
         prior_sigma=np.full(free.shape, np.inf), prior_parameters=start.parameters, loss="none",
         maximum_iterations=iterations, relative_tolerance=1e-9,
     )  # fmt: skip

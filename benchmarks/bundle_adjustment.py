@@ -152,7 +152,7 @@ def photogram(task: Task, solver: SolverName) -> Run:
 
     def solve(start: BundleState, observations: Observations, clock: Clock) -> BundleState:
         return adjust_bundle(
-            observations, start, held_poses=np.zeros(len(start.position), dtype=bool), free=free,
+            observations, start, fixed_poses=np.zeros(len(start.position), dtype=bool), free=free,
             prior_sigma=np.full(q.shape, np.inf), prior_parameters=q, loss="huber", threshold=THRESHOLD,
             maximum_iterations=200, relative_tolerance=1e-7, watch=clock.watch, solver=solver,
         )  # fmt: skip
@@ -366,7 +366,7 @@ def _first_run(path: str) -> None:
     few, q = task.observations.select(task.observations.point < 50), task.start.parameters
     began = time.perf_counter()
     adjust_bundle(
-        few, task.start, held_poses=np.zeros(20, dtype=bool), free=np.zeros(q.shape, dtype=bool),
+        few, task.start, fixed_poses=np.zeros(20, dtype=bool), free=np.zeros(q.shape, dtype=bool),
         prior_sigma=np.full(q.shape, np.inf), prior_parameters=q, maximum_iterations=2,
     )  # fmt: skip
     Path(path).write_text(str(time.perf_counter() - began), encoding="utf-8")

@@ -100,10 +100,10 @@ def velocities(
 def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: float, coarse: float) -> FloatArray:
     """Return the velocities (n, 3) at ascending times (n,) whose differences have a standard deviation of ``sigma_s``;
     see velocities."""
-    found = np.full(position.shape, np.nan)
+    velocity = np.full(position.shape, np.nan)
     step_s = np.diff(time_s)
     if not np.any(step_s > 0.0):
-        return found
+        return velocity
     near = (step_s > 0.0) & (step_s <= GAP * np.median(step_s[step_s > 0.0]))
     leg = np.diff(position, axis=0) / np.where(near, step_s, np.nan)[:, None]
     for i in range(len(time_s)):
@@ -111,7 +111,10 @@ def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: flo
         if not (before or after):
             continue
         if before and after:
-            b, f, s, t = leg[i - 1], leg[i], float(step_s[i - 1]), float(step_s[i])
+            b = leg[i - 1]
+            f = leg[i]
+            s = float(step_s[i - 1])
+            t = float(step_s[i])
             if np.linalg.norm(f - b) > TURNING * max(np.linalg.norm(f), np.linalg.norm(b)) and abs(s - t) > 0.2 * s:
                 v, span_s = (b, s) if s < t else (f, t)
             else:
@@ -119,8 +122,8 @@ def _velocities_of_flight(time_s: FloatArray, position: FloatArray, sigma_s: flo
         else:
             v, span_s = (leg[i - 1], float(step_s[i - 1])) if before else (leg[i], float(step_s[i]))
         if sigma_s <= coarse * span_s:
-            found[i] = v
-    return found
+            velocity[i] = v
+    return velocity
 
 
 def flight_time(photographs: Sequence[Photograph]) -> FloatArray:

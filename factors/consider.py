@@ -1,7 +1,7 @@
-"""Focal lengths that are held, but whose uncertainty counts: consider parameters (Tapley, Schutz & Born 2004, sec.
+"""Focal lengths that are fixed, but whose uncertainty counts: consider parameters (Tapley, Schutz & Born 2004, sec.
 6.2).
 
-With the focal lengths f held at values of the covariance D, all other unknowns x have the covariance
+With the focal lengths f fixed at values of the covariance D, all other unknowns x have the covariance
 Σ_held + S D Sᵀ, S = ∂x/∂f. The same follows from an adjustment with f free, in which P is their covariance, when
 D⁻¹ − P⁻¹ is added to their normal equations: information is taken away where the image points pretend to more than they
 know. So one factorisation serves every covariance, of points, poses and functions alike.
@@ -33,21 +33,21 @@ def with_considered(problem: Problem, state: State) -> Problem:
         for c, s in zip(cameras, sigma.tolist(), strict=True)
     )
     free = replace(problem, block=replace(problem.block, cameras=freed))
-    found = factored(free, state)
+    reduced = factored(free, state)
     focal = PARAMETERS * chosen
-    P = functions_of_border(found.layout).covariance(found)[np.ix_(focal, focal)]
+    P = functions_of_border(reduced.layout).covariance(reduced)[np.ix_(focal, focal)]
     information = np.zeros((len(cameras), len(cameras)))
     information[np.ix_(chosen, chosen)] = np.diag(1.0 / sigma[chosen] ** 2) - np.linalg.inv(P)
     return replace(free, focal_information=information)
 
 
 def without_considered(problem: Problem) -> Problem:
-    """Return the problem of ``with_considered`` with the focal lengths held as they were adjusted: it tells what the
+    """Return the problem of ``with_considered`` with the focal lengths fixed as they were adjusted: it tells what the
     result follows of an error in the image points, where the other tells what the covariances are."""
     if problem.focal_information is None:
         return problem
-    held = tuple(
+    fixed = tuple(
         replace(c, sigmas=np.concatenate([[0.0], c.sigmas[1:]])) if c.considered_focal_sigma_px > 0.0 else c
         for c in problem.block.cameras
     )
-    return replace(problem, block=replace(problem.block, cameras=held), focal_information=None)
+    return replace(problem, block=replace(problem.block, cameras=fixed), focal_information=None)

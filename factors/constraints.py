@@ -146,7 +146,7 @@ def taking_part(block: Block) -> list[Placed]:
     roles = zip(block.control_points.name, block.control_points.role, strict=True)
     control = {name: i for i, name in enumerate(name for name, role in roles if role == "control")}
     photographs = {p.name: i for i, p in enumerate(block.photographs)}
-    found = []
+    placed = []
     for number, constraint in enumerate(block.constraints):
         ends = photographs if constraint.of_photographs else control
         index = np.array([ends.get(name, -1) for name in constraint.points], dtype=np.int64)
@@ -156,10 +156,10 @@ def taking_part(block: Block) -> list[Placed]:
         if isinstance(constraint, CommonSurface):
             rows = np.flatnonzero((index >= 0) & np.isfinite(sigma_m))
             if len(rows) > unknowns_of(constraint):
-                found.append(Placed(number, constraint, index[rows], rows))
+                placed.append(Placed(number, constraint, index[rows], rows))
         elif np.all(index >= 0) and np.isfinite(sigma_m).all():
-            found.append(Placed(number, constraint, index, np.zeros(1, dtype=np.int64)))
-    return found
+            placed.append(Placed(number, constraint, index, np.zeros(1, dtype=np.int64)))
+    return placed
 
 
 def is_scaled(block: Block) -> bool:

@@ -81,12 +81,12 @@ class Covariances:
         return np.asarray(self.border[np.ix_(columns, columns)])
 
     def calibration(self, camera: int) -> FloatArray:
-        """Return the covariance (12, 12) of a camera's parameters, zero where they are held."""
+        """Return the covariance (12, 12) of a camera's parameters, zero where they are fixed."""
         return self.lens(camera)[:PARAMETERS, :PARAMETERS]
 
     def lens(self, camera: int) -> FloatArray:
         """Return the covariance (12 + K, 12 + K) of a camera's parameters and the coefficients of its lens field, zero
-        where they are held."""
+        where they are fixed."""
         owner, parameter = self.layout.free_parameters
         columns = np.flatnonzero(owner == camera)
         unit, free = self.layout.border_unit[columns], parameter[columns]
@@ -175,21 +175,21 @@ def point_columns(
     return rows, inverse, turned
 
 
-def joint_points(found: Covariances, inverse: FloatArray, turned: FloatArray) -> FloatArray:
+def joint_points(covariances: Covariances, inverse: FloatArray, turned: FloatArray) -> FloatArray:
     """Return the joint covariance (3 K, 3 K) of points in the world, m², from V⁻¹ and W V⁻¹ of ``point_columns``.
 
     With a point's own normal matrix V and W towards cameras, two points a and b have the covariance
     δ V_a⁻¹ + V_a⁻¹ W_aᵀ S⁻¹ W_b V_b⁻¹ (Förstner & Wrobel 2016, sec. 15.4), whether they took part or not.
     """
     columns = turned.reshape(len(turned), -1)
-    joint = found.between(columns, columns)
+    joint = covariances.between(columns, columns)
     own = np.arange(columns.shape[1]).reshape(-1, 3)
     joint[own[:, :, None], own[:, None, :]] += inverse
     return joint
 
 
 def _control_columns(
-    problem: Problem, state: State, found: Covariances
+    problem: Problem, state: State, covariances: Covariances
 ) -> tuple[Linearisation, FloatArray, FloatArray, FloatArray]:
     """Return the linearised marks, their rows on poses and border (M, 2, 6 free + border), the inverse normal matrices
     V⁻¹ (G, 3, 3) of the control points, from their marks and their survey, and W V⁻¹ (6 free + border, G, 3).
@@ -198,25 +198,25 @@ def _control_columns(
     """
     marks = problem.marks
     linear = linearise(marks, state.cameras, state.control)
-    V = GroundTerms(problem, found.layout).linearise(state).control
+    V = GroundTerms(problem, covariances.layout).linearise(state).control
     np.add.at(V, marks.point, np.einsum("nri,nrj->nij", linear.point, linear.point))
-    return linear, *point_columns(marks, linear, V, found.layout, np.arange(len(V)))
+    return linear, *point_columns(marks, linear, V, covariances.layout, np.arange(len(V)))
 
 
-def mark_covariances(problem: Problem, state: State, found: Covariances) -> FloatArray:
+def mark_covariances(problem: Problem, state: State, covariances: Covariances) -> FloatArray:
     """Return the covariances (M, 2, 2) of the adjusted marks of control points, in units of their stated variances."""
-    linear, rows, inverse, turned = _control_columns(problem, state, found)
-    return _projected(problem.marks.point, linear, rows, inverse, turned, found)
+    linear, rows, inverse, turned = _control_columns(problem, state, covariances)
+    return _projected(problem.marks.point, linear, rows, inverse, turned, covariances)
 
 
 def predicted_marks(
-    problem: Problem, state: State, found: Covariances, photograph: IntArray, point: IntArray
+    problem: Problem, state: State, covariances: Covariances, photograph: IntArray, point: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return where photographs (M,) show control points (M,), px (M, 2), NaN behind a camera, and the covariances (M,
     2, 2), px², of these places: what the block as it is adjusted says of a mark that nobody has made."""
-    _, _, inverse, turned = _control_columns(problem, state, found)
+    _, _, inverse, turned = _control_columns(problem, state, covariances)
     pixel, covariance = np.empty((len(point), 2)), np.empty((len(point), 2, 2))
-    in_poses = np.any(turned[: found.layout.columns], axis=(0, 2))[point]
+    in_poses = np.any(turned[: covariances.layout.columns], axis=(0, 2))[point]
     numbers = np.flatnonzero(in_poses)
     several = [numbers[k : k + MARKS_AT_ONCE] for k in range(0, len(numbers), MARKS_AT_ONCE)]
     for part in (*several, np.flatnonzero(~in_poses)):
@@ -224,25 +224,27 @@ def predicted_marks(
         linear = linearise(asked, state.cameras, state.control)
         pixel[part] = asked.pixel
         if in_poses[part].any():
-            rows = _rows(asked, linear, found.layout)
-            covariance[part] = _projected(point[part], linear, rows, inverse, turned, found)
+            rows = _rows(asked, linear, covariances.layout)
+            covariance[part] = _projected(point[part], linear, rows, inverse, turned, covariances)
         else:
-            covariance[part] = _projected_by_one(asked, linear, inverse, turned, found)
+            covariance[part] = _projected_by_one(asked, linear, inverse, turned, covariances)
     return pixel, covariance
 
 
 def _projected_by_one(
-    asked: Observations, linear: Linearisation, inverse: FloatArray, turned: FloatArray, found: Covariances
+    asked: Observations, linear: Linearisation, inverse: FloatArray, turned: FloatArray, covariances: Covariances
 ) -> FloatArray:
     """Return what ``_projected`` does of points that no photograph has marked: each of their images depends on one
     pose and the border."""
-    layout, i, g = found.layout, asked.photograph, asked.point
+    layout = covariances.layout
+    i = asked.photograph
+    g = asked.point
     A = linear.pose
     B = _border_rows(linear, layout) - linear.point @ turned[layout.columns :, g].transpose(1, 2, 0)
-    T = found.T[6 * layout.place[i][:, None] + np.arange(6)]
-    cross = A @ -T @ found.border @ B.transpose(0, 2, 1)
+    T = covariances.T[6 * layout.place[i][:, None] + np.arange(6)]
+    cross = A @ -T @ covariances.border @ B.transpose(0, 2, 1)
     own = linear.point @ inverse[g] @ linear.point.transpose(0, 2, 1)
-    own += A @ found.poses[i] @ A.transpose(0, 2, 1) + B @ found.border @ B.transpose(0, 2, 1)
+    own += A @ covariances.poses[i] @ A.transpose(0, 2, 1) + B @ covariances.border @ B.transpose(0, 2, 1)
     return np.asarray(own + cross + cross.transpose(0, 2, 1))
 
 
@@ -259,7 +261,7 @@ class JointMarks:
 
 
 def joint_marks(
-    problem: Problem, state: State, found: Covariances, photograph: IntArray, point: IntArray
+    problem: Problem, state: State, covariances: Covariances, photograph: IntArray, point: IntArray
 ) -> JointMarks:
     """Return what ``predicted_marks`` does, with the covariances of all places with each other.
 
@@ -267,10 +269,10 @@ def joint_marks(
     """
     asked = predicted(photograph, point, state.cameras, state.control)
     linear = linearise(asked, state.cameras, state.control)
-    _, _, inverse, turned = _control_columns(problem, state, found)
-    U = _rows(asked, linear, found.layout) - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
+    _, _, inverse, turned = _control_columns(problem, state, covariances)
+    U = _rows(asked, linear, covariances.layout) - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
     columns = U.reshape(-1, U.shape[2]).T
-    joint = found.between(columns, columns)
+    joint = covariances.between(columns, columns)
     for g in np.unique(point).tolist():
         own = np.flatnonzero(point == g)
         B = linear.point[own].reshape(-1, 3)
@@ -281,7 +283,7 @@ def joint_marks(
 
 def _projected(
     point: IntArray, linear: Linearisation, rows: FloatArray, inverse: FloatArray, turned: FloatArray,
-    found: Covariances,
+    covariances: Covariances,
 ) -> FloatArray:  # fmt: skip
     """Return the covariances (M, 2, 2) of the images of control points, linearised.
 
@@ -289,7 +291,7 @@ def _projected(
     """
     U = rows - np.einsum("nri,cni->nrc", linear.point, turned[:, point])
     columns = U.reshape(-1, U.shape[2]).T
-    solved = found.solve(columns).T.reshape(U.shape)
+    solved = covariances.solve(columns).T.reshape(U.shape)
     own = linear.point @ inverse[point] @ linear.point.transpose(0, 2, 1)
     return np.asarray(own + np.einsum("nrc,nsc->nrs", U, solved))
 
@@ -353,17 +355,17 @@ def _checked_factor(normal: NormalEquations, scale: FloatArray, whole: Datum) ->
     return factor
 
 
-def _check_attitudes(found: Covariances, whole: Datum) -> None:
+def _check_attitudes(covariances: Covariances, whole: Datum) -> None:
     """Raise IndeterminateError where an attitude may be any, naming the block that turns or the photograph."""
-    variance = np.einsum("naa->na", found.poses)[:, :3].max(axis=1, initial=0.0)
+    variance = np.einsum("naa->na", covariances.poses)[:, :3].max(axis=1, initial=0.0)
     if not np.any(variance > MEANINGLESS_SIGMA_RAD**2):
         return
     worst = int(np.argmax(variance))
-    turn = found.between(whole.fit, whole.fit)[3:6, 3:6]
-    if found.layout.free > 1 and float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
-        steady = weights_of(found.poses, whole.distance_m)
-        again = datum_of(found.layout, whole.state, whole.distance_m, steady)
-        turn = found.between(again.fit, again.fit)[3:6, 3:6]
+    turn = covariances.between(whole.fit, whole.fit)[3:6, 3:6]
+    if covariances.layout.free > 1 and float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
+        steady = weights_of(covariances.poses, whole.distance_m)
+        again = datum_of(covariances.layout, whole.state, whole.distance_m, steady)
+        turn = covariances.between(again.fit, again.fit)[3:6, 3:6]
         if float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
             raise IndeterminateError((DATUM, TURN))
     raise IndeterminateError((POSE, worst))
@@ -389,8 +391,8 @@ def covariances(problem: Problem, state: State) -> Covariances:
         scale_matrix(inverse, scale, layout)
         T = factor.T * scale[m:] / scale[:m, None]
         border = factor.border_covariance() / np.outer(scale[m:], scale[m:])
-        found = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
-        _check_attitudes(found, whole)
+        of_cameras = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
+        _check_attitudes(of_cameras, whole)
         cameras, blocks = state.cameras, (inverse, T, border)
         ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)

@@ -26,7 +26,7 @@ from photogram.factors.elimination.reprojection import linearise
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.factors.graph import Problem
-from photogram.factors.joint_covariance import columns_of_ground, parts_of, ray_covariances
+from photogram.factors.joint_covariance import ground_columns, parts_of, ray_covariances
 from photogram.factors.variables import POSE, key
 from photogram.survey import Block
 
@@ -50,9 +50,9 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
     last = int(np.argmax(length))
     sigma = np.repeat([CONDITION, CONDITION * float(length[last])], 3)
     pose = gtsam.Pose3(gtsam.Rot3(poses[first].rotation_world_from_camera), centre[first])
-    held = gtsam.PriorFactorPose3(key(POSE, first), pose, gtsam.noiseModel.Diagonal.Sigmas(sigma))
+    fixed_pose = gtsam.PriorFactorPose3(key(POSE, first), pose, gtsam.noiseModel.Diagonal.Sigmas(sigma))
     if is_scaled(block):
-        return (held,)
+        return (fixed_pose,)
     along, place = base[last] / length[last], centre[last]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
@@ -62,7 +62,7 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
         return np.array([along @ (other.translation() - place)])
 
     noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma[-1]))
-    return held, gtsam.CustomFactor(noise, [key(POSE, last)], error)
+    return fixed_pose, gtsam.CustomFactor(noise, [key(POSE, last)], error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def relative_covariances(
     poses = datum.transformed(covariances.poses, moved, datum.with_cameras[rows])
     with_ties = _with_tie_points(problem, state, covariances, datum)
     tie = datum.transformed(covariances.tie_point, datum.moved(state.tie_point), with_ties)
-    known, turned = columns_of_ground(problem, state, covariances, ground_world_m)
+    known, _, turned = ground_columns(problem, state, covariances, ground_world_m)
     joint = np.full_like(ground, np.nan)
     if len(known):
         at = (3 * known[:, None] + np.arange(3)).ravel()

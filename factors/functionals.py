@@ -156,7 +156,9 @@ def responses_to_pixels(
     With all Jacobians J and the normal matrix JᵀJ the change is (J (JᵀJ)⁻¹ a)ᵀ times that of the whitened pixels:
     influences of measurements, as external reliability has them (Baarda 1968).
     """
-    layout, tie, functions = solvable.layout, problem.tie, a.shape[2]
+    layout = solvable.layout
+    tie = problem.tie
+    functions = a.shape[2]
     solved = solvable.solve(functions_of_tie_points(problem, state, layout, points, a).columns)
     of_point = np.zeros((len(state.tie_point), 3, functions))
     of_point[points] = a
@@ -198,8 +200,8 @@ def _moved_by_cameras(
 ) -> FloatArray:
     """Return by how much whitened measurements (N, 2, K) move with the changes (6 free + border, K) of the cameras."""
     o, functions = observations, solved.shape[1]
-    held = np.zeros((1, 6, functions))  # the place of a photograph that is held is −1, the last
-    pose = np.concatenate([solved[: layout.columns].reshape(-1, 6, functions), held])[layout.place[o.photograph]]
+    fixed = np.zeros((1, 6, functions))  # the place of a photograph that is fixed is −1, the last
+    pose = np.concatenate([solved[: layout.columns].reshape(-1, 6, functions), fixed])[layout.place[o.photograph]]
     lens, free = np.zeros((*layout.unit.shape, functions)), layout.unit > 0
     lens[free] = solved[layout.columns : layout.columns + layout.offset_column] * layout.unit[free][:, None]
     return np.asarray(linear.pose @ pose + linear.calibration @ lens[linear.camera])
@@ -222,8 +224,8 @@ def functions_of_attitudes(layout: Layout, weight: FloatArray) -> Functions:
 
 
 def functions_of_border(layout: Layout) -> Functions:
-    """Return every parameter (cameras, 12) of all calibrations in natural units, zero where held, then the GNSS offsets
-    (flights, 3), each flattened."""
+    """Return every parameter (cameras, 12) of all calibrations in natural units, zero where fixed, then the GNSS
+    offsets (flights, 3), each flattened."""
     cameras, offsets = len(layout.unit), layout.common_column - layout.offset_column
     columns = np.zeros((layout.columns + layout.border, cameras * PARAMETERS + offsets))
     owner, parameter = layout.free_parameters

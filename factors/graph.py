@@ -8,6 +8,7 @@ observations are linearised together by one compiled kernel.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -31,13 +32,12 @@ from photogram.factors.elimination.similarity_steps import bend_of, bent
 from photogram.factors.elimination.state import State
 from photogram.factors.priors import (
     OWN_OFFSET_SIGMA_M,
-    calibration_prior,
-    common_error_prior,
     common_offset_prior,
     gnss_position,
     measured_attitude,
     offset_prior,
     surveyed_position,
+    vector_prior,
 )
 from photogram.factors.rigs.exposures import estimated, exposure_factors, rig_priors, values_by_rig
 from photogram.factors.variables import (
@@ -130,19 +130,23 @@ def ground_graph(problem: Problem, *, exposures: bool = True) -> gtsam.Nonlinear
     else:
         for f in range(len(problem.flights)):
             graph.add(offset_prior(f, np.maximum(block.gnss_offset_sigma_m, OWN_OFFSET_SIGMA_M), axes))
-    for k, common in enumerate(block.common_errors):
-        graph.add(common_error_prior(k, common.sigma))
-    expected, sigmas, units = calibrations(block.cameras), calibration_sigmas(block.cameras), problem.scale
-    for c, free in enumerate(problem.free):
-        if len(free):
-            prior = calibration_prior(c, (expected[c] / units[c])[free], (sigmas[c] / units[c])[free])
-            if prior is not None:
-                graph.add(prior)
+    for factor in _vector_priors(problem):
+        graph.add(factor)
     for placed in taking_part(block):
         graph.add(constraint_factor(placed, block.frame, problem.control_world_m))
     for factor in (*rig_priors(block), *(exposure_factors(block) if exposures else ()), *problem.further):
         graph.add(factor)
     return graph
+
+
+def _vector_priors(problem: Problem) -> Iterator[gtsam.NonlinearFactor]:
+    """Yield the priors of common errors and calibrations."""
+    cameras = problem.block.cameras
+    for k, common in enumerate(problem.block.common_errors):
+        yield from vector_prior(key(COMMON_ERROR, k), np.zeros(len(common.sigma)), common.sigma)
+    expected, sigmas = calibrations(cameras), calibration_sigmas(cameras)
+    for c, (free, unit) in enumerate(zip(problem.free, problem.scale, strict=True)):
+        yield from vector_prior(key(CALIBRATION, c), (expected[c] / unit)[free], (sigmas[c] / unit)[free])
 
 
 def ground_values(problem: Problem, state: State) -> gtsam.Values:

@@ -57,10 +57,14 @@ class _Sums:
     def add(self, layout: Layout, columns: IntArray, A: FloatArray, b: FloatArray) -> float:
         """Add observations with the Jacobians A (n, r, c) on ``columns`` (n, c) and the residuals −b (n, r), in place;
         returns half the sum of their squares."""
-        m, edge, terms = layout.columns, layout.columns + layout.border, self.terms
+        m = layout.columns
+        edge = layout.columns + layout.border
+        terms = self.terms
         information, gradient = np.einsum("nri,nrj->nij", A, A), np.einsum("nri,nr->ni", A, b)
         row, column = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
-        pose, border, control = row < m, (row >= m) & (row < edge), row >= edge
+        pose = row < m
+        border = (row >= m) & (row < edge)
+        control = row >= edge
         both = pose & (column < m)
         for target, chosen, index in (
             (terms.pose, both & (row // 6 == column // 6), (row // 6, row % 6, column % 6)),

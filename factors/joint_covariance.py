@@ -38,15 +38,6 @@ def joint_ground_covariance(
     return joint
 
 
-def columns_of_ground(
-    problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Return the numbers (K,) of the ground points that have a position, and W V⁻¹ (6 free + border, K, 3), by which
-    they follow the cameras, see ``point_columns``."""
-    known, _, turned = ground_columns(problem, state, covariances, ground_world_m)
-    return known, turned
-
-
 def ground_columns(
     problem: Problem, state: State, covariances: Covariances, ground_world_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -75,11 +66,8 @@ def parts_of(observations: Observations, count: int) -> Iterator[tuple[int, int,
     begin = 0
     while begin < count:
         end = max(begin + 1, int(np.searchsorted(first, first[begin] + OBSERVATIONS_AT_ONCE, side="right")) - 1)
-        rays = slice(int(first[begin]), int(first[end]))
-        o = observations
-        yield begin, end, Observations(
-            o.photograph[rays], o.point[rays] - begin, o.pixel[rays], o.sigma_px[rays]
-        )  # fmt: skip
+        part = observations.select(np.arange(first[begin], first[end]))
+        yield begin, end, replace(part, point=part.point - begin)
         begin = end
 
 

@@ -48,10 +48,10 @@ kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 class _System:
     """Whitened rows of tie-point observations (M, 2, ·), sorted by point, that of p from ``first`` (P + 1,) on:
     ``point`` (M, 2, 3), of which those of velocities are ``way`` (M,) times; ``pose`` (M, 2, 6), ``calibration``
-    (M, 2, 12 + K) in the units of the reduced system ``found``; ``residual`` (M, 2); inverse normal matrices
+    (M, 2, 12 + K) in the units of the reduced system ``reduced``; ``residual`` (M, 2); inverse normal matrices
     ``inverse`` (P, 3, 3) of the points; whose each observation is; how many photographs there are."""
 
-    found: Solvable
+    reduced: Solvable
     first: IntArray
     way: FloatArray
     point: FloatArray
@@ -71,7 +71,7 @@ class _System:
 
     def change(self, velocity: FloatArray) -> FloatArray:
         """Return S⁻¹ Aᵀ Q J times velocities (N, 3): the change (6 free + border,) that undoes what they do."""
-        moved, layout = np.empty_like(self.residual), self.found.layout
+        moved, layout = np.empty_like(self.residual), self.reduced.layout
         pose, lens = np.zeros((self.photographs, 6)), np.zeros((len(layout.unit), self.calibration.shape[2]))
         _move(self.way, self.point, velocity, self.of_photograph, moved)
         take_points(self.first, self.point, self.inverse, moved)
@@ -80,11 +80,11 @@ class _System:
         owner, parameter = layout.free_parameters
         columns[: layout.columns, 0] = pose[layout.photograph_at].ravel()
         columns[layout.columns : layout.columns + len(owner), 0] = lens[owner, parameter]
-        return self.found.solve(columns)[:, 0]
+        return self.reduced.solve(columns)[:, 0]
 
     def pulled(self, velocity: FloatArray, change: FloatArray) -> FloatArray:
         """Return Jᵀ Q (J v − A x) (N, 3) of velocities v and a change x of poses and border."""
-        moved, layout = np.empty_like(self.residual), self.found.layout
+        moved, layout = np.empty_like(self.residual), self.reduced.layout
         pose, lens = np.zeros((self.photographs, 6)), np.zeros((len(layout.unit), self.calibration.shape[2]))
         owner, parameter = layout.free_parameters
         pose[layout.photograph_at] = change[: layout.columns].reshape(-1, 6)
@@ -106,7 +106,7 @@ class _System:
         else at rest."""
         weight = sigma_m_s**-2.0
         inverse = np.linalg.inv(own + weight * np.eye(3))
-        found, direction = np.zeros_like(right), np.zeros_like(right)
+        departure, direction = np.zeros_like(right), np.zeros_like(right)
         x, residual = np.zeros_like(right[free]), right[free]
         z = np.einsum("nij,nj->ni", inverse, residual)
         p, rho = z, float(np.sum(residual * z))
@@ -121,8 +121,8 @@ class _System:
             z = np.einsum("nij,nj->ni", inverse, residual)
             before, rho = rho, float(np.sum(residual * z))
             p = z + (rho / before) * p
-        found[free] = x
-        return found
+        departure[free] = x
+        return departure
 
 
 @kernel
@@ -226,14 +226,14 @@ def _system(problem: Problem, state: State) -> _System:
     tie, cameras = problem.tie, state.cameras
     linear = linearise(tie, cameras, state.tie_point)  # zero where a draft has points behind a camera
     root = np.sqrt(robust_terms(linear.residual, problem.robust_loss, problem.robust_threshold)[1])
-    found = factored(problem, state)
+    reduced = factored(problem, state)
     point = root[:, None, None] * linear.point
     height = cameras.size_px[linear.camera, 1].astype(float)
     share = share_at_row(np.ascontiguousarray(tie.pixel[:, 1]), height)
     first, inverse = points_of(tie, point, len(state.tie_point))
     return _System(
-        found, first, -cameras.parameters[linear.camera, READOUT] * share, point, root[:, None, None] * linear.pose,
-        root[:, None, None] * linear.calibration * found.layout.unit[linear.camera][:, None],
+        reduced, first, -cameras.parameters[linear.camera, READOUT] * share, point, root[:, None, None] * linear.pose,
+        root[:, None, None] * linear.calibration * reduced.layout.unit[linear.camera][:, None],
         root[:, None] * linear.residual, inverse, tie.photograph, linear.camera, len(cameras.camera),
     )  # fmt: skip
 
@@ -247,7 +247,7 @@ class Together(NamedTuple):
 
 def _readout_columns(system: _System) -> list[tuple[int, int]]:
     """Return the cameras whose read-out times are unknowns, each with its column of the reduced system."""
-    layout = system.found.layout
+    layout = system.reduced.layout
     owner, parameter = layout.free_parameters
     return [(int(owner[k]), layout.columns + int(k)) for k in np.flatnonzero(parameter == READOUT)]
 
@@ -261,16 +261,16 @@ def _determined(own: FloatArray, sigma_m_s: float) -> FloatArray:
 def joint_velocities(
     problem: Problem,
     state: State,
-    told_m_s: FloatArray,
+    expected_m_s: FloatArray,
     free: BoolArray,
     sigma_m_s: float,
     own: FloatArray,
     least_s: float = 0.0,
 ) -> Together:
     """Return the velocities in the world, m/s, of the photographs ``free`` (N,) that are most likely beside those
-    ``told_m_s`` (N, 3), which scatter by ``sigma_m_s``, at ``state``, a minimum with the velocities that it has, and
-    the read-out times; the others are as told. ``own`` (F, 3, 3) are the normal matrices of the free ones, everything
-    else at rest.
+    ``expected_m_s`` (N, 3), which scatter by ``sigma_m_s``, at ``state``, a minimum with the velocities that it has,
+    and the read-out times; the others are as expected. ``own`` (F, 3, 3) are the normal matrices of the free ones,
+    everything else at rest.
 
     Departures are looked for as if unknown read-out times were ``least_s`` at least: velocities that are wrong make
     them come out too short, and what departures may explain shrinks with them. Raises IndeterminateError or
@@ -278,7 +278,9 @@ def joint_velocities(
     """
     system, now = _system(problem, state), state.parameters[:, READOUT]
     columns = [(camera, column) for camera, column in _readout_columns(system) if now[camera] != 0.0]
-    before, longer, layout = now.copy(), np.ones_like(now), system.found.layout
+    before = now.copy()
+    longer = np.ones_like(now)
+    layout = system.reduced.layout
     for camera, _ in columns:
         before[camera] = np.copysign(max(abs(now[camera]), least_s), now[camera])
         longer[camera] = before[camera] / now[camera]
@@ -286,18 +288,18 @@ def joint_velocities(
     owner = state.cameras.camera[free]
     own = own * longer[owner, None, None] ** 2
     right, load = system.right(), np.zeros((layout.columns + layout.border, 1))
-    right[free] += sigma_m_s**-2.0 * (told_m_s - state.velocity)[free]
-    told_by_images = np.bincount(owner, _determined(own, sigma_m_s), minlength=len(before))
+    right[free] += sigma_m_s**-2.0 * (expected_m_s - state.velocity)[free]
+    determined = np.bincount(owner, _determined(own, sigma_m_s), minlength=len(before))
     for camera, column in columns:
-        load[column] = -layout.unit[camera, READOUT] * told_by_images[camera] / before[camera]
-    alone = system.found.solve(load)[:, 0]
+        load[column] = -layout.unit[camera, READOUT] * determined[camera] / before[camera]
+    alone = system.reduced.solve(load)[:, 0]
     departure = system.solve(right + system.pulled(np.zeros_like(right), alone), free, sigma_m_s, own)
     change, after = alone - system.change(departure), before.copy()
     for camera, column in columns:
         step = now[camera] + layout.unit[camera, READOUT] * change[column]
         after[camera] = before[camera] * np.clip(step / before[camera], 1.0 / LARGEST_RATIO, LARGEST_RATIO)
     ratio = np.divide(before, after, out=np.zeros_like(after), where=after != 0.0)[state.cameras.camera, None]
-    return Together(np.where(free[:, None], state.velocity + ratio * departure, told_m_s), after)
+    return Together(np.where(free[:, None], state.velocity + ratio * departure, expected_m_s), after)
 
 
 def readout_sigmas(problem: Problem, state: State, free: BoolArray, sigma_m_s: float, own: FloatArray) -> FloatArray:
@@ -308,16 +310,16 @@ def readout_sigmas(problem: Problem, state: State, free: BoolArray, sigma_m_s: f
     Raises IndeterminateError or SingularError where the reduced system has no unique solution.
     """
     system = _system(problem, state)
-    layout, nothing = system.found.layout, np.zeros((system.photographs, 3))
+    layout, nothing = system.reduced.layout, np.zeros((system.photographs, 3))
     sigma, cameras = np.full(len(layout.unit), np.nan), len(layout.unit)
-    told_by_images = np.bincount(state.cameras.camera[free], _determined(own, sigma_m_s), minlength=cameras)
+    determined = np.bincount(state.cameras.camera[free], _determined(own, sigma_m_s), minlength=cameras)
     for camera, column in _readout_columns(system):
         unit = np.zeros((layout.columns + layout.border, 1))
         unit[column] = 1.0
-        alone = system.found.solve(unit)[:, 0]
+        alone = system.reduced.solve(unit)[:, 0]
         departure = system.solve(system.pulled(nothing, alone), free, sigma_m_s, own)
         variance = layout.unit[camera, READOUT] ** 2 * (alone[column] - system.change(departure)[column])
         readout_s = state.parameters[camera, READOUT]
-        less = told_by_images[camera] * variance / readout_s**2 if readout_s != 0.0 else 0.0
+        less = determined[camera] * variance / readout_s**2 if readout_s != 0.0 else 0.0
         sigma[camera] = np.sqrt(variance / max(1.0 - less, LEAST_LEFT))
     return sigma

@@ -38,9 +38,9 @@ class _Graph:
         system = linearise_all(self.problem, self.ground, state, LEAST_CURVATURE if near else 1.0)
 
         def step(damping: float) -> Trial:
-            found = damped_step(system, damping)
-            moved = kept_in_front(self.problem, state, retract(self.problem, state, found, near))
-            return Trial(moved, self.cost(moved), found.predicted_decrease)
+            solution = damped_step(system, damping)
+            moved = kept_in_front(self.problem, state, retract(self.problem, state, solution, near))
+            return Trial(moved, self.cost(moved), solution.predicted_decrease)
 
         return step
 

@@ -8,14 +8,14 @@ sigma about every axis. Sigmas of positions are stated along easting,
 northing and height of the map.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.factors.common_errors import Effect, attitude_residual
-from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
+from photogram.factors.variables import COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
 
 OWN_OFFSET_SIGMA_M = 1e-6
 """Of an offset whose prior is 0 along an axis while it is more along another: it stays there."""
@@ -81,7 +81,8 @@ def gnss_position(
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
         keys = factor.keys()
         pose = values.atPose3(keys[0])
-        R, whole, shift = pose.rotation().matrix(), arm, gnss_world_m
+        R = pose.rotation().matrix()
+        whole, shift = arm, gnss_world_m
         for effect, variable in zip(effects, keys[first:], strict=True):
             moved = effect.matrix @ values.atVector(variable)
             whole, shift = (whole + moved, shift) if effect.in_camera else (whole, shift + moved)
@@ -115,7 +116,8 @@ def common_offset_prior(flights: int, sigma_m: FloatArray, common_m: float, axes
     common = np.array([common_m, common_m, 0.0])
     own = np.sqrt(np.maximum(sigma_m**2 - common**2, OWN_OFFSET_SIGMA_M**2))
     share = (1.0 - 1.0 / np.sqrt(1.0 + n * (common / own) ** 2)) / n
-    alone, together = axes.T / own[:, None], axes.T * (share / own)[:, None]
+    alone = axes.T / own[:, None]
+    together = axes.T * (share / own)[:, None]
     blocks = [np.vstack([alone - together if g == f else -together for g in range(n)]) for f in range(n)]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
@@ -172,33 +174,17 @@ def measured_attitude(
     return gtsam.CustomFactor(noise, [key(POSE, photograph), key(COMMON_ERROR, error)], residual)
 
 
-def common_error_prior(error: int, sigma: FloatArray) -> gtsam.NonlinearFactor:
-    """Return the prior of a common error: zero with sigmas (d,)."""
-    identity = np.eye(len(sigma))
-
-    def residual(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        if jacobians is not None:
-            jacobians[0] = identity
-        return np.asarray(values.atVector(factor.keys()[0]))
-
-    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigma), [key(COMMON_ERROR, error)], residual)
-
-
-def calibration_prior(camera: int, expected: FloatArray, sigmas: FloatArray) -> gtsam.NonlinearFactor | None:
-    """Return the prior on a camera's free parameters, in the units of the calibration variable; None when all are
-    unbounded.
-
-    ``expected`` and ``sigmas`` (free,); an infinite sigma says nothing about its parameter.
-    """
+def vector_prior(variable: int, expected: FloatArray, sigmas: FloatArray) -> Iterator[gtsam.NonlinearFactor]:
+    """Yield the prior of a variable (d,), of a common error or a camera's free parameters for instance, at ``expected``
+    (d,) with ``sigmas`` (d,), of which an infinite one says nothing; none when all are infinite."""
     known = np.flatnonzero(np.isfinite(sigmas))
     if not len(known):
-        return None
-    selection = np.zeros((len(known), len(sigmas)))
-    selection[np.arange(len(known)), known] = 1.0
+        return
+    selection = np.eye(len(sigmas))[known]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
         if jacobians is not None:
             jacobians[0] = selection
         return np.asarray(values.atVector(factor.keys()[0])[known] - expected[known])
 
-    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigmas[known]), [key(CALIBRATION, camera)], error)
+    yield gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigmas[known]), [variable], error)

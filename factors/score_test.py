@@ -1,4 +1,4 @@
-"""What a held parameter of a camera would become if it were free: its score at a solution without it.
+"""What a fixed parameter of a camera would become if it were free: its score at a solution without it.
 
 With the change J of the whitened residuals r by the parameter, every tie point following, and its product L = Aᵀ J with
 the rows A of poses and border, the score s = −Jᵀ r has the covariance K = JᵀJ − Lᵀ S⁻¹ L, S the reduced system, and one
@@ -30,7 +30,7 @@ class Step(NamedTuple):
 
 
 def one_step(problem: Problem, state: State, covariances: Covariances, camera: int, parameter: int) -> Step:
-    """Return what one step would give to a ``parameter`` of a camera that is held, at the solution ``state`` with its
+    """Return what one step would give to a ``parameter`` of a camera that is fixed, at the solution ``state`` with its
     ``covariances``; in its own unit. The velocities that a read-out time needs are those of ``state``."""
     layout = covariances.layout
     L = np.zeros(layout.columns + layout.border)
@@ -58,7 +58,7 @@ def one_step(problem: Problem, state: State, covariances: Covariances, camera: i
 
 
 def least_statistic(problem: Problem, state: State, camera: int, parameter: int) -> float:
-    """Return Rao's statistic s² / K of a ``parameter`` of a camera that is held, χ² with one degree of freedom, at the
+    """Return Rao's statistic s² / K of a ``parameter`` of a camera that is fixed, χ² with one degree of freedom, at the
     solution ``state``, from the rays of tie points, which follow, as if nothing else were unknown. With all unknowns
     the score is the same and K smaller: where this is significant, the whole is. No covariances are needed."""
     rays, X = problem.tie, state.tie_point

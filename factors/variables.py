@@ -30,9 +30,9 @@ def kind_and_index(variable: int) -> tuple[str, int]:
 
 def indeterminate_variable(message: str) -> tuple[str, int] | None:
     """Read kind and index of the variable that GTSAM's indeterminate-system error names, None when it names none."""
-    found = re.search(r"near variable\s+(\d+)", message) or re.search(r"Symbol:\s*([a-z])(\d+)", message)
-    if found is None:
+    match = re.search(r"near variable\s+(\d+)", message) or re.search(r"Symbol:\s*([a-z])(\d+)", message)
+    if match is None:
         return None
-    if len(found.groups()) == 2:
-        return found.group(1), int(found.group(2))
-    return kind_and_index(int(found.group(1)))
+    if len(match.groups()) == 2:
+        return match.group(1), int(match.group(2))
+    return kind_and_index(int(match.group(1)))

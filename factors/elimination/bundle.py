@@ -141,7 +141,7 @@ def _moved(
 @dataclass(frozen=True, eq=False)
 class _System:
     """A bundle as Levenberg–Marquardt sees it, its work shared by the threads of ``pool``; ``whole`` where none of the
-    photographs with observations is held."""
+    photographs with observations is fixed."""
 
     bundle: Bundle
     solve: Solver
@@ -255,7 +255,7 @@ def adjust_bundle(
     observations: Observations,
     state: BundleState,
     *,
-    held_poses: BoolArray,
+    fixed_poses: BoolArray,
     free: BoolArray,
     prior_sigma: FloatArray,
     prior_parameters: FloatArray,
@@ -270,7 +270,7 @@ def adjust_bundle(
 ) -> BundleState:
     """Adjust poses, points and free calibration parameters of a block from image observations and priors alone.
 
-    Poses of the mask ``held_poses`` (N,) stay as they are; ``free`` (cameras, 12) are the parameters that move, with
+    Poses of the mask ``fixed_poses`` (N,) stay as they are; ``free`` (cameras, 12) are the parameters that move, with
     priors ``prior_parameters`` of ``prior_sigma`` (cameras, 12), infinite for none; ``prior_position`` (N, 3) of one
     ``prior_position_sigma`` hold the free projection centres. Observations sorted by point, of points with a finite
     position and two rays at least; points without observations stay. Nothing need fix the gauge: the damping does. A
@@ -281,9 +281,9 @@ def adjust_bundle(
     cameras = state.cameras
     seen = np.bincount(cameras.camera[observations.photograph], minlength=len(cameras.model)) > 0
     unit = np.array([calibration_scale(q[FOCAL]) for q in cameras.parameters]) * (free & seen[:, None])
-    used = np.zeros(len(held_poses), dtype=bool)
+    used = np.zeros(len(fixed_poses), dtype=bool)
     used[observations.photograph] = True
-    layout = make_layout([(first, observations.photograph)], held_poses | ~used, cameras.position, unit)
+    layout = make_layout([(first, observations.photograph)], fixed_poses | ~used, cameras.position, unit)
     none = observations.select(np.zeros(len(observations), dtype=bool))
     bundle = Bundle(
         layout,
@@ -294,8 +294,8 @@ def adjust_bundle(
     )
     start = State(cameras, state.point, np.zeros((0, 3)), np.zeros((0, 3)))
     try:
-        found = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance, watch, solver)
+        minimum = minimise_bundle(bundle, start, maximum_iterations, relative_tolerance, watch, solver)
     except (SingularError, SingularPointError):
         return replace(state, converged=False)
-    s = found.state
-    return BundleState(s.cameras, s.tie_point, found.cost, found.iterations, found.converged)
+    s = minimum.state
+    return BundleState(s.cameras, s.tie_point, minimum.cost, minimum.iterations, minimum.converged)

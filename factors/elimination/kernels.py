@@ -8,7 +8,7 @@ the damped V.
 
 A photograph's share of the reduced system, in the flat Q: its diagonal block (0–35), that block's diagonal before the
 elimination (36–41), the right-hand side (42–47), then six for every border column. Parameters have their units
-(cameras, 12 + K) beside them, 0 for one that is held; the numbers of the free ones come as Layout.free_of,
+(cameras, 12 + K) beside them, 0 for one that is fixed; the numbers of the free ones come as Layout.free_of,
 measurements as u, v and 1 / sigma, and where marks have covariances of their own how their rows are mixed.
 
 A ray from behind its camera costs what a residual of BEHIND_PX would, and pulls at nothing.
@@ -411,7 +411,7 @@ def accumulate(
 @njit(cache=True, nogil=True, error_model="numpy")
 def settle_point(
     begin: int, end: int, photograph: IntArray, measured: FloatArray, bare: FloatArray, cameras: OrientedCameras,
-    unit: FloatArray, X: FloatArray, number: int, held: IntArray, loss: int, threshold: float, least: float,
+    unit: FloatArray, X: FloatArray, number: int, fixed: IntArray, loss: int, threshold: float, least: float,
     value: float, J: FloatArray, V: FloatArray, M: FloatArray, moved: FloatArray,
 ) -> float:  # fmt: skip
     """Move a point with mismatches, of the cost ``value``, down its own cost while its cameras rest; returns its cost.
@@ -426,7 +426,7 @@ def settle_point(
     for _ in range(SETTLING):
         V[:] = 0.0
         linearise_point(
-            begin, end, photograph, measured, bare, cameras, unit, moved, number, held, loss, threshold, least, J, V
+            begin, end, photograph, measured, bare, cameras, unit, moved, number, fixed, loss, threshold, least, J, V
         )
         if not inverse_factor(V, damping, M):
             break
@@ -436,10 +436,10 @@ def settle_point(
         before, far = value, 1.0
         while far < 1e6:  # a point whose rays diverge is better off the farther it goes
             moved[number, 0], moved[number, 1], moved[number, 2] = x + far * t0, y + far * t1, z + far * t2
-            found, _ = point_cost(begin, end, photograph, measured, bare, cameras, moved, number, loss, threshold)
-            if not found < value:
+            tried, _ = point_cost(begin, end, photograph, measured, bare, cameras, moved, number, loss, threshold)
+            if not tried < value:
                 break
-            value, far = found, 2.0 * far
+            value, far = tried, 2.0 * far
         far *= 0.5
         if far < 1.0:
             moved[number, 0], moved[number, 1], moved[number, 2], damping = x, y, z, 10.0 * damping
@@ -477,7 +477,7 @@ def substitute_points(
     for p in range(begin, end):
         longest = max(longest, first[p + 1] - first[p])
     J, V, M = np.zeros((2 * longest, CALIBRATION + unit.shape[1])), np.zeros(12), np.zeros(6)
-    decrease, cost, held = 0.0, 0.0, np.zeros_like(free_of)
+    decrease, cost, fixed = 0.0, 0.0, np.zeros_like(free_of)
     for p in range(begin, end):
         number = index[p]
         for k in range(12):
@@ -520,7 +520,7 @@ def substitute_points(
         )  # fmt: skip
         if bad > 0 and not len(prior):
             value = settle_point(
-                first[p], first[p + 1], photograph, measured, moved_bare, moved, unit, X, number, held, loss,
+                first[p], first[p + 1], photograph, measured, moved_bare, moved, unit, X, number, fixed, loss,
                 threshold, least, value, J, V, M, moved_X,
             )  # fmt: skip
         cost += value

@@ -58,8 +58,8 @@ class Damping:
 
     def release(self) -> bool:
         """Lower the damping to the least; returns whether it was so high that steps may have been short for it."""
-        held, self.value = self.value > HOLDING, LEAST
-        return held
+        was_high, self.value = self.value > HOLDING, LEAST
+        return was_high
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,10 @@ def minimise(
     Stops when the cost has less than ``relative_tolerance`` of itself to lose. Raises Singular when no damping makes
     the system solvable.
     """
-    damping, current, before, released = Damping(), system.cost(state), 0.0, False
+    damping = Damping()
+    current = system.cost(state)
+    before = 0.0
+    released = False
     for iteration in range(1, maximum_iterations + 1):
         step, settled = system.linearise(state, 0.0 < before < NEAR * current), relative_tolerance * max(current, 1e-12)
         while True:

@@ -78,16 +78,16 @@ def _in_band_order(number: IntArray, place: IntArray, points: int, places: int) 
     for i in range(len(number)):
         first[rank[number[i]] + 1] += 1
     first = np.cumsum(first)
-    found, end = np.empty(len(number), np.int64), first[:-1].copy()
+    sequence, end = np.empty(len(number), np.int64), first[:-1].copy()
     for i in range(len(number)):
         p = rank[number[i]]
         k = end[p]
-        while k > first[p] and place[found[k - 1]] > place[i]:
-            found[k] = found[k - 1]
+        while k > first[p] and place[sequence[k - 1]] > place[i]:
+            sequence[k] = sequence[k - 1]
             k -= 1
-        found[k] = i
+        sequence[k] = i
         end[p] += 1
-    return order, first, found
+    return order, first, sequence
 
 
 def lay_out(observations: Observations, index: IntArray, layout: Layout) -> Rays:

@@ -29,6 +29,7 @@ from photogram.factors.elimination.levenberg_marquardt import Singular
 from photogram.projection import PARAMETERS
 
 PANEL = 48  # columns of the band worked on together
+NONE = np.zeros(0, dtype=np.int64)
 COLUMNS_AT_ONCE = 4  # right-hand sides from which they are
 
 
@@ -44,15 +45,15 @@ class SingularError(Singular):
 class Layout:
     """Where variables sit in the reduced system.
 
-    ``place`` (N,) of each photograph in the band, −1 for one that is held; ``photograph_at`` its inverse; ``reach`` how
-    many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
-    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 12 + K) units of its parameters, 0 where held:
-    each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets; ``border``
-    number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K of them,
-    because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose columns stand
-    between the offsets and these; ``rigs`` (K,) ascending numbers of the rigs whose relative poses are the last of
-    them. ``block_at`` (free, reach + 1) is the number of the block of a place in the band and that so many places
-    after it, −1 where they have no points in common; numbers ascend along the band.
+    ``place`` (N,) of each photograph in the band, −1 for one that is fixed; ``photograph_at`` its inverse; ``reach``
+    how many places apart two photographs with common points may lie; ``camera_column`` (cameras,) first border
+    column of a camera, −1 when nothing of it is free; ``unit`` (cameras, 12 + K) units of its parameters, 0 where
+    fixed: each of the others has a column, in order; ``offset_column`` first border column of the GNSS offsets;
+    ``border`` number of border columns; ``coupled`` (K,) ascending numbers of the control points that have the last 3 K
+    of them, because they are not eliminated; ``common`` (E,) numbers of unknowns of the other common errors, whose
+    columns stand between the offsets and these; ``rigs`` (K,) ascending numbers of the rigs whose relative poses are
+    the last of them. ``block_at`` (free, reach + 1) is the number of the block of a place in the band and that so many
+    places after it, −1 where they have no points in common; numbers ascend along the band.
     """
 
     place: IntArray
@@ -180,24 +181,24 @@ def _order(rows: IntArray, columns: IntArray, position: FloatArray) -> IntArray:
 
 def make_layout(
     points: list[tuple[IntArray, IntArray]],
-    held: BoolArray,
+    fixed: BoolArray,
     position: FloatArray,
     unit: FloatArray,
     offsets: int = 0,
-    coupled: IntArray | None = None,
-    common: IntArray | None = None,
-    rigs: IntArray | None = None,
+    coupled: IntArray = NONE,
+    common: IntArray = NONE,
+    rigs: IntArray = NONE,
 ) -> Layout:
-    """Order the photographs that are not ``held`` (N,) and lay out the border.
+    """Order the photographs that are not ``fixed`` (N,) and lay out the border.
 
     ``points`` are pairs of the first observation (P + 1,) of each point and the photograph (N,) of each observation;
     ``position`` (N, 3) roughly where photographs are; ``unit`` (cameras, 12 + K) the units of free parameters, 0 where
-    held; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
+    fixed; ``offsets`` the number of GNSS offsets; ``coupled`` (K,) the control points, ascending, that are not
     eliminated; ``common`` (E,) the numbers of unknowns of other common errors; ``rigs`` (K,) the numbers of the
     rigs whose relative poses, of six unknowns each, come after them.
     """
-    free = np.flatnonzero(~held)
-    number = np.full(len(held), -1, dtype=np.int64)
+    free = np.flatnonzero(~fixed)
+    number = np.full(len(fixed), -1, dtype=np.int64)
     number[free] = np.arange(len(free))
     adjacent = np.zeros((len(free), len(free)), dtype=bool)
     for first, photograph in points:
@@ -206,7 +207,7 @@ def make_layout(
     order = _order(rows, columns, position[free])
     rank = np.empty(len(free), dtype=np.int64)
     rank[order] = np.arange(len(free))
-    place = np.full(len(held), -1, dtype=np.int64)
+    place = np.full(len(fixed), -1, dtype=np.int64)
     place[free] = rank
     after = rank[rows] - rank[columns]
     reach = int(after.max(initial=0))
@@ -217,9 +218,6 @@ def make_layout(
     size = np.count_nonzero(unit > 0, axis=1)
     column = np.where(size > 0, np.cumsum(size) - size, -1).astype(np.int64)
     offset_column = int(size.sum())
-    coupled = np.zeros(0, dtype=np.int64) if coupled is None else coupled
-    rigs = np.zeros(0, dtype=np.int64) if rigs is None else rigs
-    common = np.zeros(0, dtype=np.int64) if common is None else common
     common = np.concatenate([common, np.full(len(rigs), 6, dtype=np.int64)])
     border = offset_column + 3 * (offsets + len(coupled)) + int(common.sum())
     return Layout(place, free[order], reach, column, unit, offset_column, border, block_at, coupled, common, rigs)
@@ -330,7 +328,9 @@ class NormalEquations:
         Raises SingularError where it is not positive definite.
         """
         layout, m = self.layout, self.layout.columns
-        A, B, E = self.damped_poses(damping, memory), self.B, self.damped_border(damping)
+        A = self.damped_poses(damping, memory)
+        B = self.B
+        E = self.damped_border(damping)
         at = np.arange(m) * (layout.stride + 1)
         if scale is not None:
             scale_matrix(A, scale, layout)
@@ -365,7 +365,9 @@ class Terms:
     @staticmethod
     def zero(layout: Layout, controls: int) -> Terms:
         """Return terms that say nothing."""
-        n, m, k = layout.free, layout.columns, layout.border
+        n = layout.free
+        m = layout.columns
+        k = layout.border
         return Terms(
             0.0, np.zeros((n, 6, 6)), np.zeros((m, k)), np.zeros(m), np.zeros((k, k)), np.zeros(k),
             np.zeros((controls, 3, 3)), np.zeros((controls, 3)),
@@ -474,16 +476,16 @@ class Factor:
             below = -(known @ G)
             diagonal, _ = lapack.dpotri(own, lower=1)
             diagonal = np.tril(diagonal) + np.tril(diagonal, -1).T - below.T @ G
-            found = np.concatenate([diagonal, below])
+            inverse = np.concatenate([diagonal, below])
             target, _ = _panel(result, start, rows, size, kd)
-            target[within] = found[within]
+            target[within] = inverse[within]
             if at < size:
                 end = len(window)
                 window[end - len(known) :, end - len(known) :] = known.copy()
                 at = end - len(known)
             at -= size
-            window[at : at + rows, at : at + size] = found
-            window[at : at + size, at : at + rows] = found.T
+            window[at : at + rows, at : at + size] = inverse
+            window[at : at + size, at : at + rows] = inverse.T
         return result
 
     def border_covariance(self) -> FloatArray:
@@ -521,7 +523,9 @@ def _solve_poses(layout: Layout, L: FloatArray, right: FloatArray) -> FloatArray
 
 def _solve_in_panels(layout: Layout, L: FloatArray, right: FloatArray) -> FloatArray:
     """Solve for all columns of ``right`` together, where LAPACK would read the band once for each of them."""
-    X, n, kd = np.ascontiguousarray(right).copy(), layout.columns, layout.stride
+    X = np.ascontiguousarray(right).copy()
+    n = layout.columns
+    kd = layout.stride
     starts = range(0, n, PANEL)
 
     def panels(start: int) -> tuple[FloatArray, FloatArray, list[tuple[FloatArray, FloatArray]]]:

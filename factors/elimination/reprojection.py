@@ -73,7 +73,9 @@ def observed_marks(points: ControlPoints, keep: BoolArray | IntArray) -> Observa
     L, mixing = lower_factors(covariance), np.zeros((0, 2))
     if not is_isotropic(covariance).all():
         mixing = np.column_stack([L[:, 0, 0], -L[:, 1, 0]]) / L[:, 1, 1, None]
-    photograph, point, pixel = points.mark_photograph[keep], points.mark_point[keep], points.mark_pixel[keep]
+    photograph = points.mark_photograph[keep]
+    point = points.mark_point[keep]
+    pixel = points.mark_pixel[keep]
     return Observations(photograph, point, pixel, L[:, 0, 0], mixing)
 
 

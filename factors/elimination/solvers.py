@@ -39,7 +39,9 @@ class Banded:
 
 def _block(A: FloatArray, layout: Layout, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
     """Return a block of the poses' matrix on or below its diagonal, zero above it and beyond the band."""
-    (top, bottom), (left, right), step = rows, columns, A.itemsize
+    top, bottom = rows
+    left, right = columns
+    step = A.itemsize
     view = as_strided(A[left * layout.stride + top :], (bottom - top, right - left), (step, layout.stride * step))
     below = np.arange(top, bottom)[:, None] - np.arange(left, right)
     return np.where((below >= 0) & (layout.dense | (below <= layout.stride)), view, 0.0)
@@ -55,8 +57,12 @@ def _joint(first: int, second: int, block: FloatArray) -> gtsam.HessianFactor:
 
 def _graph(normal: NormalEquations, damping: float, edges: list[int]) -> gtsam.GaussianFactorGraph:
     """Return the factors of groups of columns between ``edges``; the border's variable has the number of groups."""
-    layout, graph, groups = normal.layout, gtsam.GaussianFactorGraph(), list(pairwise(edges))
-    A, B, border = normal.damped_poses(damping), normal.B, len(groups)
+    layout = normal.layout
+    graph = gtsam.GaussianFactorGraph()
+    groups = list(pairwise(edges))
+    A = normal.damped_poses(damping)
+    B = normal.B
+    border = len(groups)
     for i, (left, right) in enumerate(groups):
         lower = _block(A, layout, (left, right), (left, right))
         graph.push_back(gtsam.HessianFactor(i, lower + np.tril(lower, -1).T, normal.g[left:right], 0.0))
@@ -80,11 +86,11 @@ def solve_with_gtsam(normal: NormalEquations, damping: float) -> tuple[FloatArra
     for variable in range(groups + (layout.border > 0)):
         ordering.push_back(variable)
     try:
-        found = graph.optimize(ordering)
+        solution = graph.optimize(ordering)
     except RuntimeError as error:
         raise SingularError(_first_column(str(error), edges)) from error
-    poses = np.concatenate([np.zeros(0), *(found.at(i) for i in range(groups))])
-    return poses, found.at(groups) if layout.border else np.zeros(0)
+    poses = np.concatenate([np.zeros(0), *(solution.at(i) for i in range(groups))])
+    return poses, solution.at(groups) if layout.border else np.zeros(0)
 
 
 def _first_column(message: str, edges: list[int]) -> int:

@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.rigs import Companion, RelativePose, exposure_names, exposure_sigmas
+from photogram.factors.priors import vector_prior
 from photogram.factors.variables import POSE, RIG, key
 from photogram.survey import Block
 
@@ -114,8 +115,9 @@ def _cross(vector: FloatArray) -> FloatArray:
     """Return the matrices (n, 3, 3) of the cross products with vectors (n, 3)."""
     matrix = np.zeros((len(vector), 3, 3))
     x, y, z = vector.T
-    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -z, y, -x
-    matrix[:, 1, 0], matrix[:, 2, 0], matrix[:, 2, 1] = z, -y, x
+    matrix[:, 0, 1], matrix[:, 1, 0] = -z, z
+    matrix[:, 0, 2], matrix[:, 2, 0] = y, -y
+    matrix[:, 1, 2], matrix[:, 2, 1] = -x, x
     return matrix
 
 
@@ -199,7 +201,7 @@ def exposure_factors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
 
 
 def _exposure_factor(every: TakingPart, n: int) -> gtsam.NonlinearFactor:
-    i, j, k = int(every.master[n]), int(every.companion[n]), int(every.rig[n])
+    k = int(every.rig[n])
     alone = TakingPart(
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
@@ -223,27 +225,12 @@ def _exposure_factor(every: TakingPart, n: int) -> gtsam.NonlinearFactor:
             jacobians[part] = linear.jacobian[0, :, 6 * part : 6 * part + 6]
         return np.asarray(linear.misfit[0])
 
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(6), [key(POSE, i), key(POSE, j), key(RIG, k)], error)
+    variables = [key(POSE, int(every.master[n])), key(POSE, int(every.companion[n])), key(RIG, k)]
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(6), variables, error)
 
 
 def rig_priors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
     """Yield what is given of the relative poses that are unknowns: zero change with their standard deviations; nothing
     of what is free."""
     for k in estimated(block).tolist():
-        factor = _rig_prior(k, block.rigs[k].sigma)
-        if factor is not None:
-            yield factor
-
-
-def _rig_prior(rig: int, sigma: FloatArray) -> gtsam.NonlinearFactor | None:
-    known = np.flatnonzero(np.isfinite(sigma))
-    if not len(known):
-        return None
-    selection = np.eye(6)[known]
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        if jacobians is not None:
-            jacobians[0] = selection
-        return np.asarray(values.atVector(factor.keys()[0])[known])
-
-    return gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigma[known]), [key(RIG, rig)], error)
+        yield from vector_prior(key(RIG, k), np.zeros(6), block.rigs[k].sigma)

@@ -282,7 +282,7 @@ class Structure:
         result = adjust_bundle(
             Observations(photograph, point, tie.pixel[chosen], np.full(len(point), noise_px)),
             start,
-            held_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
+            fixed_poses=np.zeros(len(photographs), dtype=bool) if active is None else ~active[photographs],
             free=free,
             prior_sigma=np.where(sigma > 0, sigma, np.inf),
             prior_parameters=np.array([camera.parameters for camera in self.cameras]),

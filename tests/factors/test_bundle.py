@@ -186,7 +186,7 @@ def after_similarity(found: FloatArray, truth: FloatArray) -> FloatArray:
 def test_a_block_without_noise_finds_its_shape_in_a_free_gauge() -> None:
     made, observations, state = growing()
     found = adjust_bundle(
-        observations, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+        observations, state, fixed_poses=np.zeros(6, bool), prior_parameters=state.parameters,
         maximum_iterations=50, relative_tolerance=1e-9, **NOTHING_FREE,
     )  # fmt: skip
     assert found.cost < 1e-6
@@ -196,12 +196,12 @@ def test_a_block_without_noise_finds_its_shape_in_a_free_gauge() -> None:
     np.testing.assert_array_equal(found.parameters, state.parameters)
 
 
-def test_held_poses_stay_and_points_without_rays_stay() -> None:
+def test_fixed_poses_stay_and_points_without_rays_stay() -> None:
     _, observations, state = growing(0.5)
     keep = observations.point != 7
     held = np.array([True, False, True, False, False, False])
     found = adjust_bundle(
-        observations.select(keep), state, held_poses=held, prior_parameters=state.parameters, maximum_iterations=60,
+        observations.select(keep), state, fixed_poses=held, prior_parameters=state.parameters, maximum_iterations=60,
         **NOTHING_FREE,
     )  # fmt: skip
     assert found.converged
@@ -210,7 +210,7 @@ def test_held_poses_stay_and_points_without_rays_stay() -> None:
     assert np.all(np.linalg.norm(found.position[~held] - state.position[~held], axis=1) > 1e-3)
     np.testing.assert_array_equal(found.point[7], state.point[7])
     everything = adjust_bundle(
-        observations, state, held_poses=np.ones(6, bool), prior_parameters=state.parameters, **NOTHING_FREE
+        observations, state, fixed_poses=np.ones(6, bool), prior_parameters=state.parameters, **NOTHING_FREE
     )
     assert everything.cost > found.cost
     np.testing.assert_array_equal(everything.position, state.position)
@@ -226,7 +226,7 @@ def test_a_free_focal_length_moves_as_far_as_its_prior_lets_it() -> None:
     errors = []
     for sigma in (np.inf, 1e-3):
         found = adjust_bundle(
-            observations, replace(state, cameras=state.cameras._replace(parameters=wrong)), held_poses=held, free=free,
+            observations, replace(state, cameras=state.cameras._replace(parameters=wrong)), fixed_poses=held, free=free,
             prior_sigma=np.where(free, sigma, np.inf), prior_parameters=wrong, maximum_iterations=50,
         )  # fmt: skip
         np.testing.assert_array_equal(found.parameters[~free], wrong[~free])
@@ -240,7 +240,7 @@ def test_expected_positions_fix_what_image_points_leave_open() -> None:
     truth = np.array([p.position_world_m for p in made.truth.poses])
     for sigma_m in (0.1, 30.0):
         found = adjust_bundle(
-            observations, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+            observations, state, fixed_poses=np.zeros(6, bool), prior_parameters=state.parameters,
             prior_position=truth, prior_position_sigma=sigma_m, maximum_iterations=100, relative_tolerance=1e-12,
             **NOTHING_FREE,
         )  # fmt: skip
@@ -256,7 +256,7 @@ def test_expected_positions_weigh_as_their_standard_deviation() -> None:
     wrong = truth + np.array([0.0, 0.0, 3.0]) * np.array([1, -1, -1, 1, -1, 1])[:, None]
     costs = [
         adjust_bundle(
-            observations, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+            observations, state, fixed_poses=np.zeros(6, bool), prior_parameters=state.parameters,
             prior_position=wrong, prior_position_sigma=sigma_m, maximum_iterations=100, relative_tolerance=1e-12,
             **NOTHING_FREE,
         ).cost
@@ -274,7 +274,7 @@ def test_the_loss_keeps_mismatches_from_the_block() -> None:
     error = {}
     for loss in ("none", "cauchy"):
         found = adjust_bundle(
-            spoilt, state, held_poses=np.zeros(6, bool), prior_parameters=state.parameters,
+            spoilt, state, fixed_poses=np.zeros(6, bool), prior_parameters=state.parameters,
             loss=loss, maximum_iterations=50, **NOTHING_FREE,
         )  # fmt: skip
         truth = np.array([p.position_world_m for p in made.truth.poses])
@@ -287,7 +287,7 @@ def test_points_behind_photographs_are_a_flag() -> None:
     turned = state.rotation.copy()
     turned[1] = turned[1] @ Rotation.from_euler("x", 180, degrees=True).as_matrix()
     found = adjust_bundle(
-        observations, replace(state, cameras=state.cameras._replace(rotation=turned)), held_poses=np.zeros(6, bool),
+        observations, replace(state, cameras=state.cameras._replace(rotation=turned)), fixed_poses=np.zeros(6, bool),
         prior_parameters=state.parameters, **NOTHING_FREE,
     )  # fmt: skip
     assert not found.converged
@@ -306,7 +306,7 @@ def test_photographs_without_observations_do_not_matter() -> None:
     )  # fmt: skip
     found, alone = (
         adjust_bundle(
-            observations, start, held_poses=np.zeros(len(start.position), bool), prior_parameters=state.parameters,
+            observations, start, fixed_poses=np.zeros(len(start.position), bool), prior_parameters=state.parameters,
             **NOTHING_FREE,
         )
         for start in (more, state)

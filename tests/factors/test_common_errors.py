@@ -19,7 +19,7 @@ from photogram.factors.common_errors import (
     values_of,
     velocities,
 )
-from photogram.factors.priors import common_error_prior, gnss_position, measured_attitude
+from photogram.factors.priors import gnss_position, measured_attitude, vector_prior
 from photogram.factors.variables import COMMON_ERROR, GNSS_OFFSET, POSE, key
 from photogram.survey import CommonError, Photograph
 
@@ -131,7 +131,7 @@ def test_a_compass_is_a_direction_of_the_boresight_where_tilts_are_alike_and_no_
 def test_the_prior_pulls_to_zero() -> None:
     values = gtsam.Values()
     values.insert(key(COMMON_ERROR, 3), np.array([0.1, -0.4]))
-    factor: Any = common_error_prior(3, np.array([0.1, 0.2]))
+    factor: Any = next(vector_prior(key(COMMON_ERROR, 3), np.zeros(2), np.array([0.1, 0.2])))
     np.testing.assert_allclose(factor.whitenedError(values), [1.0, -2.0])
     check_jacobians(factor, values, [2])
 

@@ -32,11 +32,11 @@ from photogram.factors.graph import (
     variable_size,
 )
 from photogram.factors.priors import (
-    calibration_prior,
     gnss_position,
     measured_attitude,
     offset_prior,
     surveyed_position,
+    vector_prior,
 )
 from photogram.factors.variables import (
     CALIBRATION,
@@ -159,14 +159,13 @@ def test_control_point_and_offset_priors() -> None:
 
 def test_calibration_prior_holds_the_bounded_parameters_only() -> None:
     expected, sigmas = np.array([3000.0, 1500.0, -250.0, 3.0]), np.array([5.0, np.inf, 2.0, 0.5])
-    factor = calibration_prior(1, expected, sigmas)
-    assert factor is not None
+    (factor,) = vector_prior(key(CALIBRATION, 1), expected, sigmas)
     values = gtsam.Values()
     values.insert(key(CALIBRATION, 1), expected + np.array([10.0, 77.0, -2.0, 0.25]))
     assert factor.dim() == 3
     assert factor.error(values) == pytest.approx(0.5 * (4 + 1 + 0.25))
     assert_jacobians(factor, values, {key(CALIBRATION, 1): 4})
-    assert calibration_prior(0, expected, np.full(4, np.inf)) is None
+    assert not list(vector_prior(key(CALIBRATION, 0), expected, np.full(4, np.inf)))
 
 
 def test_variables_keep_kind_and_index() -> None:

@@ -123,7 +123,7 @@ def _initial_values(
 ) -> list[InitialValues]:
     starts: list[InitialValues] = []
     for centre, normals in saddles(grey, saddle_count, near, reach_px):
-        starts += saddle_initial_values(grey, centre, normals)
+        starts += saddle_initial_values(grey, centre, normals, (0.7, 1.8))
     for region in regions(grey, near, reach_px):
         starts += region_initial_values(grey, region)
     return starts
