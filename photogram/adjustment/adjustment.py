@@ -41,7 +41,7 @@ from photogram.adjustment.shutters.rolling_shutter import (
     with_readouts,
     without_rolling,
 )
-from photogram.adjustment.solvability import UnheldError, undetermined, weak_parts
+from photogram.adjustment.solvability import UndeterminedPartError, undetermined, weak_parts
 from photogram.adjustment.stochastic_model.assumed_gnss import gnss_steady, gnss_table, with_gnss_factors
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     improved,
@@ -72,6 +72,16 @@ MOST_LOST_MARKS = 3
 MOST_REWEIGHTED = 3  # adjustments with sigmas that the covariances of the one before ask for
 
 
+def _solved_again(
+    solved: Solved, whole: Problem, start: State, settings: AdjustmentSettings, progress: Progress = silent
+) -> Solved:
+    """Return ``whole``, with the observations that took part, adjusted again from ``start``."""
+    problem = whole.with_tie_observations(whole.tie.select(solved.used))
+    minimum = minimise(problem, start, settings, progress)
+    iterations = solved.iterations + minimum.iterations
+    return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations)
+
+
 def _reweighted(solved: Solved, assessment: Assessed, stated: Problem, settings: AdjustmentSettings) -> Solved | None:
     """Return the block adjusted again with the sigmas that its covariances ask for, None where these stay.
 
@@ -83,10 +93,7 @@ def _reweighted(solved: Solved, assessment: Assessed, stated: Problem, settings:
     if factors.are_near(solved.factors) and gnss_steady(solved.whole.block, block):
         return None
     whole = weighted(replace(stated, block=replace(block, tie_points=stated.block.tie_points)), solved.groups, factors)
-    problem = whole.with_tie_observations(whole.tie.select(solved.used))
-    minimum = minimise(problem, solved.minimum.state, settings)
-    iterations = solved.iterations + minimum.iterations
-    return replace(solved, whole=whole, problem=problem, minimum=minimum, factors=factors, iterations=iterations)
+    return replace(_solved_again(solved, whole, solved.minimum.state, settings), factors=factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,37 +113,33 @@ def _with_common_error(
     where the unknowns are right."""
     if settings.common_errors == "none" or so_far.changes == MOST_CHANGES:
         return None
-    change = next_change(assessment.problem, assessment.state, assessment.held, assessment.tested_held, so_far.barred)
+    change = next_change(assessment.problem, assessment.state, assessment.fixed, assessment.tested_fixed, so_far.barred)
     if change is None:
         return None
     names = ", ".join(error.kind.replace("_", " ") for error in change.errors)
     _LOG.debug("common errors: %s", names or "none")
     whole = replace(solved.whole, block=replace(solved.whole.block, common_errors=change.errors))
-    problem = whole.with_tie_observations(whole.tie.select(solved.used))
     state = solved.minimum.state
     start = replace(state, common=values_after(solved.problem, state, change.errors))
     progress(0, 0, f"common errors: {names}")
-    minimum = minimise(problem, start, settings, progress)
-    iterations = solved.iterations + minimum.iterations
     dropped = () if change.dropped is None else (change.dropped,)
     known = _Unknowns((*so_far.barred, *dropped), {**so_far.as_well, **change.as_well}, so_far.changes + 1)
-    return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations), known
+    return _solved_again(solved, whole, start, settings, progress), known
 
 
 def _without_none(solved: Solved, none: BoolArray, settings: AdjustmentSettings, progress: Progress) -> Solved | None:
     """Return the block adjusted again with those of the read-out times that are ``none`` (C,) and still unknowns held
     at zero, None without any."""
-    held = none & free_readouts(solved.whole.block.cameras)
-    if not held.any():
+    zeroed = none & free_readouts(solved.whole.block.cameras)
+    if not zeroed.any():
         return None
     progress(0, 0, "no rolling shutter: the read-out time is held at zero")
-    whole = replace(solved.whole, block=without_rolling(solved.whole.block, held))
-    problem, state = whole.with_tie_observations(whole.tie.select(solved.used)), solved.minimum.state
+    whole = replace(solved.whole, block=without_rolling(solved.whole.block, zeroed))
+    state = solved.minimum.state
     parameters = state.parameters.copy()
-    parameters[held, READOUT] = 0.0
-    minimum = minimise(problem, replace(state, cameras=recalibrated(state.cameras, parameters)), settings, progress)
-    iterations = solved.iterations + minimum.iterations
-    return replace(solved, whole=whole, problem=problem, minimum=minimum, iterations=iterations)
+    parameters[zeroed, READOUT] = 0.0
+    start = replace(state, cameras=recalibrated(state.cameras, parameters))
+    return _solved_again(solved, whole, start, settings, progress)
 
 
 def adjust(
@@ -167,7 +170,7 @@ def adjust(
         try:
             adjusted = _adjust_oriented(solvable, settings, progress, start, sigmas)
             break
-        except UnheldError as error:
+        except UndeterminedPartError as error:
             left |= {int(kept[i]): why for i, why in error.photographs.items()}
             lost_marks += error.marks.values()
             if (
@@ -180,11 +183,11 @@ def adjust(
             poses = tuple(None if i in left else pose for i, pose in enumerate(block.poses))
             part = without_marks(replace(block, poses=poses), marks)
     names = [photograph.name for photograph in block.photographs]
-    said = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
-    said += [f"A mark is left out: {why}" for why in lost_marks]
+    sentences = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
+    sentences += [f"A mark is left out: {why}" for why in lost_marks]
     reason = tuple(left.get(i, "") for i in range(len(names))) if left else ()
     adjusted = replace(
-        adjusted, warnings=(*said, *adjusted.warnings), decisions=replace(adjusted.decisions, reason=reason)
+        adjusted, warnings=(*sentences, *adjusted.warnings), decisions=replace(adjusted.decisions, reason=reason)
     )
     if len(kept) < len(block.poses):
         adjusted = with_all_photographs(adjusted, part, kept)
@@ -244,7 +247,7 @@ def _adjust_oriented(
         ended = _adjust_block(rolling, settings, progress, ended.parameters, sigmas, asked, again=True)
     shutters = ended.shutters
     if asked.any():
-        shutters = replace(shutters, found=shutters.found.beside(_shown(ended.assessment, asked)[1], asked))
+        shutters = replace(shutters, readouts=shutters.readouts.combined(_shown(ended.assessment, asked)[1], asked))
     scatter_m_s = neighbours_scatter_m_s(ended.assessment.problem, ended.assessment.state)
     return with_readouts(_judged(ended, settings), shutters, scatter_m_s)
 
@@ -291,7 +294,7 @@ def _adjust_block(
 
 
 def _shown(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
-    return is_significant(assessment.problem, assessment.state, assessment.held, asked)
+    return is_significant(assessment.problem, assessment.state, assessment.fixed, asked)
 
 
 def _settled(
@@ -313,9 +316,10 @@ def _settled(
         if changed is not None:
             solved, unknowns = changed
         else:
-            shutters = readout_estimates(assessment.problem, assessment.state, assessment.held, assessment.covariances,
-                                      shutters)  # fmt: skip
-            again = _without_none(solved, shutters.found.none, settings, progress)
+            shutters = readout_estimates(
+                assessment.problem, assessment.state, assessment.fixed, assessment.covariances, shutters
+            )
+            again = _without_none(solved, shutters.readouts.none, settings, progress)
             if again is None and reweighted < MOST_REWEIGHTED:
                 again, reweighted = _reweighted(solved, assessment, whole, settings), reweighted + 1
             if again is None:
@@ -340,29 +344,27 @@ def _field_covariances(covariances: Covariances, cameras: int) -> FloatArray:
 
 def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
     """Return the result of an adjustment, with what it is worth."""
-    block, solved, assessment, unknowns = ended.block, ended.solved, ended.assessment, ended.unknowns
-    final, final_state, state, tie = (
-        assessment.problem,
-        assessment.state,
-        solved.minimum.state,
-        assessment.block.tie_points,
-    )
-    held, found, counted, tested = assessment.held, assessment.covariances, assessment.counted, assessment.tested
-    ground, ground_covariance = ground_points(final, final_state, found)
+    block, solved, assessment = ended.block, ended.solved, ended.assessment
+    final, final_state = assessment.problem, assessment.state
+    state, tie = solved.minimum.state, assessment.block.tie_points
+    fixed, covariances, counted = assessment.fixed, assessment.covariances, assessment.counted
+    ground, ground_covariance = ground_points(final, final_state, covariances)
     estimated = EstimatedSigmas.none()
     if settings.estimate_sigmas:
-        ties = table(block, solved.groups.select(assessment.kept[solved.whole.tie.point] & solved.used), solved.factors,
-                     assessment.ties)  # fmt: skip
+        groups = solved.groups.select(assessment.kept[solved.whole.tie.point] & solved.used)
+        ties = table(block, groups, solved.factors, assessment.ties)
         estimated = joined(ties, gnss_table(block, assessment.block, assessment.gnss))
-    poses, R, tie_covariance = found.poses, state.rotation, found.tie_point
-    joint = joint_ground_covariance(counted, final_state, found, ground)
+    poses, tie_covariance = covariances.poses, covariances.tie_point
+    joint = joint_ground_covariance(counted, final_state, covariances, ground)
     if block.is_free:
-        relative = relative_covariances(counted, final_state, found, ground, joint)
-        poses, tie_covariance, joint = relative.poses, relative.tie_point, relative.ground
+        relative = relative_covariances(counted, final_state, covariances, ground, joint)
+        poses, tie_covariance = relative.poses, relative.tie_point
+        joint = relative.ground
         own = np.arange(3 * len(ground)).reshape(-1, 3)
         ground_covariance = joint[own[:, :, None], own[:, None, :]]
-    flights_without_offset, implied, implied_covariance = implied_offsets(final, final_state, held)
-    arm = residual_lever_arm(final, final_state, held)
+    R = state.rotation
+    flights_without_offset, implied, implied_covariance = implied_offsets(final, final_state, fixed)
+    arm = residual_lever_arm(final, final_state, fixed)
     tie_residual = residuals(final.tie, state.cameras, tie.position_world_m)
     return Adjustment(
         block=assessment.block,
@@ -382,19 +384,19 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         covariances=AdjustmentCovariances(
             position_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),
             rotation_rad2=poses[:, :3, :3],
-            calibration=np.array([found.calibration(c) for c in range(len(block.cameras))]),
+            calibration=np.array([covariances.calibration(c) for c in range(len(block.cameras))]),
             tie_point_m2=tie_covariance,
             tie_point_ray_m2=ray_covariances(final, final_state),
             ground_m2=ground_covariance,
             ground_joint_m2=joint,
-            offset_m2=np.array([found.offset(f) for f in range(len(final.flights))]).reshape(-1, 3, 3),
-            lens_field_px2=_field_covariances(found, len(block.cameras)),
+            offset_m2=np.array([covariances.offset(f) for f in range(len(final.flights))]).reshape(-1, 3, 3),
+            lens_field_px2=_field_covariances(covariances, len(block.cameras)),
         ),
         tests=StatisticalTests(
-            reliability=tested,
+            reliability=assessment.tested,
             components=assessment.components,
-            constraints=constraint_tests(final, final_state, held, counted, found, ground),
-            exposures=exposure_tests(final, final_state, held, counted, found),
+            constraints=constraint_tests(final, final_state, fixed, counted, covariances, ground),
+            exposures=exposure_tests(final, final_state, fixed, counted, covariances),
             implied_offset_world_m=implied,
             implied_offset_covariance_m2=implied_covariance,
             residual_lever_arm_m=arm.arm_camera_m,
@@ -403,10 +405,10 @@ def _result(ended: _Ended, settings: AdjustmentSettings) -> Adjustment:
         ),
         decisions=Decisions(
             flights_without_offset=flights_without_offset,
-            common_errors=estimates(final, final_state, held, found, dict(unknowns.as_well)),
+            common_errors=estimates(final, final_state, fixed, covariances, dict(ended.unknowns.as_well)),
             sigmas=estimated,
             rejected_observations=int(np.count_nonzero(~solved.used)),
             rejected_points=int(np.count_nonzero(~assessment.kept)),
         ),
-        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, found), *scattering(estimated)),
+        warnings=(*unmet(block, ground), *weak_parts(counted, final_state, covariances), *scattering(estimated)),
     )

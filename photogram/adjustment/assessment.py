@@ -43,18 +43,18 @@ def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
 @dataclass(frozen=True, eq=False)
 class Assessed:
     """A solved block with only what took part, (P,) of whose tie points are ``kept``: its covariances with focal
-    lengths as ``held`` and with those ``counted`` that are considered, reliability with both and with the held alone,
-    and what scatters by how much."""
+    lengths as ``fixed`` and with those ``counted`` that are considered, reliability with both and with the fixed ones
+    alone, and what scatters by how much."""
 
     block: Block
     kept: BoolArray
     problem: Problem
     state: State
-    held: Covariances
+    fixed: Covariances
     counted: Problem
     covariances: Covariances
     tested: Reliability
-    tested_held: Reliability
+    tested_fixed: Reliability
     sigma0: float
     redundancy: int
     components: VarianceComponents
@@ -76,33 +76,35 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
     adjusted = replace(whole, cameras=cameras, poses=poses, tie_points=tie, common_errors=common, rigs=rigs)
     state = replace(state, tie_point=tie.position_world_m)
     problem = solved.problem.with_tie_observations(Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px))
-    held = covariances(problem, state)
+    fixed = covariances(problem, state)
     counted = with_considered(problem, state)
-    found = held if counted is problem else covariances(counted, state)
-    tested = reliability(problem, state, held, counted, found)
-    tested_held = tested if counted is problem else reliability(problem, state, held)
+    considered = fixed if counted is problem else covariances(counted, state)
+    tested = reliability(problem, state, fixed, counted, considered)
+    tested_fixed = tested if counted is problem else reliability(problem, state, fixed)
     sigma0, redundancy = sigma0_and_redundancy(problem, state)
     groups = solved.groups.select(mine)
     names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
-    components = variance_components(problem, state, held, tested, redundancy, names)
+    components = variance_components(problem, state, fixed, tested, redundancy, names)
     ties, gnss = None, list[GnssScatter]()
     if settings.estimate_sigmas:
         # what is considered changes no estimate, so it changes no sigma either
-        plain = components if counted is problem else variance_components(problem, state, held, tested_held, redundancy)
+        plain = (
+            components if counted is problem else variance_components(problem, state, fixed, tested_fixed, redundancy)
+        )
         of_ties = float(plain.redundancy[plain.group == "tie_points"].sum())
         taken = float(points_redundancy(problem, state).sum()) - of_ties
         ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
-        gnss = gnss_scatters(problem, tested_held)
+        gnss = gnss_scatters(problem, tested_fixed)
     return Assessed(
         adjusted,
         kept,
         problem,
         state,
-        held,
+        fixed,
         counted,
-        found,
+        considered,
         tested,
-        tested_held,
+        tested_fixed,
         sigma0,
         redundancy,
         components,

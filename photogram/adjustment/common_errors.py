@@ -73,8 +73,8 @@ class ResidualLeverArm:
     @property
     def significant(self) -> bool:
         """Return whether the positions show an arm that is worth a warning."""
-        told = self.arm_camera_m[np.isfinite(self.arm_camera_m)]
-        return bool(self.p < SIGNIFICANCE and len(told) and np.linalg.norm(told) > LEAST_ARM_M)
+        known = self.arm_camera_m[np.isfinite(self.arm_camera_m)]
+        return bool(self.p < SIGNIFICANCE and len(known) and np.linalg.norm(known) > LEAST_ARM_M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,9 @@ def score(
 ) -> Score:
     """Return what one step would give to an error that moves positions by ``design`` (N, 3, d) in the world, NaN for
     those that do not have it, at the solution ``state`` with its ``covariances``."""
-    layout, photographs, d = covariances.layout, problem.block.photographs, design.shape[2]
+    layout = covariances.layout
+    photographs = problem.block.photographs
+    d = design.shape[2]
     positions = list(measured_positions(problem, state, layout))
     flights = [] if problem.flights else sorted({photographs[p.photograph].flight for p in positions})
     own = 3 * len(flights)
@@ -146,8 +148,8 @@ def _solved(N: FloatArray, K: FloatArray, s: FloatArray, own: int, least_share: 
     M, t = K[own:, own:] - follow @ K[:own, own:], s[own:] - follow @ s[:own]
     value, U = np.linalg.eigh(M)
     d = len(value)
-    told = value > max(least_share * float(np.trace(N[own:, own:])) / d, 0.0)
-    U, value = U[:, told], value[told]
+    determined = value > max(least_share * float(np.trace(N[own:, own:])) / d, 0.0)
+    U, value = U[:, determined], value[determined]
     along = U.T @ t
     return Score(U, along / value, 1.0 / value, float(np.sum(along**2 / value)))
 
@@ -168,12 +170,12 @@ def _known_components(basis: FloatArray) -> FloatArray:
 
 def residual_lever_arm(problem: Problem, state: State, covariances: Covariances) -> ResidualLeverArm:
     """Return the lever arm that is left at the solution ``state`` with its ``covariances``."""
-    told = score(problem, state, covariances, state.rotation)
-    if not len(told.value):
+    step = score(problem, state, covariances, state.rotation)
+    if not len(step.value):
         return ResidualLeverArm(np.full(3, np.nan), np.full(3, np.nan), float("nan"))
-    known = _known_components(told.basis)
-    sigma = np.sqrt(told.basis**2 @ told.variance)
-    return ResidualLeverArm(known * (told.basis @ told.value), known * sigma, float(np.exp(told.log_chance)))
+    known = _known_components(step.basis)
+    sigma = np.sqrt(step.basis**2 @ step.variance)
+    return ResidualLeverArm(known * (step.basis @ step.value), known * sigma, float(np.exp(step.log_chance)))
 
 
 # ---- which errors become unknowns ------------------------------------------------------------------------------------
@@ -253,10 +255,10 @@ def _candidates(
             continue  # the velocity or the time of some is not known: they would be in error by what others are rid of
         if error.kind == "lever_arm":
             design = np.where(own[:, None, None], state.rotation, np.nan)
-        told = score(problem, state, covariances, design, ADOPTED_SHARE)
-        if len(told.value):
-            factor = _variance_factor(tested, own, told.statistic, len(told.value))
-            yield _Candidate(error, told, told.statistic / factor)
+        step = score(problem, state, covariances, design, ADOPTED_SHARE)
+        if len(step.value):
+            factor = _variance_factor(tested, own, step.statistic, len(step.value))
+            yield _Candidate(error, step, step.statistic / factor)
 
 
 def _adopted(candidate: _Candidate) -> CommonError:
@@ -338,15 +340,15 @@ def values_after(problem: Problem, state: State, errors: Sequence[CommonError]) 
 def estimates(
     problem: Problem,
     state: State,
-    held: Covariances,
+    fixed: Covariances,
     counted: Covariances,
     as_well: dict[tuple[str, int | None], str],
 ) -> tuple[CommonErrorEstimate, ...]:
     """Return the common errors as they were estimated, with the covariances ``counted``, and tested with those of the
-    adjustment as it stands, ``held``."""
-    block, found = problem.block, []
+    adjustment as it stands, ``fixed``."""
+    block, estimated = problem.block, []
     for k, (error, part) in enumerate(zip(block.common_errors, parts(block.common_errors), strict=True)):
-        statistic, degrees, p = _test(problem, state, held, k)
+        statistic, degrees, p = _test(problem, state, fixed, k)
         value, G = state.common[part], np.eye(len(error.sigma))
         own = members(block.photographs, error)
         if error.kind == "attitude":
@@ -362,7 +364,7 @@ def estimates(
             m and (p.attitude_sigma_rad if error.kind == "attitude" else p.gnss_world_m) is not None
             for m, p in zip(own.tolist(), block.photographs, strict=True)
         )
-        found.append(
+        estimated.append(
             CommonErrorEstimate(
                 replace(error, value=value.copy()),
                 G @ value,
@@ -374,4 +376,4 @@ def estimates(
                 as_well.get((error.kind, error.camera), ""),
             )
         )
-    return tuple(found)
+    return tuple(estimated)

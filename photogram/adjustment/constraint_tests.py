@@ -55,7 +55,7 @@ def _known(block: Block, ground_world_m: FloatArray, centre_world_m: FloatArray)
     points = {name: g for g, name in enumerate(block.control_points.name)}
     photographs = {p.name: i for i, p in enumerate(block.photographs)}
     parts = {placed.number: placed.rows for placed in taking_part(block)}
-    found, start = [], 0
+    known, start = [], 0
     for number, constraint in enumerate(block.constraints):
         first, start = start, start + len(constraint.sigmas_m)
         numbers, places = (photographs, centre_world_m) if constraint.of_photographs else (points, ground_world_m)
@@ -76,8 +76,8 @@ def _known(block: Block, ground_world_m: FloatArray, centre_world_m: FloatArray)
         own = places[index]
         rows = rows_of(constraint, own, sigma_m, Heights.near(block.frame, own))
         at = first + (np.arange(1) if len(used) == 1 else np.flatnonzero(there))
-        found.append(_Known(number, at, index, constraint.of_photographs, rows, sigma_m, took_part))
-    return found
+        known.append(_Known(number, at, index, constraint.of_photographs, rows, sigma_m, took_part))
+    return known
 
 
 def _spread(
@@ -139,7 +139,7 @@ def _filled(tests: ConstraintTests, k: _Known, tested: FloatArray, counted: Floa
 def constraint_tests(
     problem: Problem,
     state: State,
-    held: Covariances,
+    fixed: Covariances,
     counted_problem: Problem,
     counted: Covariances,
     ground_world_m: FloatArray,
@@ -152,10 +152,10 @@ def constraint_tests(
     if not known:
         return tests
     spread = _spread(counted_problem, state, counted, ground_world_m, known)
-    tested = spread if counted is held else _spread(problem, state, held, ground_world_m, known)
-    for k, own, all_told in zip(known, tested, spread, strict=True):
+    tested = spread if counted is fixed else _spread(problem, state, fixed, ground_world_m, known)
+    for k, own, counted_spread in zip(known, tested, spread, strict=True):
         # what is considered stays in the residuals: see photogram.adjustment.reliability
-        _filled(tests, k, own if counted is held else 2.0 * own - all_told, all_told)
+        _filled(tests, k, own if counted is fixed else 2.0 * own - counted_spread, counted_spread)
     return tests
 
 

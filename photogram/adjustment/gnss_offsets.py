@@ -54,7 +54,9 @@ def measured_positions(problem: Problem, state: State, layout: Layout) -> Iterat
     for i, photograph in enumerate(block.photographs):
         if photograph.gnss_world_m is None or photograph.gnss_sigma_m is None:
             continue
-        R, arm, shift = state.rotation[i], photograph.lever_arm_camera_m, np.zeros(3)
+        R = state.rotation[i]
+        arm = photograph.lever_arm_camera_m
+        shift = np.zeros(3)
         columns, of_border = [6 * int(layout.place[i]) + np.arange(6)], []
         if problem.flights:
             flight = problem.flights.index(photograph.flight)
@@ -127,7 +129,7 @@ def implied_offset_test(offset_m: FloatArray, covariance_m2: FloatArray) -> Offs
 
 
 def implied_offsets(
-    problem: Problem, state: State, found: Covariances
+    problem: Problem, state: State, covariances: Covariances
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Return the flights whose offset is held at zero, the offset that would be estimated for each (F, 3) in the world,
     and its covariance (F, 3, 3): NaN where nothing else than the positions themselves says where they are.
@@ -136,22 +138,22 @@ def implied_offsets(
     """
     block = problem.block
     flights: list[str] = []
-    offsets, covariances = [], []
-    positions = [] if problem.flights else list(measured_positions(problem, state, found.layout))
+    offsets, of_offsets = [], []
+    positions = [] if problem.flights else list(measured_positions(problem, state, covariances.layout))
     of_flight = [block.photographs[position.photograph].flight for position in positions]
     for flight in sorted(set(of_flight)):
         N, score = np.zeros((3, 3)), np.zeros(3)
-        L = np.zeros((found.layout.columns + found.layout.border, 3))
+        L = np.zeros((covariances.layout.columns + covariances.layout.border, 3))
         for position, own in zip(positions, of_flight, strict=True):
             if own == flight:
                 N += position.weight
                 score += position.weight @ position.misfit
                 L[position.columns] += position.jacobian.T @ position.weight
-        K = N - found.between(L, L)
+        K = N - covariances.between(L, L)
         flights.append(flight)
         root = np.linalg.cholesky(N)
         share = np.linalg.eigvalsh(np.linalg.solve(root, np.linalg.solve(root, K).T))
         known = share.min() > LEAST_SHARE
-        covariances.append(np.linalg.inv(K) if known else np.full((3, 3), np.nan))
+        of_offsets.append(np.linalg.inv(K) if known else np.full((3, 3), np.nan))
         offsets.append(np.linalg.solve(K, score) if known else np.full(3, np.nan))
-    return tuple(flights), np.array(offsets).reshape(-1, 3), np.array(covariances).reshape(-1, 3, 3)
+    return tuple(flights), np.array(offsets).reshape(-1, 3), np.array(of_offsets).reshape(-1, 3, 3)

@@ -1,13 +1,14 @@
 """The part of a block that could be oriented, and the way back to all its photographs and marks."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Pose
-from photogram.results import Adjustment
+from photogram.results import Adjustment, Reliability
 from photogram.survey import Block
 
 
@@ -29,26 +30,18 @@ def part_of_block(block: Block, chosen: BoolArray) -> tuple[Block, IntArray]:
         return block, kept
     number = np.full(len(block.photographs), -1, dtype=np.int64)
     number[kept] = np.arange(len(kept))
-    tie, control = block.tie_points, block.control_points
+    tie = block.tie_points
     seen = chosen[tie.photograph]
     ties = tie.select(np.bincount(tie.point[seen], minlength=len(tie)) >= 2, seen)
-    marks = chosen[control.mark_photograph]
-    return (
-        replace(
-            block,
-            photographs=tuple(block.photographs[i] for i in kept),
-            poses=tuple(block.poses[i] for i in kept),
-            tie_points=replace(ties, photograph=number[ties.photograph]),
-            control_points=replace(
-                control,
-                mark_photograph=number[control.mark_photograph[marks]],
-                mark_point=control.mark_point[marks],
-                mark_pixel=control.mark_pixel[marks],
-                mark_covariance_px2=control.mark_covariance_px2[marks],
-            ),
-        ),
-        kept,
+    control = without_marks(block, chosen[block.control_points.mark_photograph]).control_points
+    part = replace(
+        block,
+        photographs=tuple(block.photographs[i] for i in kept),
+        poses=tuple(block.poses[i] for i in kept),
+        tie_points=replace(ties, photograph=number[ties.photograph]),
+        control_points=replace(control, mark_photograph=number[control.mark_photograph]),
     )
+    return part, kept
 
 
 def _spread(values: FloatArray, kept: NDArray[np.generic], count: int) -> FloatArray:
@@ -58,14 +51,23 @@ def _spread(values: FloatArray, kept: NDArray[np.generic], count: int) -> FloatA
     return whole
 
 
+def _changed(known: Reliability, kind: str, change: Callable[[FloatArray], FloatArray]) -> Reliability:
+    """Return the reliability with the fields of one ``kind`` of observations changed."""
+    names = [field.name for field in fields(known) if field.name.startswith(f"{kind}_")]
+    return replace(known, **{name: change(getattr(known, name)) for name in names})
+
+
 def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -> Adjustment:
     """Return the adjustment of the photographs ``kept`` (K,) as one of the whole ``block``: NaN and None elsewhere."""
     count = len(block.photographs)
     poses: list[Pose | None] = [None] * count
     for i, pose in zip(kept.tolist(), adjustment.block.poses, strict=True):
         poses[i] = pose
-    tie, known = adjustment.block.tie_points, adjustment.tests.reliability
+    tie = adjustment.block.tie_points
     seen = np.isin(block.control_points.mark_photograph, kept)
+    known = _changed(adjustment.tests.reliability, "mark", lambda values: _spread(values, seen, len(seen)))
+    for kind in ("gnss", "attitude"):
+        known = _changed(known, kind, lambda values: _spread(values, kept, count))
     return replace(
         adjustment,
         block=replace(
@@ -84,22 +86,7 @@ def with_all_photographs(adjustment: Adjustment, block: Block, kept: IntArray) -
         estimates=replace(
             adjustment.estimates, mark_residual_px=_spread(adjustment.estimates.mark_residual_px, seen, len(seen))
         ),
-        tests=replace(
-            adjustment.tests,
-            reliability=replace(
-                known,
-                mark_redundancy=_spread(known.mark_redundancy, seen, len(seen)),
-                mark_w=_spread(known.mark_w, seen, len(seen)),
-                mark_left_out_px=_spread(known.mark_left_out_px, seen, len(seen)),
-                mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, seen, len(seen)),
-                gnss_redundancy=_spread(known.gnss_redundancy, kept, count),
-                gnss_w=_spread(known.gnss_w, kept, count),
-                gnss_left_out_m=_spread(known.gnss_left_out_m, kept, count),
-                gnss_left_out_covariance_m2=_spread(known.gnss_left_out_covariance_m2, kept, count),
-                attitude_left_out_rad=_spread(known.attitude_left_out_rad, kept, count),
-                attitude_left_out_covariance_rad2=_spread(known.attitude_left_out_covariance_rad2, kept, count),
-            ),
-        ),
+        tests=replace(adjustment.tests, reliability=known),
     )
 
 
@@ -120,23 +107,15 @@ def without_marks(block: Block, kept: BoolArray) -> Block:
 
 def with_all_marks(adjustment: Adjustment, block: Block, kept: BoolArray) -> Adjustment:
     """Return the adjustment of the marks ``kept`` (M,) as one of all marks of ``block``: NaN for the others."""
-    known, count = adjustment.tests.reliability, len(kept)
+    count = len(kept)
+    known = _changed(adjustment.tests.reliability, "mark", lambda values: _spread(values, kept, count))
     return replace(
         adjustment,
         block=replace(adjustment.block, control_points=block.control_points),
         estimates=replace(
             adjustment.estimates, mark_residual_px=_spread(adjustment.estimates.mark_residual_px, kept, count)
         ),
-        tests=replace(
-            adjustment.tests,
-            reliability=replace(
-                known,
-                mark_redundancy=_spread(known.mark_redundancy, kept, count),
-                mark_w=_spread(known.mark_w, kept, count),
-                mark_left_out_px=_spread(known.mark_left_out_px, kept, count),
-                mark_left_out_covariance_px2=_spread(known.mark_left_out_covariance_px2, kept, count),
-            ),
-        ),
+        tests=replace(adjustment.tests, reliability=known),
     )
 
 
@@ -148,7 +127,9 @@ def of_surveyed_points(adjustment: Adjustment) -> Adjustment:
     if kept.all():
         return adjustment
     marks = kept[block.control_points.mark_point]
-    known, rows = adjustment.tests.reliability, np.flatnonzero(np.repeat(kept, 3))
+    rows = np.flatnonzero(np.repeat(kept, 3))
+    known = _changed(adjustment.tests.reliability, "ground", lambda values: values[kept])
+    known = _changed(known, "mark", lambda values: values[marks])
     return replace(
         adjustment,
         block=block.surveyed,
@@ -162,18 +143,5 @@ def of_surveyed_points(adjustment: Adjustment) -> Adjustment:
             ground_m2=adjustment.covariances.ground_m2[kept],
             ground_joint_m2=adjustment.covariances.ground_joint_m2[np.ix_(rows, rows)],
         ),
-        tests=replace(
-            adjustment.tests,
-            reliability=replace(
-                known,
-                ground_redundancy=known.ground_redundancy[kept],
-                ground_w=known.ground_w[kept],
-                ground_left_out_m=known.ground_left_out_m[kept],
-                ground_left_out_covariance_m2=known.ground_left_out_covariance_m2[kept],
-                mark_redundancy=known.mark_redundancy[marks],
-                mark_w=known.mark_w[marks],
-                mark_left_out_px=known.mark_left_out_px[marks],
-                mark_left_out_covariance_px2=known.mark_left_out_covariance_px2[marks],
-            ),
-        ),
+        tests=replace(adjustment.tests, reliability=known),
     )

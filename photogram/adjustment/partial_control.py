@@ -24,8 +24,8 @@ def _nearest_to_rays(block: Block, g: int, surveyed_world_m: FloatArray, axes: F
     ``surveyed_world_m`` (3,). Raises AdjustmentError where both leave the point open.
     """
     points = block.control_points
-    held = axes[:, points.used[g]].T * _SURVEYED
-    N = held.T @ held
+    controlled = axes[:, points.used[g]].T * _SURVEYED
+    N = controlled.T @ controlled
     right = N @ surveyed_world_m
     for m in np.flatnonzero(points.mark_point == g).tolist():
         pose = block.poses[points.mark_photograph[m]]
@@ -37,9 +37,9 @@ def _nearest_to_rays(block: Block, g: int, surveyed_world_m: FloatArray, axes: F
         N += across
         right += across @ pose.position_world_m
     if np.linalg.eigvalsh(N)[0] < _LEAST_EIGENVALUE:
-        held_in = "plan" if points.used[g, 0] else "height"
+        coordinates = "plan" if points.used[g, 0] else "height"
         raise AdjustmentError(
-            f"control point {points.name[g]} is control in {held_in} only and its marks do not determine the "
+            f"control point {points.name[g]} is control in {coordinates} only and its marks do not determine the "
             "rest: mark it in more photographs, or give it the role check"
         )
     return np.asarray(np.linalg.solve(N, right))
@@ -61,7 +61,7 @@ def control_positions(block: Block) -> tuple[FloatArray, FloatArray]:
         # rounded, so that a coordinate that is a check leaves no trace in the last bits of the others
         surveyed = np.round(frame.map_from_world(points.position_world_m[g][None])[0], 6)
         known = frame.world_from_map(np.where(used[g], surveyed, frame.origin_map_m)[None])[0]
-        found = frame.map_from_world(_nearest_to_rays(of_control, g, known, origin_axes)[None])[0]
-        position[g] = frame.world_from_map(np.where(used[g], surveyed, found)[None])[0]
+        by_marks = frame.map_from_world(_nearest_to_rays(of_control, g, known, origin_axes)[None])[0]
+        position[g] = frame.world_from_map(np.where(used[g], surveyed, by_marks)[None])[0]
         axes[g] = frame.rotation_world_from_map(position[g])
     return position, axes

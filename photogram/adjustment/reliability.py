@@ -57,34 +57,34 @@ def left_out(whitened: FloatArray, adjusted: FloatArray) -> tuple[FloatArray, Fl
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Covariances at the solution as tests need them: of the unknowns as they were estimated, ``held``, and with the
+    """Covariances at the solution as tests need them: of the unknowns as they were estimated, ``fixed``, and with the
     focal lengths that are considered, ``counted``, for its own problem; one and the same where none is.
 
     An error of a considered focal length stays in the residuals, so that their covariance grows by what that of the
     adjusted observations grows by: Q = I − 2 A Σ_held Aᵀ + A Σ_counted Aᵀ, and 2 Σ_held − Σ_counted stands for Σ.
     """
 
-    held: Covariances
+    fixed: Covariances
     counted: Covariances
 
     def joint(self, photograph: int) -> FloatArray:
         """Return what stands in tests for the joint covariance (6 + border) of a pose and the border."""
-        held = self.held.joint(np.array([photograph]))
-        if self.counted is self.held:
-            return held
-        counted, layout, other = self.counted.joint(np.array([photograph])), self.held.layout, self.counted.layout
+        fixed = self.fixed.joint(np.array([photograph]))
+        if self.counted is self.fixed:
+            return fixed
+        counted = self.counted.joint(np.array([photograph]))
         # a considered focal length is one of the border's first columns, which no measured position or attitude has
         own, same = (
             np.concatenate([np.arange(6), np.arange(6 + at.offset_column, 6 + at.ground_column)])
-            for at in (layout, other)
+            for at in (self.fixed.layout, self.counted.layout)
         )
-        whole = np.zeros_like(held)
-        whole[np.ix_(own, own)] = _doubled(held[np.ix_(own, own)], counted[np.ix_(same, same)])
+        whole = np.zeros_like(fixed)
+        whole[np.ix_(own, own)] = _doubled(fixed[np.ix_(own, own)], counted[np.ix_(same, same)])
         return whole
 
 
-def _doubled(held: FloatArray, counted: FloatArray) -> FloatArray:
-    return np.asarray(2.0 * held - counted)
+def _doubled(fixed: FloatArray, counted: FloatArray) -> FloatArray:
+    return np.asarray(2.0 * fixed - counted)
 
 
 def _gnss(
@@ -92,18 +92,20 @@ def _gnss(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return redundancy numbers and w (N, 3) of GNSS positions along the map's axes, and the prediction by all other
     observations minus the measurement (N, 3), with its covariance (N, 3, 3); NaN where there are none."""
-    block, layout = problem.block, known.held.layout
+    block, layout = problem.block, known.fixed.layout
     redundancy, w, predicted = (np.full((len(block.photographs), 3), np.nan) for _ in range(3))
     covariance = np.full((len(block.photographs), 3, 3), np.nan)
     for i, sigma, misfit, _, columns, jacobian in measured_positions(problem, state, layout):
         joint = known.joint(i)
         rows = np.zeros((3, len(joint)))
-        rows[:, :6], rows[:, columns[6:] - layout.columns + 6] = axes.T @ jacobian[:, :6], axes.T @ jacobian[:, 6:]
+        rows[:, :6] = axes.T @ jacobian[:, :6]
+        rows[:, columns[6:] - layout.columns + 6] = axes.T @ jacobian[:, 6:]
         rows /= sigma[:, None]
         whitened, adjusted = ((axes.T @ misfit) / sigma)[None], (rows @ joint @ rows.T)[None]
         r, t = w_tests(whitened, adjusted)
         residual, spread = left_out(whitened, adjusted)
-        redundancy[i], w[i], predicted[i] = r[0], t[0], residual[0] * sigma
+        redundancy[i], w[i] = r[0], t[0]
+        predicted[i] = residual[0] * sigma
         covariance[i] = spread[0] * np.outer(sigma, sigma)
     return redundancy, w, predicted, covariance
 
@@ -111,7 +113,7 @@ def _gnss(
 def _attitudes(problem: Problem, state: State, known: _Known) -> tuple[FloatArray, FloatArray]:
     """Return by how much everything else turns the cameras away from their measured attitudes (N, 3), rad, about their
     own axes, and the covariances of that (N, 3, 3); NaN where there are none, or their heading is not known."""
-    photographs, layout = problem.block.photographs, known.held.layout
+    photographs, layout = problem.block.photographs, known.fixed.layout
     turned, covariance = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3, 3), np.nan)
     own, where = attitude_errors(problem.block), parts(problem.block.common_errors)
     for i, photograph in enumerate(photographs):
@@ -149,18 +151,18 @@ def _focal_lengths(problem: Problem, state: State, covariances: Covariances) -> 
 def reliability(
     problem: Problem,
     state: State,
-    held: Covariances,
+    fixed: Covariances,
     counted_problem: Problem | None = None,
     counted: Covariances | None = None,
 ) -> Reliability:
     """Return the reliability of control points, their marks, GNSS positions, attitudes and focal lengths on the final
     linearisation.
 
-    ``held`` are the covariances of the adjustment as it stands; ``counted``, for ``counted_problem``, those in which
+    ``fixed`` are the covariances of the adjustment as it stands; ``counted``, for ``counted_problem``, those in which
     focal lengths count that are considered, left out where there are none.
     """
     block, points = problem.block, problem.block.control_points
-    known = _Known(held, held if counted is None else counted)
+    known = _Known(fixed, fixed if counted is None else counted)
     other = problem if counted_problem is None else counted_problem
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     own = problem.control_axes
@@ -172,7 +174,7 @@ def reliability(
     if len(controls):
         tested = np.isfinite(sigma)
         whitened = np.einsum("gji,gj->gi", own, state.control - problem.control_world_m) / sigma
-        spread = _doubled(known.held.control_point, known.counted.control_point)
+        spread = _doubled(known.fixed.control_point, known.counted.control_point)
         adjusted = own.transpose(0, 2, 1) @ spread @ own / (sigma[:, :, None] * sigma[:, None, :])
         redundancy, w = w_tests(whitened, adjusted)
         ground_redundancy[controls], ground_w[controls] = np.where(tested, [redundancy, w], np.nan)
@@ -184,9 +186,9 @@ def reliability(
     mark_covariance = np.full((len(points.mark_point), 2, 2), np.nan)
     if len(marks):
         v = residuals(problem.marks, state.cameras, state.control)
-        adjusted_marks = mark_covariances(problem, state, known.held)
+        adjusted_marks = mark_covariances(problem, state, known.fixed)
         L = lower_factors(points.mark_covariance_px2[marks])
-        if known.counted is not known.held:
+        if known.counted is not known.fixed:
             adjusted_marks = _doubled(adjusted_marks, mark_covariances(other, state, known.counted))
         mark_redundancy[marks], mark_w[marks] = w_tests(v, adjusted_marks)
         residual, spread = left_out(v, adjusted_marks)
@@ -195,7 +197,7 @@ def reliability(
         mark_covariance[marks] = np.einsum("kia,kjb,kab->kij", L, L, spread)
     redundancy, w, predicted, spread = _gnss(problem, state, known, axes)
     turned, turned_covariance = _attitudes(problem, state, known)
-    focal, focal_sigma = _focal_lengths(problem, state, held)
+    focal, focal_sigma = _focal_lengths(problem, state, fixed)
     return Reliability(
         ground_redundancy, ground_w, ground_left_out, covariance,
         mark_redundancy, mark_w, mark_left_out, mark_covariance,

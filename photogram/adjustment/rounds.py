@@ -61,7 +61,7 @@ class Solved:
     stopped: bool = False
 
 
-def _with_cameras_held(block: Block) -> Block:
+def _with_cameras_fixed(block: Block) -> Block:
     return replace(
         block,
         cameras=tuple(
@@ -99,7 +99,7 @@ def solve_rounds(
         check_determined(problem)
         if number == 1 and not last and first > settings.first_outlier_threshold_px:
             # Poses so far off would bend the calibration to fit them.
-            problem = replace(problem, block=_with_cameras_held(whole.block))
+            problem = replace(problem, block=_with_cameras_fixed(whole.block))
         seen = np.count_nonzero(np.bincount(problem.tie.point))
         progress(0, 0, f"round {number}: {len(problem.tie)} observations of {seen} tie points")
         moving = False
@@ -121,8 +121,8 @@ def solve_rounds(
         reached = minimum.state
         state = renewed(problem, reached)
         if estimating and number > 1:  # what the first round keeps says nothing of the noise yet
-            found = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
-            better = factors if found is None else improved(found, factors, groups)
+            scatter = tie_scatter(problem, state, groups.select(used), limit_px[used], taken_by_cameras(problem))
+            better = factors if scatter is None else improved(scatter, factors, groups)
             steady, factors = better.are_near(factors), better
             whole = weighted(stated, groups, factors)
         part = whole.tie.select(used)

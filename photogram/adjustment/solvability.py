@@ -44,7 +44,7 @@ FLAT = 0.3  # of one that is called level
 _NONE: Mapping[int, str] = MappingProxyType({})
 
 
-class UnheldError(AdjustmentError):
+class UndeterminedPartError(AdjustmentError):
     """Single photographs or marks keep the rest of a block from a solution: why, by the index of the photograph and of
     the mark in the block."""
 
@@ -54,8 +54,8 @@ class UnheldError(AdjustmentError):
 
 
 def check_determined(problem: Problem) -> None:
-    """Raise AdjustmentError for what can be seen to be undetermined before anything is solved, UnheldError where it is
-    single photographs."""
+    """Raise AdjustmentError for what can be seen to be undetermined before anything is solved, UndeterminedPartError
+    where it is single photographs."""
     block = problem.block
     seen = np.bincount(problem.tie.photograph, minlength=len(block.photographs))
     seen += np.bincount(problem.marks.photograph, minlength=len(block.photographs))
@@ -73,7 +73,7 @@ def check_determined(problem: Problem) -> None:
     }
     if few:
         named = "\n".join(f"photograph {block.photographs[i].name}: {why}" for i, why in few.items())
-        raise UnheldError(named, photographs=few)
+        raise UndeterminedPartError(named, photographs=few)
     positions = sum(p.gnss_world_m is not None for p in block.photographs)
     plan, height = np.isfinite(problem.control_sigma_m).sum(axis=0)[1:].tolist()
     open_parts = _open_parts(max(plan, positions), max(height, positions))
@@ -147,8 +147,8 @@ _WHOLE = {
 
 
 def undetermined(problem: Problem, error: IndeterminateError) -> AdjustmentError:
-    """Return the error that names the variable of an indeterminate system and what it lacks, UnheldError where it is a
-    single photograph."""
+    """Return the error that names the variable of an indeterminate system and what it lacks, UndeterminedPartError
+    where it is a single photograph."""
     no_solution = "the adjustment has no unique solution"
     if error.variable is None:
         return AdjustmentError(f"{no_solution}: {_name(problem, None)}: it is not determined")
@@ -156,7 +156,9 @@ def undetermined(problem: Problem, error: IndeterminateError) -> AdjustmentError
     if kind == DATUM:
         return AdjustmentError(f"{no_solution}: the block as a whole: {_WHOLE[index]}")
     message = f"{no_solution}: {_name(problem, error.variable)}: {_LACKS[kind]}"
-    return UnheldError(message, photographs={index: _LACKS[POSE]}) if kind == POSE else AdjustmentError(message)
+    return (
+        UndeterminedPartError(message, photographs={index: _LACKS[POSE]}) if kind == POSE else AdjustmentError(message)
+    )
 
 
 def control_marks(block: Block) -> IntArray:
@@ -168,7 +170,7 @@ def control_marks(block: Block) -> IntArray:
 
 def check_in_front(problem: Problem, state: State) -> None:
     """Raise AdjustmentError naming the photographs that have a point of theirs behind them, and the marked points:
-    UnheldError where it is a single mark or photograph."""
+    UndeterminedPartError where it is a single mark or photograph."""
     block = problem.block
     control = block.control_points.with_role("control")
     marks = residuals(problem.marks, state.cameras, state.control)
@@ -191,14 +193,14 @@ def check_in_front(problem: Problem, state: State) -> None:
     )
     if len(lost) == 1 and not len(photographs):
         number = int(control_marks(block)[lost[0]])
-        raise UnheldError(message, marks={number: f"{marked[int(lost[0])]}: check the mark"})
+        raise UndeterminedPartError(message, marks={number: f"{marked[int(lost[0])]}: check the mark"})
     turned = np.union1d(photographs, problem.marks.photograph[lost])
     if len(turned) == 1:
         why = (
             "points lie behind it after the adjustment (pose flipped): check its marks, its GNSS position and "
             "its attitude"
         )
-        raise UnheldError(message, photographs={int(turned[0]): why})
+        raise UndeterminedPartError(message, photographs={int(turned[0]): why})
     raise AdjustmentError(message)
 
 

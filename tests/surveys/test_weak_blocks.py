@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.oriented_subset import with_all_marks, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
-from photogram.adjustment.solvability import WEAK_CAMERA, UnheldError, check_in_front, control_marks
+from photogram.adjustment.solvability import WEAK_CAMERA, UndeterminedPartError, check_in_front, control_marks
 from photogram.arrays import IntArray
 from photogram.camera import Pose, project_points
 from photogram.errors import AdjustmentError
@@ -227,7 +227,7 @@ def test_a_photograph_or_mark_turned_over_alone_is_named_for_being_left_out() ->
     check_in_front(problem, state)
     over = state.rotation.copy()
     over[1] = over[1] @ np.diag([1.0, -1.0, -1.0])
-    with pytest.raises(UnheldError, match="poses flipped") as fault:
+    with pytest.raises(UndeterminedPartError, match="poses flipped") as fault:
         check_in_front(problem, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert list(fault.value.photographs) == [1]
     assert not fault.value.marks
@@ -238,13 +238,13 @@ def test_a_photograph_or_mark_turned_over_alone_is_named_for_being_left_out() ->
     one = np.ones(len(problem.block.control_points.mark_point), dtype=bool)
     one[control_marks(problem.block)[mine[1:]]] = False
     single = make_problem(without_marks(problem.block, one), SETTINGS).with_tie_observations(alone.tie)
-    with pytest.raises(UnheldError, match="lies behind it") as fault:
+    with pytest.raises(UndeterminedPartError, match="lies behind it") as fault:
         check_in_front(single, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert list(fault.value.marks) == [int(np.count_nonzero(one[:number]))]
     over[2] = over[1]
     with pytest.raises(AdjustmentError) as both:
         check_in_front(problem, replace(state, cameras=state.cameras._replace(rotation=over)))
-    assert not isinstance(both.value, UnheldError)
+    assert not isinstance(both.value, UndeterminedPartError)
 
 
 def test_a_mark_that_is_left_out_has_no_residual() -> None:

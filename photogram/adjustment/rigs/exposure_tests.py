@@ -32,7 +32,7 @@ def _adjusted(problem: Problem, state: State, covariances: Covariances) -> Float
 
 
 def exposure_tests(
-    problem: Problem, state: State, held: Covariances, counted_problem: Problem, counted: Covariances
+    problem: Problem, state: State, fixed: Covariances, counted_problem: Problem, counted: Covariances
 ) -> ExposureTests:
     """Return what is to say of the exposures of a solved problem, and the covariances of its relative poses;
     covariances as of reliability."""
@@ -42,12 +42,14 @@ def exposure_tests(
         return tests
     for k in estimated(problem.block).tolist():
         tests.relative_covariance[k] = counted.rig(k)
-    adjusted = _adjusted(problem, state, held)
-    if counted is not held:
+    adjusted = _adjusted(problem, state, fixed)
+    if counted is not fixed:
         # what is considered stays in the residuals: see photogram.adjustment.reliability
         adjusted = 2.0 * adjusted - _adjusted(counted_problem, state, counted)
     misfit = misfits(every, state.rotation, state.position, values_by_rig(problem.block, state.common))
-    whitened, at, sigma = misfit / every.sigma, every.number, every.sigma
+    whitened = misfit / every.sigma
+    at = every.number
+    sigma = every.sigma
     tests.misfit[at] = misfit
     tests.redundancy[at], tests.w[at] = w_tests(whitened, adjusted)
     residual, spread = left_out(whitened, adjusted)
@@ -71,7 +73,7 @@ class RigReliability:
 
 def rig_reliabilities(result: Adjustment) -> list[RigReliability]:
     """Return how well the exposures of every rig of an adjustment are tested."""
-    found, start = [], 0
+    reliabilities, start = [], 0
     for rig in result.block.rigs:
         part = slice(start, start + len(rig.exposures))
         start = part.stop
@@ -80,9 +82,9 @@ def rig_reliabilities(result: Adjustment) -> list[RigReliability]:
         rejected = int(np.isinf(rig.exposure_sigma).any(axis=1).sum())
         if not own.any():
             none = np.full(6, np.nan)
-            found.append(RigReliability(0, rejected, none, none, none))
+            reliabilities.append(RigReliability(0, rejected, none, none, none))
             continue
         least = np.median(minimal_detectable_blunder(rig.exposure_sigma[own], r[own]), axis=0)
         largest = np.abs(np.where(np.isfinite(w[own]), w[own], 0.0)).max(axis=0)
-        found.append(RigReliability(int(own.sum()), rejected, r[own].mean(axis=0), largest, least))
-    return found
+        reliabilities.append(RigReliability(int(own.sum()), rejected, r[own].mean(axis=0), largest, least))
+    return reliabilities

@@ -47,7 +47,8 @@ def _normal_equations(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the normal equations (N, 9, 9) and (N, 9) of pose and velocity of each photograph, its points at rest."""
     matrix, right = np.zeros((len(cameras.camera), UNKNOWNS, UNKNOWNS)), np.zeros((len(cameras.camera), UNKNOWNS))
-    A, B, row = np.zeros((2, 6)), np.zeros((2, 3)), np.zeros(UNKNOWNS)
+    A, B = np.zeros((2, 6)), np.zeros((2, 3))
+    row = np.zeros(UNKNOWNS)
     C, residual = np.zeros((2, cameras.parameters.shape[1])), np.zeros(2)
     for i in range(len(photograph)):
         p = photograph[i]
@@ -76,11 +77,11 @@ def _of_velocity(matrix: FloatArray, right: FloatArray) -> tuple[FloatArray, Flo
     S, h = np.zeros((len(matrix), 3, 3)), np.zeros((len(matrix), 3))
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), np.finfo(float).tiny))
     unit = matrix / (scale[:, :, None] * scale[:, None, :])
-    held = np.linalg.eigvalsh(unit[:, :6, :6])[:, 0] > 1e-10
-    pose, both = matrix[held, :6, :6], matrix[held, :6, 6:]
-    solved = np.linalg.solve(pose, np.concatenate([both, right[held, :6, None]], axis=2))
-    S[held] = matrix[held, 6:, 6:] - np.swapaxes(both, 1, 2) @ solved[:, :, :3]
-    h[held] = right[held, 6:] - (np.swapaxes(both, 1, 2) @ solved[:, :, 3:])[..., 0]
+    determined = np.linalg.eigvalsh(unit[:, :6, :6])[:, 0] > 1e-10
+    pose, both = matrix[determined, :6, :6], matrix[determined, :6, 6:]
+    solved = np.linalg.solve(pose, np.concatenate([both, right[determined, :6, None]], axis=2))
+    S[determined] = matrix[determined, 6:, 6:] - np.swapaxes(both, 1, 2) @ solved[:, :, :3]
+    h[determined] = right[determined, 6:] - (np.swapaxes(both, 1, 2) @ solved[:, :, 3:])[..., 0]
     return S, h
 
 
@@ -94,18 +95,18 @@ def scatter_m_s(S: FloatArray, h: FloatArray) -> float:
         return float(np.sum(np.linalg.slogdet(np.eye(3) + variance * S)[1]) - np.sum(h * explained))
 
     bounds = float(np.log(LEAST_M_S)), float(np.log(MOST_M_S))
-    found = minimize_scalar(less_than_zero, bounds=bounds, method="bounded")
+    minimum = minimize_scalar(less_than_zero, bounds=bounds, method="bounded")
     # On the bound of what a standard deviation can be, half of chance lies below it.
-    return float(np.exp(found.x)) if -found.fun > chi2.isf(2.0 * SIGNIFICANCE, 1) else 0.0
+    return float(np.exp(minimum.x)) if -minimum.fun > chi2.isf(2.0 * SIGNIFICANCE, 1) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Departures:
-    """How the photographs ``free`` (N,) depart from the velocities ``told_m_s`` (N, 3) that neighbours and tags tell:
+    """How the photographs ``free`` (N,) depart from the velocities ``expected_m_s`` (N, 3) of neighbours and tags:
     normal equations ``matrix`` (F, 3, 3) and ``right`` (F, 3) of each, poses eliminated and points at rest, and what
     they scatter by, m/s, zero where that is not significant."""
 
-    told_m_s: FloatArray
+    expected_m_s: FloatArray
     free: BoolArray
     matrix: FloatArray
     right: FloatArray
@@ -114,8 +115,8 @@ class Departures:
     def one_by_one(self) -> FloatArray:
         """Return the most likely velocities (N, 3) in the world, m/s, of each photograph while all else rests."""
         if self.scatter_m_s == 0.0:
-            return self.told_m_s
-        velocity, prior = self.told_m_s.copy(), np.eye(3) / self.scatter_m_s**2
+            return self.expected_m_s
+        velocity, prior = self.expected_m_s.copy(), np.eye(3) / self.scatter_m_s**2
         velocity[self.free] += np.linalg.solve(self.matrix + prior, self.right[..., None])[..., 0]
         return velocity
 
@@ -124,20 +125,20 @@ class Departures:
         read-out times that go with them, looked for from ``least_s`` on. Raises IndeterminateError or SingularError
         where that is not determined."""
         if self.scatter_m_s == 0.0:
-            return Together(self.told_m_s, state.parameters[:, READOUT])
-        return joint_velocities(problem, state, self.told_m_s, self.free, self.scatter_m_s, self.matrix, least_s)
+            return Together(self.expected_m_s, state.parameters[:, READOUT])
+        return joint_velocities(problem, state, self.expected_m_s, self.free, self.scatter_m_s, self.matrix, least_s)
 
     def readout_sigmas(self, problem: Problem, state: State) -> FloatArray | None:
         """Return the standard deviations (C,) of the read-out times, s, with the velocities as unknowns, None where
-        these are as told. Raises IndeterminateError or SingularError where something else is not determined."""
+        these are as expected. Raises IndeterminateError or SingularError where something else is not determined."""
         if self.scatter_m_s == 0.0:
             return None
         return readout_sigmas(problem, state, self.free, self.scatter_m_s, self.matrix)
 
 
-def departures(problem: Problem, state: State, told_m_s: FloatArray, free: BoolArray) -> Departures:
-    """Return how photographs depart from the velocities ``told_m_s`` (N, 3), where they may (``free``), at the end of a
-    round."""
+def departures(problem: Problem, state: State, expected_m_s: FloatArray, free: BoolArray) -> Departures:
+    """Return how photographs depart from the velocities ``expected_m_s`` (N, 3), where they may (``free``), at the end
+    of a round."""
     tie, cameras = problem.tie, state.cameras
     bare = without_fields(cameras, tie.photograph, tie.pixel)
     matrix, right = _normal_equations(
@@ -145,5 +146,5 @@ def departures(problem: Problem, state: State, told_m_s: FloatArray, free: BoolA
         KINDS[problem.robust_loss], problem.robust_threshold,
     )  # fmt: skip
     S, h = _of_velocity(matrix[free], right[free])
-    h += np.einsum("nij,nj->ni", S, cameras.velocity[free] - told_m_s[free])
-    return Departures(told_m_s, free, S, h, scatter_m_s(S, h))
+    h += np.einsum("nij,nj->ni", S, cameras.velocity[free] - expected_m_s[free])
+    return Departures(expected_m_s, free, S, h, scatter_m_s(S, h))

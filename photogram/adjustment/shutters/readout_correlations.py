@@ -45,7 +45,7 @@ class Correlations:
         """Return what is known of ``cameras`` whose read-out times are all held."""
         return Correlations(np.full(cameras, np.nan), np.full(cameras, np.nan))
 
-    def beside(self, others: Correlations, theirs: BoolArray) -> Correlations:
+    def combined(self, others: Correlations, theirs: BoolArray) -> Correlations:
         """Return those of cameras of which some, ``theirs`` (C,), are in ``others``."""
         return Correlations(
             np.where(theirs, others.focal_length, self.focal_length),
@@ -55,19 +55,19 @@ class Correlations:
     def warnings(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return a sentence on each of the cameras of these ``names`` (C,) whose read-out time cannot be separated from
         another unknown."""
-        said = list[str]()
+        sentences = list[str]()
         for name, focal, time in zip(names, self.focal_length.tolist(), self.time_offset.tolist(), strict=True):
             if abs(focal) >= INSEPARABLE:
-                said.append(
+                sentences.append(
                     f"Camera {name}: its read-out time cannot be separated from its focal length (correlation "
                     f"{focal:+.2f}): calibrate the camera, or fly strips across the others"
                 )
             if abs(time) >= INSEPARABLE:
-                said.append(
+                sentences.append(
                     f"Camera {name}: its read-out time cannot be separated from a time offset between exposures and "
                     f"GNSS positions (correlation {time:+.2f}): fly strips to and fro, or give control points"
                 )
-        return tuple(said)
+        return tuple(sentences)
 
 
 def correlations(problem: Problem, state: State, covariances: Covariances) -> Correlations:

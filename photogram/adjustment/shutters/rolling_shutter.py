@@ -68,8 +68,8 @@ def in_motion(block: Block, cameras: OrientedCameras) -> OrientedCameras:
 
 def moving(block: Block, cameras: OrientedCameras) -> OrientedCameras:
     """Return the photographs of a block with their velocities, as ``in_motion``, whatever their shutters."""
-    told, _ = _told(block, cameras)
-    return cameras._replace(velocity=np.where(np.isfinite(told), told, cameras.velocity))
+    velocity, _ = _known_velocities(block, cameras)
+    return cameras._replace(velocity=np.where(np.isfinite(velocity), velocity, cameras.velocity))
 
 
 def renewed(problem: Problem, state: State, *, together: bool = False, least_s: float = 0.0) -> State:
@@ -77,18 +77,18 @@ def renewed(problem: Problem, state: State, *, together: bool = False, least_s: 
     positions and times give as the photographs show them, each by itself or ``together`` with everything else, read-out
     times too, looked for from ``least_s`` on."""
     cameras = in_motion(problem.block, state.cameras)
-    found = _departures(problem, state, cameras)
-    if found is None:
+    departing = _departures(problem, state, cameras)
+    if departing is None:
         return replace(state, cameras=cameras)
     if together:
         try:
-            velocity, readout_s = found.together(problem, state, least_s)
+            velocity, readout_s = departing.together(problem, state, least_s)
             parameters = state.parameters.copy()
             parameters[:, READOUT] = readout_s
             return replace(state, cameras=recalibrated(cameras, parameters)._replace(velocity=velocity))
         except (IndeterminateError, SingularError):  # the covariances at the end say what nothing holds
             _LOG.debug("velocities: estimated one by one, since something else is not determined")
-    return replace(state, cameras=cameras._replace(velocity=found.one_by_one()))
+    return replace(state, cameras=cameras._replace(velocity=departing.one_by_one()))
 
 
 def moved_on(before: State, after: State) -> bool:
@@ -100,8 +100,8 @@ def moved_on(before: State, after: State) -> bool:
 def neighbours_scatter_m_s(problem: Problem, state: State) -> float:
     """Return the standard deviation, m/s, by which photographs flew at other velocities than their neighbours tell, for
     each component; zero where none is significant, NaN where no shutter rolls or no velocity comes from neighbours."""
-    found = _departures(problem, state, in_motion(problem.block, state.cameras))
-    return float("nan") if found is None else found.scatter_m_s
+    departing = _departures(problem, state, in_motion(problem.block, state.cameras))
+    return float("nan") if departing is None else departing.scatter_m_s
 
 
 def _departures(problem: Problem, state: State, cameras: OrientedCameras) -> Departures | None:
@@ -109,48 +109,48 @@ def _departures(problem: Problem, state: State, cameras: OrientedCameras) -> Dep
     comes from neighbours."""
     if not np.any(cameras.parameters[:, READOUT] != 0.0):
         return None
-    told, from_positions = _told(problem.block, cameras)
-    free = from_positions & np.isfinite(told).all(axis=1)
+    velocity, from_positions = _known_velocities(problem.block, cameras)
+    free = from_positions & np.isfinite(velocity).all(axis=1)
     if not free.any():
         return None
-    found = departures(problem, state, cameras.velocity, free)
-    _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", found.scatter_m_s)
-    return found
+    departing = departures(problem, state, cameras.velocity, free)
+    _LOG.debug("velocities: the neighbours' scatter by %.3g m/s", departing.scatter_m_s)
+    return departing
 
 
-def _told(block: Block, cameras: OrientedCameras) -> tuple[FloatArray, BoolArray]:
+def _known_velocities(block: Block, cameras: OrientedCameras) -> tuple[FloatArray, BoolArray]:
     """Return the velocities (N, 3) that tags, else positions and times, tell, NaN where neither does, and which (N,)
     come from positions. Tags that are zero throughout were never filled in."""
-    found = velocities(block.photographs, cameras.position, COARSE_VELOCITY)
+    followed = velocities(block.photographs, cameras.position, COARSE_VELOCITY)
     nothing = np.full(3, np.nan)
     tags = [nothing if p.velocity_world_m_s is None else p.velocity_world_m_s for p in block.photographs]
     tagged = np.array(tags).reshape(-1, 3)
     # the lengths of a free network may have a unit of their own, and its axes any direction
     believed = not block.is_free and bool(np.any(np.nan_to_num(tagged) != 0.0))
     tells = np.isfinite(tagged) & believed
-    return np.where(tells, tagged, found), ~tells.all(axis=1)
+    return np.where(tells, tagged, followed), ~tells.all(axis=1)
 
 
 def unmoved(block: Block) -> tuple[str, ...]:
     """Return sentences on photographs of an adjusted block whose shutter rolls, but of which nothing tells how they
     moved."""
-    said = list[str]()
+    sentences = list[str]()
     if not rolling(block.cameras).any():
         return ()
-    told = np.isfinite(_told(block, block.oriented_cameras())[0]).all(axis=1)
+    known = np.isfinite(_known_velocities(block, block.oriented_cameras())[0]).all(axis=1)
     for c in np.flatnonzero(rolling(block.cameras)).tolist():
         camera, own = block.cameras[c], block.camera_of == c
-        without = int(np.count_nonzero(own & ~told))
+        without = int(np.count_nonzero(own & ~known))
         if camera.readout_s == 0.0 or not without:
             continue
         who = f"{without} of its photographs do not tell how they moved"
         if without == np.count_nonzero(own):
             who = "none of its photographs tells how it moved"
-        said.append(
+        sentences.append(
             f"Camera {camera.name}: a rolling shutter of {1000.0 * camera.readout_s:.1f} ms cannot be counted, because "
             f"{who}: give speeds in the tags, or positions and times to fractions of a second"
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def free_readouts(cameras: Sequence[Camera]) -> BoolArray:
@@ -213,7 +213,7 @@ class Readouts:
         """Return which of them (cameras,) are zero to within their noise."""
         return np.isfinite(self.estimate_s) & ~self.significant
 
-    def beside(self, others: Readouts, theirs: BoolArray) -> Readouts:
+    def combined(self, others: Readouts, theirs: BoolArray) -> Readouts:
         """Return those of cameras of which some, ``theirs`` (cameras,), were held and are in ``others``."""
         return Readouts(
             np.where(theirs, others.estimate_s, self.estimate_s),
@@ -225,9 +225,9 @@ class Readouts:
 
 @dataclass(frozen=True, eq=False)
 class Shutters:
-    """What was ``found`` of read-out times while they were among the unknowns, and their ``correlations`` then."""
+    """Read-out times as they were estimated while they were among the unknowns, and their ``correlations`` then."""
 
-    found: Readouts
+    readouts: Readouts
     correlations: Correlations
 
     @staticmethod
@@ -246,7 +246,7 @@ def readout_estimates(
         return before
     now = readouts(problem, state, covariances)
     return Shutters(
-        now.beside(before.found, ~free), correlations(problem, state, counted).beside(before.correlations, ~free)
+        now.combined(before.readouts, ~free), correlations(problem, state, counted).combined(before.correlations, ~free)
     )
 
 
@@ -316,10 +316,8 @@ def weighed_anew(
     ``sigma_s`` are the standard deviations of the adjustment, which took the photographs for better than they are, so
     that a prior (C, 2), value and sigma, counted for too little. The weights of both add up to the adjustment's.
     """
-    value, weight = (
-        prior_s[:, 0],
-        np.divide(1.0, prior_s[:, 1] ** 2, out=np.zeros(len(prior_s)), where=prior_s[:, 1] > 0),
-    )
+    value = prior_s[:, 0]
+    weight = np.divide(1.0, prior_s[:, 1] ** 2, out=np.zeros(len(prior_s)), where=prior_s[:, 1] > 0)
     observed = np.maximum(sigma_s**-2.0 - weight, 0.0)
     moment = (estimate_s * sigma_s**-2.0 - value * weight) / inflation**2
     total = observed / inflation**2 + weight
@@ -339,24 +337,24 @@ def without_rolling(block: Block, none: BoolArray) -> Block:
 def with_readouts(result: Adjustment, shutters: Shutters, scatter_m_s: float = float("nan")) -> Adjustment:
     """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
     covariances, and what is to be warned of; with what the neighbours' velocities scatter by."""
-    found, told = shutters.found, shutters.correlations
+    readouts, correlations = shutters.readouts, shutters.correlations
     covariance = result.covariances.calibration.copy()
-    covariance[:, READOUT, :] *= found.inflation[:, None]
-    covariance[:, :, READOUT] *= found.inflation[:, None]
+    covariance[:, READOUT, :] *= readouts.inflation[:, None]
+    covariance[:, :, READOUT] *= readouts.inflation[:, None]
     return replace(
         result,
         covariances=replace(result.covariances, calibration=covariance),
         decisions=replace(
             result.decisions,
-            readout_s=found.estimate_s,
-            readout_sigma_s=found.sigma_s,
-            readout_focal_correlation=told.focal_length,
-            readout_time_offset_correlation=told.time_offset,
+            readout_s=readouts.estimate_s,
+            readout_sigma_s=readouts.sigma_s,
+            readout_focal_correlation=correlations.focal_length,
+            readout_time_offset_correlation=correlations.time_offset,
             neighbours_scatter_m_s=scatter_m_s,
         ),
         warnings=(
             *result.warnings,
             *unmoved(result.block),
-            *told.warnings([camera.name for camera in result.block.cameras]),
+            *correlations.warnings([camera.name for camera in result.block.cameras]),
         ),
     )

@@ -66,7 +66,7 @@ def robust_factor(w: FloatArray, redundancy: FloatArray) -> float:
 
 def gnss_scatters(problem: Problem, tested: Reliability) -> list[GnssScatter]:
     """Return what GNSS positions of assumed sigmas scatter by, where there are enough of them about an offset."""
-    photographs, found = problem.block.photographs, list[GnssScatter]()
+    photographs, scatters = problem.block.photographs, list[GnssScatter]()
     assumed = np.array([p.gnss_sigma_assumed and p.gnss_sigma_m is not None for p in photographs], dtype=bool)
     for flight in problem.flights:
         own = assumed & np.array([p.flight == flight for p in photographs], dtype=bool)
@@ -76,8 +76,8 @@ def gnss_scatters(problem: Problem, tested: Reliability) -> list[GnssScatter]:
             total = float(r[known].sum())
             if total >= FEWEST:
                 factor = robust_factor(w[known], r[known])
-                found.append(GnssScatter(flight, part, axes, own, int(known.sum()), total, factor))
-    return found
+                scatters.append(GnssScatter(flight, part, axes, own, int(known.sum()), total, factor))
+    return scatters
 
 
 def with_gnss_factors(block: Block, scatters: list[GnssScatter]) -> Block:

@@ -40,9 +40,12 @@ what many of them together do not hold."""
 LEAST_REDUNDANCY = 50.0
 """Of a group, from which its sigma is estimated: to 10 %, one standard deviation."""
 
-BLURRED, LEAST_OF_PHOTOGRAPH, BY_CHANCE = 1.5, 30.0, 1e-6
-"""Factor over the other photographs of its camera from which a photograph has one of its own; the redundancy that it
-needs; the probability of such a scatter by chance in any one of all photographs."""
+BLURRED = 1.5
+"""Factor over the other photographs of its camera from which a photograph has one of its own."""
+LEAST_OF_PHOTOGRAPH = 30.0
+"""The redundancy that it needs."""
+BY_CHANCE = 1e-6
+"""The probability of such a scatter by chance in any one of all photographs."""
 
 STEADY = 0.01
 """Relative change below which a factor stays."""
@@ -51,7 +54,8 @@ STAYS = 0.9
 MOST_NAMED = 5
 _DATUM = 7  # parameters of a similarity: what tie points alone do not determine
 _STEPS = 400  # of the integrals of kept_share
-_FIXED_POINT_STEPS, _FIXED_POINT_TOLERANCE, _MOST_CHANGE = 50, 1e-6, 20.0  # of the sigmas that a scatter asks for
+_FIXED_POINT_STEPS, _FIXED_POINT_TOLERANCE = 50, 1e-6  # of the sigmas that a scatter asks for
+_MOST_CHANGE = 20.0  # factor within which these stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,14 +197,14 @@ def tie_scatter(
         at = factor[groups.group]
         square = squared * robust_weight(squared / at**2, problem.robust_loss, problem.robust_threshold)
         expected = redundancy * kept_share(problem, own, limit / at)
-        found = TieScatter(groups.group, tie.photograph, square, redundancy, expected)
-        asked, _ = found.factor(groups.group, len(groups.kind))
+        scatter = TieScatter(groups.group, tie.photograph, square, redundancy, expected)
+        asked, _ = scatter.factor(groups.group, len(groups.kind))
         asked = np.where(of_group >= LEAST_REDUNDANCY, np.clip(asked, 1.0 / _MOST_CHANGE, _MOST_CHANGE), 1.0)
         near = np.abs(asked / factor - 1.0).max() < _FIXED_POINT_TOLERANCE
         factor = asked
         if near:
             break
-    return found
+    return scatter
 
 
 def _blurred(scatter: TieScatter, now: Factors, groups: TieGroups) -> BoolArray:

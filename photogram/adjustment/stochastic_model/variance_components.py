@@ -246,16 +246,18 @@ def scatters(components: VarianceComponents) -> dict[str, Scatter]:
     sigma_factor_sd is σ̂ / sqrt(2 r), that of σ̂² being sqrt(2/r) σ̂². Significant is what lies outside of the two-sided
     bounds of χ² with r degrees of freedom at SIGNIFICANCE.
     """
-    found = {}
+    by_name = {}
     c = components
     for k, name in enumerate(c.group.tolist()):
         if name == NO_OBSERVATION:
             continue
-        n, r, squares = int(c.observations[k]), float(c.redundancy[k]), float(c.squares[k])
+        n = int(c.observations[k])
+        r = float(c.redundancy[k])
+        squares = float(c.squares[k])
         factor = float(np.sqrt(squares / r)) if r >= LEAST_REDUNDANCY else float("nan")
         tail = min(chi2.sf(squares, r), chi2.cdf(squares, r)) if r >= LEAST_REDUNDANCY else 1.0
         sd = factor / float(np.sqrt(2.0 * r)) if r >= LEAST_REDUNDANCY else float("nan")
         stated, used = float(c.stated_sigma[k]), float(c.used_sigma[k])
         refuted = bool(tail < SIGNIFICANCE / 2) and used == stated and name not in ASSUMED
-        found[name] = Scatter(n, r, stated, used, factor, sd, refuted)
-    return found
+        by_name[name] = Scatter(n, r, stated, used, factor, sd, refuted)
+    return by_name
