@@ -62,7 +62,9 @@ def _coarse_cells(plan: SurveyPlan) -> tuple[str, ...]:
 
 
 def _project_text(survey: SimulatedSurvey, dense: bool) -> str:
-    camera, points, plan = survey.approximate_camera, survey.control_points, survey.plan
+    camera = survey.approximate_camera
+    points = survey.control_points
+    plan = survey.plan
     sigma = camera.sigmas
     stated = [k for k in range(3, PARAMETERS) if USUAL[k] or sigma[k] > 0]
     sigmas = ", ".join(f"{PARAMETER_NAMES[k]}: {_sigma(sigma[k])}" for k in stated)

@@ -95,11 +95,12 @@ class Sightings:
 
 def _cameras(plan: SurveyPlan, rng: np.random.Generator) -> tuple[Camera, Camera]:
     """Return the true and the approximate camera."""
-    w, h, radial, tangential = plan.width_px, plan.height_px, np.array(plan.radial), np.array(plan.tangential)
+    w, h = plan.width_px, plan.height_px
     middle = np.array([(w - 1) / 2, (h - 1) / 2])
     camera = Camera(
-        "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, radial, tangential,
-        affinity=np.array(plan.affinity_px), model=plan.camera_model, readout_s=plan.readout_s,
+        "simulated", w, h, plan.focal_px, middle + plan.principal_point_offset_px, np.array(plan.radial),
+        np.array(plan.tangential), affinity=np.array(plan.affinity_px), model=plan.camera_model,
+        readout_s=plan.readout_s,
     )  # fmt: skip
     sigmas = np.array([*plan.calibration_sigmas, plan.readout_sigma_s])
     drawn, unusual = np.zeros(PARAMETERS), np.flatnonzero(~USUAL & (np.arange(PARAMETERS) != READOUT))
@@ -141,7 +142,9 @@ def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, Fl
     length, courses = plan.photographs_per_strip, _strips(plan)
     if plan.oblique_strip:
         courses.append((0.0, 90.0, plan.oblique_angle_deg, plan.oblique_photographs or length))
-    rotations, centres, velocities = [], [], []
+    rotations = []
+    centres = []
+    velocities = []
     for offset, heading_deg, tilt_deg, count in courses:
         heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
         forward = np.array([np.sin(heading), np.cos(heading), 0.0])
@@ -237,7 +240,9 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
 
     Points are taken by the thousand, each with the photographs near it, so that memory grows with the sightings alone.
     """
-    corners, relief, height = footprints(flight, 0.0), flight.plan.relief_m, flight.plan.flying_height_m
+    corners = footprints(flight, 0.0)
+    relief = flight.plan.relief_m
+    height = flight.plan.flying_height_m
     centre = corners.mean(axis=1)
     widening = height / max(height - relief, 0.2 * height)
     near_m = widening * float(np.linalg.norm(corners - centre[:, None], axis=2).max()) + relief
@@ -257,15 +262,15 @@ def observe(flight: Flight, points: FloatArray, margin_px: float, scene: Scene |
     photograph, point, pixel = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("photograph", "point", "pixel")
     )
-    found = Sightings(photograph, point, pixel)
-    return found if scene is None else found.select(_not_hidden(flight, points, found, scene))
+    sightings = Sightings(photograph, point, pixel)
+    return sightings if scene is None else sightings.select(_not_hidden(flight, points, sightings, scene))
 
 
-def _not_hidden(flight: Flight, points: FloatArray, found: Sightings, scene: Scene) -> BoolArray:
-    keep = np.zeros(len(found.point), dtype=bool)
+def _not_hidden(flight: Flight, points: FloatArray, sightings: Sightings, scene: Scene) -> BoolArray:
+    keep = np.zeros(len(sightings.point), dtype=bool)
     for number, pose in enumerate(flight.poses):
-        mine = np.flatnonzero(found.photograph == number)
-        keep[mine] = visible(scene, pose, points[found.point[mine]])
+        mine = np.flatnonzero(sightings.photograph == number)
+        keep[mine] = visible(scene, pose, points[sightings.point[mine]])
     return keep
 
 

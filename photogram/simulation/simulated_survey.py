@@ -2,7 +2,7 @@
 
 ``simulate`` makes a small survey with a scene that can be rendered; ``simulate_block`` makes the observations of a
 block of hundreds of photographs without rendering, on the bare terrain. Every error has a stated standard deviation,
-see simulated_flight.
+see photogram.simulation.flight.
 """
 
 from collections.abc import Iterator

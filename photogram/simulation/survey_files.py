@@ -1,7 +1,7 @@
 """A simulated survey on disk as a surveyor brings it home: photographs with their tags, lists of ground points with
 their marks, and, beside them, the truth."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +95,16 @@ def shuffled_names(survey: SimulatedSurvey) -> dict[str, str]:
     return {p.name: f"{n:06d}.JPG" for p, n in zip(survey.photographs, numbers, strict=True)}
 
 
+def _marks(survey: SimulatedSurvey, photographs: Mapping[str, str | None] | None) -> Iterator[tuple[int, int, str]]:
+    """Yield number, point and photograph's name of every mark, without those in photographs whose name is None."""
+    points = survey.control_points
+    for mark, (photograph, point) in enumerate(zip(points.mark_photograph, points.mark_point, strict=True)):
+        original = survey.photographs[photograph].name
+        name = original if photographs is None else photographs.get(original, original)
+        if name is not None:
+            yield mark, point, name
+
+
 def write_control_list(
     path: Path, survey: SimulatedSurvey, role: Role, photographs: Mapping[str, str | None] | None = None
 ) -> None:
@@ -106,10 +116,8 @@ def write_control_list(
     points = survey.control_points
     position = survey.frame.map_from_world(points.position_world_m)
     lines = [survey.frame.crs]
-    for mark, (photograph, point) in enumerate(zip(points.mark_photograph, points.mark_point, strict=True)):
-        original = survey.photographs[photograph].name
-        name = original if photographs is None else photographs.get(original, original)
-        if points.role[point] == role and name is not None:
+    for mark, point, name in _marks(survey, photographs):
+        if points.role[point] == role:
             place = " ".join(f"{x:.4f}" for x in position[point])
             pixel = " ".join(f"{x:.3f}" for x in points.mark_pixel[mark])
             lines.append(f"{place} {pixel} {name} {points.name[point]}")
@@ -129,12 +137,9 @@ def write_control_tables(
         figures = ",".join([*(f"{x:.4f}" for x in place), *(f"{s:g}" for s in sigma)])
         rows.append(f"{name},{figures},{role}")
     marks = ["name,photograph,u,v,sigma"]
-    for mark, (photograph, point) in enumerate(zip(points.mark_photograph, points.mark_point, strict=True)):
-        original = survey.photographs[photograph].name
-        seen = original if photographs is None else photographs.get(original, original)
-        if seen is not None:
-            u, v = points.mark_pixel[mark]
-            marks.append(f"{points.name[point]},{seen},{u:.3f},{v:.3f},{points.mark_sigma_px[mark]:.4f}")
+    for mark, point, photograph in _marks(survey, photographs):
+        u, v = points.mark_pixel[mark]
+        marks.append(f"{points.name[point]},{photograph},{u:.3f},{v:.3f},{points.mark_sigma_px[mark]:.4f}")
     for name, lines in (("points.csv", rows), ("marks.csv", marks)):
         with replacing(folder / name) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -157,7 +162,9 @@ def write_survey(
     the picture tells that it is of another site. They carry no marks. Raises WorkspaceError where a file cannot be
     written.
     """
-    folder, names, foreign = Path(folder), names or {}, foreign or {}
+    folder = Path(folder)
+    names = names or {}
+    foreign = foreign or {}
     photographs = {p.name: p for p in survey.photographs}
     make_folder(folder / "photographs")
     for name, pixels in pictures:

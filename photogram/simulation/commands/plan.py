@@ -15,10 +15,10 @@ _AREA = re.compile(r"(\d+(?:\.\d+)?)\s*[xX×]\s*(\d+(?:\.\d+)?)")
 def _area(text: str | None) -> tuple[float, float] | tuple[None, None]:
     if text is None:
         return None, None
-    found = _AREA.fullmatch(text.strip())
-    if found is None:
+    match = _AREA.fullmatch(text.strip())
+    if match is None:
         raise typer.BadParameter(f"{text!r}: write two numbers, 200x300 for example", param_hint="--area")
-    return float(found[1]), float(found[2])
+    return float(match[1]), float(match[2])
 
 
 def _option(text: str, default: str | None = None, metavar: str | None = None) -> Any:  # noqa: ANN401 - Typer's own type
@@ -48,20 +48,20 @@ def plan(
 ) -> None:
     """Predict the accuracy of a planned flight, and the effect of single changes."""
     width, length = _area(area)
-    from photogram.simulation.work.plan import PlanOptions, run
+    from photogram.simulation.work.plan import run
 
-    given = PlanOptions(
-        width_m=width,
-        length_m=length,
-        gsd_m=gsd,
-        flying_height_m=height,
-        forward_overlap=forward,
-        side_overlap=side,
-        cross_strips=cross,
-        oblique_strips=oblique,
-        relief_m=relief,
-        gnss=gnss,
-        control_points=control,
-        control_layout=layout,
-    )
-    run(file, given, changes=changes, picture=picture, as_json=as_json)
+    options = {
+        "width_m": width,
+        "length_m": length,
+        "gsd_m": gsd,
+        "flying_height_m": height,
+        "forward_overlap": forward,
+        "side_overlap": side,
+        "cross_strips": cross,
+        "oblique_strips": oblique,
+        "relief_m": relief,
+        "gnss": gnss,
+        "control_points": control,
+        "control_layout": layout,
+    }
+    run(file, options, changes=changes, picture=picture, as_json=as_json)

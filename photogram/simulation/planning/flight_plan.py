@@ -332,7 +332,7 @@ def _control(
     )
 
 
-def _found(
+def _sighted(
     flight: Flight, seed: int, xy: FloatArray, rng: np.random.Generator, plan: FlightPlan
 ) -> tuple[FloatArray, Sightings]:
     points = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
@@ -348,13 +348,13 @@ def _ties(
     corners = footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
     wanted = min(plan.tie_points_per_photograph * len(flight.poses), MOST_OBSERVATIONS)
-    _, pilot = _found(flight, seed, rng.uniform(low, high, (500, 2)), rng, plan)
+    _, pilot = _sighted(flight, seed, rng.uniform(low, high, (500, 2)), rng, plan)
     rays = np.bincount(pilot.point, minlength=500)
     usable = int(rays[rays >= 2].sum())
     if not usable:
         raise ValueError("the photographs do not overlap: raise forward_overlap and side_overlap")
     count = int(np.ceil(500 * wanted / usable))
-    points, seen = _found(flight, seed, rng.uniform(low, high, (count, 2)), rng, plan)
+    points, seen = _sighted(flight, seed, rng.uniform(low, high, (count, 2)), rng, plan)
     enough = np.bincount(seen.point, minlength=count) >= 2
     number = np.cumsum(enough) - 1
     seen = seen.select(enough[seen.point])

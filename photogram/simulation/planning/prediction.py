@@ -111,7 +111,7 @@ def site_places(plan: FlightPlan) -> FloatArray:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def _ground(survey: PlannedSurvey, state: State, found: Covariances) -> tuple[FloatArray, FloatArray, IntArray]:
+def _ground(survey: PlannedSurvey, state: State, covariances: Covariances) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return places (Q, 2), covariances (Q, 3, 3) and rays (Q,) of ground points marked in all that show them."""
     plan, xy = survey.plan, site_places(survey.plan)
     points = np.column_stack([xy, terrain_height(SEED, plan.relief_m, xy)])
@@ -124,15 +124,15 @@ def _ground(survey: PlannedSurvey, state: State, found: Covariances) -> tuple[Fl
         np.full(n, plan.mark_sigma_px),
     )
     rays = np.bincount(seen.point, minlength=len(points)).astype(np.int64)
-    return xy, intersected_covariances(marks, points, state, found), rays
+    return xy, intersected_covariances(marks, points, state, covariances), rays
 
 
-def _control_mdb_m(problem: Problem, found: Covariances) -> FloatArray:
+def _control_mdb_m(problem: Problem, covariances: Covariances) -> FloatArray:
     """Return the minimal detectable blunders (G, 3) of the control points."""
     sigma = problem.control_sigma_m
     if not len(sigma):
         return np.zeros((0, 3))
-    adjusted = found.control_point / (sigma[:, :, None] * sigma[:, None, :])
+    adjusted = covariances.control_point / (sigma[:, :, None] * sigma[:, None, :])
     redundancy, _ = w_tests(np.zeros_like(sigma), adjusted)
     return minimal_detectable_blunder(sigma, redundancy)
 
@@ -146,7 +146,7 @@ def predict_accuracy(plan: FlightPlan) -> Prediction:
         survey = survey_of(plan, SEED, errors=False)
         problem = make_problem(survey.block, AdjustmentSettings(robust_loss="none"))
         state = start_state(problem.block, problem.flights)
-        found = covariances(problem, state)
+        of_survey = covariances(problem, state)
     except ValueError as error:
         raise AdjustmentError(f"this flight cannot be predicted: {error}") from error
     except IndeterminateError as error:
@@ -157,18 +157,23 @@ def predict_accuracy(plan: FlightPlan) -> Prediction:
     places = places_of(problem, state)
     if places is None:
         raise AdjustmentError("this flight has too few tie points: raise the overlaps")
-    stiff = stiffness(problem, state, found, places)
-    return _prediction(survey, problem, state, found, stiff, deformation(problem, state, stiff, places))
+    stiff = stiffness(problem, state, of_survey, places)
+    return _prediction(survey, problem, state, of_survey, stiff, deformation(problem, state, stiff, places))
 
 
 def _prediction(
-    survey: PlannedSurvey, problem: Problem, state: State, found: Covariances, stiff: Stiffness, known: Deformation
+    survey: PlannedSurvey,
+    problem: Problem,
+    state: State,
+    covariances: Covariances,
+    stiff: Stiffness,
+    known: Deformation,
 ) -> Prediction:
     plan, block = survey.plan, survey.block
-    place, covariance, rays = _ground(survey, state, found)
+    place, covariance, rays = _ground(survey, state, covariances)
     sigma = np.sqrt(np.einsum("qii->qi", covariance))
     camera = block.cameras[0]
-    parameter = dict(zip(PARAMETER_NAMES, np.sqrt(np.diag(found.calibration(0))).tolist(), strict=True))
+    parameter = dict(zip(PARAMETER_NAMES, np.sqrt(np.diag(covariances.calibration(0))).tolist(), strict=True))
     return Prediction(
         plan=plan,
         strips=len(courses(plan)),
@@ -185,7 +190,7 @@ def _prediction(
         dome_sigma_m=float(np.sqrt(stiff.modes[DOME, DOME])),
         radius_m=known.radius_m,
         control_m=problem.control_world_m,
-        control_mdb_m=_control_mdb_m(problem, found),
+        control_mdb_m=_control_mdb_m(problem, covariances),
         warnings=tuple(_warnings(plan, rays, known, block.cameras[0].name, problem)),
     )
 
@@ -235,9 +240,9 @@ def alternatives(plan: FlightPlan, progress: Progress = silent) -> list[Alternat
 
     ``progress`` is called with the changes that are done, their number, and the one that comes next.
     """
-    found, wanted = list[Alternative](), changes(plan)
+    tried, wanted = list[Alternative](), changes(plan)
     for what, changed in wanted.items():
-        progress(len(found), len(wanted), what)
-        found.append(Alternative(what, predict_accuracy(changed)))
-    progress(len(found), len(wanted), "")
-    return sorted(found, key=lambda a: a.prediction.typical_m(a.prediction.sigma_m[:, 2]))
+        progress(len(tried), len(wanted), what)
+        tried.append(Alternative(what, predict_accuracy(changed)))
+    progress(len(tried), len(wanted), "")
+    return sorted(tried, key=lambda a: a.prediction.typical_m(a.prediction.sigma_m[:, 2]))

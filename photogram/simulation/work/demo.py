@@ -43,17 +43,12 @@ def show_judgement(judgement: Judgement) -> None:
     j = judgement
     table = Table("simulated survey against its truth", "value", "in GSD")
     table.add_row("ground sampling distance, planned", f"{j.gsd_m:.4f} m", "1")
-    table.add_row(
-        f"{j.check_points} check points, RMSE in plan",
-        f"{j.check_rmse_plan_m:.4f} m",
-        f"{j.check_rmse_plan_m / j.gsd_m:.2f}",
-    )
-    table.add_row(
-        f"{j.check_points} check points, RMSE in height",
-        f"{j.check_rmse_height_m:.4f} m",
-        f"{j.check_rmse_height_m / j.gsd_m:.2f}",
-    )
-    table.add_row("projection centres, RMS error", f"{j.camera_rmse_m:.4f} m", f"{j.camera_rmse_m / j.gsd_m:.2f}")
+    for what, error_m in (
+        (f"{j.check_points} check points, RMSE in plan", j.check_rmse_plan_m),
+        (f"{j.check_points} check points, RMSE in height", j.check_rmse_height_m),
+        ("projection centres, RMS error", j.camera_rmse_m),
+    ):
+        table.add_row(what, f"{error_m:.4f} m", f"{error_m / j.gsd_m:.2f}")
     table.add_row("focal length, error (predicted sigma)", f"{j.focal_error_px:+.3f} px ({j.focal_sigma_px:.3f})", "")
     for name, nmad in j.nmad_m.items():
         table.add_row(f"{CLOUD_TITLES[name]} cloud, NMAD of heights", f"{nmad:.4f} m", f"{nmad / j.gsd_m:.2f}")

@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import typer
 from rich.markup import escape
@@ -13,40 +13,10 @@ from rich.table import Table
 from photogram.arrays import FloatArray
 from photogram.simulation.planning.figures import prediction_picture
 from photogram.simulation.planning.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
-from photogram.simulation.planning.flight_plan import RANGES, FlightPlan, Gnss, Layout
+from photogram.simulation.planning.flight_plan import RANGES, FlightPlan
 from photogram.simulation.planning.numbers import prediction_numbers
 from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict_accuracy
 from photogram.terminal.console import console, errors, steps
-
-
-@dataclass(frozen=True)
-class PlanOptions:
-    """What the options say of a flight, named as in FlightPlan; None where they say nothing."""
-
-    width_m: float | None = None
-    """Extent of the site to the east."""
-    length_m: float | None = None
-    """Extent of the site to the north."""
-    gsd_m: float | None = None
-    """Ground sampling distance."""
-    flying_height_m: float | None = None
-    """Flying height above mean ground."""
-    forward_overlap: float | None = None
-    """Forward overlap, 0 to 1."""
-    side_overlap: float | None = None
-    """Side overlap, 0 to 1."""
-    cross_strips: int | None = None
-    """Number of strips across the others."""
-    oblique_strips: int | None = None
-    """Number of oblique strips along the longer side."""
-    relief_m: float | None = None
-    """Relief from valley to hill."""
-    gnss: Gnss | None = None
-    """Kind of GNSS positions."""
-    control_points: int | None = None
-    """Number of control points."""
-    control_layout: Layout | None = None
-    """Their layout."""
 
 
 def _centimetres(value: float) -> str:
@@ -144,32 +114,33 @@ _OPTIONS = {
 }
 
 
-def _check_ranges(options: PlanOptions) -> None:
+def _check_ranges(given: Mapping[str, Any]) -> None:
     """Refuse figures that cannot be. Raises typer.BadParameter."""
     for name, option in _OPTIONS.items():
-        value = getattr(options, name)
-        if value is not None and not RANGES[name].holds(value):
-            raise typer.BadParameter(f"{value:g} must be {RANGES[name]}", param_hint=option)
+        if name in given and not RANGES[name].holds(given[name]):
+            raise typer.BadParameter(f"{given[name]:g} must be {RANGES[name]}", param_hint=option)
 
 
-def run(file: Path | None, options: PlanOptions, *, changes: bool, picture: Path | None, as_json: bool) -> None:
-    """Predict the accuracy of a plan, of a file and of what the options change in it, and show it."""
-    _check_ranges(options)
-    settled = _settings(file, settings_of({n: v for n, v in vars(options).items() if v is not None}))
+def run(file: Path | None, options: Mapping[str, Any], *, changes: bool, picture: Path | None, as_json: bool) -> None:
+    """Predict the accuracy of a plan, of a file and of what the ``options`` change in it, and show it: values by the
+    names of fields of FlightPlan, None where an option says nothing."""
+    given = {name: value for name, value in options.items() if value is not None}
+    _check_ranges(given)
+    settled = _settings(file, settings_of(given))
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")
-        found = predict_accuracy(settled)
+        prediction = predict_accuracy(settled)
         tried = alternatives(settled, progress) if changes else []
     if picture is not None:
-        prediction_picture(picture, found, tried)
+        prediction_picture(picture, prediction, tried)
     if as_json:
-        typer.echo(json.dumps(prediction_numbers(found, tried), indent=1, ensure_ascii=False))
+        typer.echo(json.dumps(prediction_numbers(prediction, tried), indent=1, ensure_ascii=False))
         return
-    console.print(_facts(found))
-    console.print(_accuracy(found))
-    for warning in found.warnings:
+    console.print(_facts(prediction))
+    console.print(_accuracy(prediction))
+    for warning in prediction.warnings:
         console.print(f"[bold]Weak:[/bold] {escape(warning)}")
     if tried:
-        console.print(_changes(found, tried))
+        console.print(_changes(prediction, tried))
     if picture is not None:
         console.print(f"Written: {escape(str(picture))}", soft_wrap=True)
