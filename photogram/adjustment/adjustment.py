@@ -247,7 +247,8 @@ def _adjust_oriented(
         ended = _adjust_block(rolling, settings, progress, ended.parameters, sigmas, asked, again=True)
     shutters = ended.shutters
     if asked.any():
-        shutters = replace(shutters, readouts=shutters.readouts.combined(_shown(ended.assessment, asked)[1], asked))
+        _, one_step = _significant_readouts(ended.assessment, asked)
+        shutters = replace(shutters, readouts=shutters.readouts.combined(one_step, asked))
     scatter_m_s = neighbours_scatter_m_s(ended.assessment.problem, ended.assessment.state)
     return with_readouts(_judged(ended, settings), shutters, scatter_m_s)
 
@@ -284,7 +285,7 @@ def _adjust_block(
             return _Rolling.at(solved.minimum.state, there)
         progress(0, 0, "covariances")
         assessment = assessed(solved, block, settings)
-        there = _shown(assessment, asked)[0] if asked.any() else asked
+        there = _significant_readouts(assessment, asked)[0] if asked.any() else asked
         if there.any():
             return _Rolling.at(solved.minimum.state, there)
         ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
@@ -293,7 +294,7 @@ def _adjust_block(
         raise undetermined(whole, error) from error
 
 
-def _shown(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
+def _significant_readouts(assessment: Assessed, asked: BoolArray) -> tuple[BoolArray, Readouts]:
     return is_significant(assessment.problem, assessment.state, assessment.fixed, asked)
 
 

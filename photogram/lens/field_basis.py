@@ -76,11 +76,11 @@ def attitude_slopes(camera: Camera, pixel: FloatArray) -> FloatArray:
     (N, 2); by central differences."""
     ray = np.column_stack([image_plane(camera, pixel), np.ones(len(pixel))])
 
-    def shown(rotation_rad: FloatArray) -> FloatArray:
+    def projected(rotation_rad: FloatArray) -> FloatArray:
         turned = ray + np.cross(rotation_rad, ray)
         return distort(camera, turned[:, :2] / turned[:, 2:] * camera.focal_px + camera.principal_point_px)
 
-    sides = [[shown(sign * TURN_RAD * axis) for sign in (1.0, -1.0)] for axis in np.eye(3)]
+    sides = [[projected(sign * TURN_RAD * axis) for sign in (1.0, -1.0)] for axis in np.eye(3)]
     return np.stack([(ahead - behind) / (2.0 * TURN_RAD) for ahead, behind in sides], axis=-1)
 
 

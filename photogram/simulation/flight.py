@@ -23,7 +23,7 @@ from photogram.compilation import njit
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, READOUT, USUAL, OrientedCameras, project_point
 from photogram.simulation.rendering import visible
-from photogram.simulation.scene import Scene
+from photogram.simulation.scene import Scene, terrain_height
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import ControlPoints, Photograph, Role
 
@@ -272,6 +272,16 @@ def _not_hidden(flight: Flight, points: FloatArray, sightings: Sightings, scene:
         mine = np.flatnonzero(sightings.photograph == number)
         keep[mine] = visible(scene, pose, points[sightings.point[mine]])
     return keep
+
+
+def sight_ground(
+    flight: Flight, seed: int, xy: FloatArray, margin_px: float, detection: float, rng: np.random.Generator
+) -> tuple[FloatArray, Sightings]:
+    """Return points (P, 3) of the bare terrain at places ``xy`` (P, 2), and which photographs show them: each sighting
+    with the probability ``detection``."""
+    points = np.column_stack([xy, terrain_height(seed, flight.plan.relief_m, xy)])
+    seen = observe(flight, points, margin_px)
+    return points, seen.select(rng.random(len(seen.point)) < detection)
 
 
 def candidates(flight: Flight, rng: np.random.Generator) -> FloatArray:

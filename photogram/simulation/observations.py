@@ -16,6 +16,7 @@ from photogram.simulation.flight import (
     measure_control,
     observe,
     place_control,
+    sight_ground,
     turned,
 )
 from photogram.simulation.scene import terrain_height
@@ -97,10 +98,7 @@ def _sighted(
     low, high = corners.min(axis=0), corners.max(axis=0)
     drawn = max(200, int(1.5 * wanted))
     for _ in range(6):
-        xy = rng.uniform(low, high, (drawn, 2))
-        points = np.column_stack([xy, terrain_height(seed, flight.plan.relief_m, xy)])
-        seen = observe(flight, points, margin_px)
-        seen = seen.select(rng.random(len(seen.point)) < detection)
+        points, seen = sight_ground(flight, seed, rng.uniform(low, high, (drawn, 2)), margin_px, detection, rng)
         enough = np.flatnonzero(np.bincount(seen.point, minlength=drawn) >= 2)
         if len(enough) >= wanted:
             break

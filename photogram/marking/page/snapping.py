@@ -158,8 +158,8 @@ class Snapper:
         mark = np.array(other.pixel) - corner
         offset = np.stack(np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)), axis=-1)
         place = mark + offset @ A.T
-        shown = map_coordinates(grey.astype(np.float64), [place[..., 1], place[..., 0]], order=3, mode="nearest")
-        return Template(np.asarray(shown, np.float32), np.full(2, float(half))), float(1.0 / stretch[1])
+        warped = map_coordinates(grey.astype(np.float64), [place[..., 1], place[..., 0]], order=3, mode="nearest")
+        return Template(np.asarray(warped, np.float32), np.full(2, float(half))), float(1.0 / stretch[1])
 
     def _grey(self, photograph: int, pixel: tuple[float, float], half: int) -> tuple[ByteArray, FloatArray]:
         """Return the grey patch around a pixel, as far as the photograph reaches, and its upper left pixel (2,)."""

@@ -381,12 +381,12 @@ class Views:
         numbers = self._session.numbers
         marked = [numbers[title] for point, title in places_with_one if point == name and title in numbers]
         # where nothing says where the point is all photographs may show it; what is not computed yet is waited for
-        shown = sorted({*at, *marked}) if at or assessment is None else list(range(len(block.photographs)))
+        listed = sorted({*at, *marked}) if at or assessment is None else list(range(len(block.photographs)))
         gains = self._gains_of(assessment, name, snapshot)
         records = list[PhotographRecord]()
         radii = list[float]()
         pixel = list[tuple[float, float]]()
-        for i in shown:
+        for i in listed:
             record = self._photograph(snapshot, name, i, at.get(i), gains.get(i))
             records.append(record)
             if record["ellipse"] is not None and record["mark"] is None and record["inside"]:
@@ -395,12 +395,12 @@ class Views:
             u, v = (mark["u"], mark["v"]) if mark else (record["u"], record["v"])
             middle = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
             pixel.append(middle if u is None or v is None else (u, v))
-        if not shown:
+        if not listed:
             return [], radii
         order = best_first(
             np.array(pixel, dtype=np.float64),
             np.array([[r["width_px"], r["height_px"]] for r in records], dtype=np.float64),
-            self._azimuths(assessment, name, shown),
+            self._azimuths(assessment, name, listed),
             np.array([r["inside"] and not r["hidden"] for r in records], dtype=bool),
             np.array([r["mark"] is not None for r in records], dtype=bool),
         )

@@ -130,10 +130,10 @@ def _minimise(
     """Return the parameters at the minimum of the weighted squares, and its value."""
     n, p = len(grey), len(free)
     theta, trial = start.copy(), start.copy()
-    shown, jacobian = np.empty(n), np.empty((n, 13))
+    drawn, jacobian = np.empty(n), np.empty((n, 13))
     other_jacobian = np.empty((n, 13))
-    draw(pattern, theta, place, shown, jacobian)
-    r = (grey - shown) * root_weight
+    draw(pattern, theta, place, drawn, jacobian)
+    r = (grey - drawn) * root_weight
     cost = (r**2).sum()
     damping = 1e-3
     for _ in range(iterations):
@@ -156,8 +156,8 @@ def _minimise(
             for j in range(8, 11):  # what is narrower than its blur shall not become brighter than white
                 trial[j] = min(max(trial[j], -20.0), 275.0)
             # most steps are taken, so that drawing once with derivatives costs less than twice
-            draw(pattern, trial, place, shown, other_jacobian)
-            other = (grey - shown) * root_weight
+            draw(pattern, trial, place, drawn, other_jacobian)
+            other = (grey - drawn) * root_weight
             lower = (other**2).sum()
             if lower < cost:
                 last = cost - lower < tolerance * cost
@@ -220,9 +220,9 @@ def _fitted(grey: FloatArray, pattern: Pattern, start: FloatArray, reach: float 
             theta = _as_large(theta, start)
         if not np.isfinite(cost) or not _is_sane(theta, start):
             return None
-        shown, jacobian = np.empty(len(own)), np.empty((len(own), COUNT))
-        draw(int(pattern), theta, exact, shown, jacobian)
-        residual = own - shown
+        drawn, jacobian = np.empty(len(own)), np.empty((len(own), COUNT))
+        draw(int(pattern), theta, exact, drawn, jacobian)
+        residual = own - drawn
         if _explained_at_best(own, residual, weight) < WORTHWHILE[n]:
             return None
         weight_at = _zones(pattern, theta, exact, residual)

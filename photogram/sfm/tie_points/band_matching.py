@@ -50,16 +50,16 @@ def gradients(grey: ByteArray) -> ByteArray:
     return np.asarray(np.minimum(magnitude * (STRONG_BYTE / strong), 255.0), dtype=np.uint8)
 
 
-def _shown_by(tie: TiePoints, photograph: int) -> tuple[TiePoints, IntArray]:
+def _seen_by(tie: TiePoints, photograph: int) -> tuple[TiePoints, IntArray]:
     """Return the tie points that a photograph shows, with its observations alone, and their numbers."""
     own = np.flatnonzero(tie.photograph == photograph)
     own = own[np.unique(tie.point[own], return_index=True)[1]]
     number = tie.point[own]
-    shown = TiePoints(
+    seen = TiePoints(
         tie.photograph[own], np.arange(len(own), dtype=np.int64), tie.feature[own], tie.pixel[own], tie.sigma_px[own],
         tie.position_world_m[number], tie.colour[number],
     )  # fmt: skip
-    return shown, number
+    return seen, number
 
 
 def _common_shift(off_px: FloatArray) -> FloatArray:
@@ -92,12 +92,12 @@ def transfer_to_band(
     master, band = photographs
     nothing = TransferredPoints(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     of_master, of_band = poses[master], poses[band]
-    shown, number = _shown_by(tie, master)
+    seen, number = _seen_by(tie, master)
     if of_master is None or of_band is None or not len(number):
         return nothing
-    patches = cut_patches(shown, np.zeros((len(cameras), 3)), lambda _: gradients(pictures[0]), lambda _: used[0])
-    pixel, here = ground_jacobians(cameras[band], of_band, shown.position_world_m)
-    _, there = ground_jacobians(cameras[master], of_master, shown.position_world_m)
+    patches = cut_patches(seen, np.zeros((len(cameras), 3)), lambda _: gradients(pictures[0]), lambda _: used[0])
+    pixel, here = ground_jacobians(cameras[band], of_band, seen.position_world_m)
+    _, there = ground_jacobians(cameras[master], of_master, seen.position_world_m)
     near = np.flatnonzero(
         (patches.source >= 0)
         & ~np.isin(number, known)

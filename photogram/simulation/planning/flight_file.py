@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import TypeAdapter, create_model
-from typing_extensions import TypedDict
+from pydantic import create_model
 
 from photogram.errors import ProjectError
 from photogram.project.document import Document, Entry, read_entry
 from photogram.project.schema import Freedom, MarkSigma, OffsetSigma, Place, PositionSigma
 from photogram.projection import CAMERA_PARAMETERS
-from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout, Vector
+from photogram.simulation.planning.flight_plan import RANGES, Calibration, FlightPlan, Gnss, Layout
 
 Side = Annotated[float, RANGES["width_m"]]
 Size = Annotated[int, RANGES["width_px"]]
@@ -97,37 +96,6 @@ class FlightFile(Entry):
     tie_points: TiePointsEntry = TiePointsEntry()
 
 
-class PlanSettings(TypedDict, total=False):
-    """What is said of a flight: those fields of FlightPlan that are not to be as usual."""
-
-    width_m: float
-    length_m: float
-    relief_m: float
-    width_px: int
-    height_px: int
-    focal_px: float
-    calibration: Calibration
-    gsd_m: float
-    flying_height_m: float
-    forward_overlap: float
-    side_overlap: float
-    cross_strips: int
-    cross_height: float
-    oblique_strips: int
-    oblique_angle_deg: float
-    gnss: Gnss
-    gnss_sigma_m: Vector
-    gnss_offset_sigma_m: Vector
-    control_points: int
-    control_layout: Layout
-    control_world_m: tuple[tuple[float, float], ...]
-    control_sigma_m: Vector
-    mark_sigma_px: float
-    tie_points_per_photograph: int
-    tie_point_sigma_px: float
-    tie_point_detection: float
-
-
 _NAMES = {
     "control": {
         "points": "control_points", "layout": "control_layout", "positions_m": "control_world_m",
@@ -147,13 +115,9 @@ def _given(entry: Entry, names: dict[str, str]) -> dict[str, Any]:
     return {names.get(k, k): v for k, v in values.items() if v is not None and not isinstance(v, Entry)}
 
 
-def settings_of(values: Mapping[str, object]) -> PlanSettings:
-    """Return values by the names of fields of FlightPlan as settings. Raises ValueError where one has another type."""
-    return TypeAdapter(PlanSettings).validate_python(values, strict=True)
-
-
-def plan_settings(path: Path) -> PlanSettings:
-    """Return what a file says of a flight, as arguments of FlightPlan. Raises ProjectError naming every error of it."""
+def plan_settings(path: Path) -> dict[str, Any]:
+    """Return what a file says of a flight, those fields of FlightPlan that are not to be as usual. Raises ProjectError
+    naming every error of it."""
     document = Document(path)
     file = read_entry(document, FlightFile)
     document.raise_errors()
@@ -166,10 +130,10 @@ def plan_settings(path: Path) -> PlanSettings:
     calibration = _given(file.camera.sigmas, {})
     if calibration:
         settings["calibration"] = Calibration(**calibration)
-    return settings_of(settings)
+    return settings
 
 
-def flight_plan(settings: PlanSettings, where: str) -> FlightPlan:
+def flight_plan(settings: Mapping[str, Any], where: str) -> FlightPlan:
     """Return the plan of settings as ``plan_settings`` gives them. Raises ProjectError, beginning with ``where``, when
     they contradict each other."""
     try:

@@ -20,7 +20,7 @@ from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import CAMERA_PARAMETERS, K1, K2, K3, P1, P2, READOUT
 from photogram.quality.flight_lines import Course, flown
 from photogram.settings.settings import Default, Settings, Within, settings_of
-from photogram.simulation.flight import Flight, Sightings, Truth, footprints, observe, turned
+from photogram.simulation.flight import Flight, Truth, footprints, observe, sight_ground, turned
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan
 from photogram.survey import Block, ControlPoints, Photograph, Role, TiePoints
@@ -332,14 +332,6 @@ def _control(
     )
 
 
-def _sighted(
-    flight: Flight, seed: int, xy: FloatArray, rng: np.random.Generator, plan: FlightPlan
-) -> tuple[FloatArray, Sightings]:
-    points = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
-    seen = observe(flight, points, 5 * plan.tie_point_sigma_px)
-    return points, seen.select(rng.random(len(seen.point)) < plan.tie_point_detection)
-
-
 def _ties(
     plan: FlightPlan, flight: Flight, seed: int, rng: np.random.Generator, errors: bool
 ) -> tuple[TiePoints, FloatArray]:
@@ -348,13 +340,14 @@ def _ties(
     corners = footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
     wanted = min(plan.tie_points_per_photograph * len(flight.poses), MOST_OBSERVATIONS)
-    _, pilot = _sighted(flight, seed, rng.uniform(low, high, (500, 2)), rng, plan)
+    margin_px, detection = 5 * plan.tie_point_sigma_px, plan.tie_point_detection
+    _, pilot = sight_ground(flight, seed, rng.uniform(low, high, (500, 2)), margin_px, detection, rng)
     rays = np.bincount(pilot.point, minlength=500)
     usable = int(rays[rays >= 2].sum())
     if not usable:
         raise ValueError("the photographs do not overlap: raise forward_overlap and side_overlap")
     count = int(np.ceil(500 * wanted / usable))
-    points, seen = _sighted(flight, seed, rng.uniform(low, high, (count, 2)), rng, plan)
+    points, seen = sight_ground(flight, seed, rng.uniform(low, high, (count, 2)), margin_px, detection, rng)
     enough = np.bincount(seen.point, minlength=count) >= 2
     number = np.cumsum(enough) - 1
     seen = seen.select(enough[seen.point])

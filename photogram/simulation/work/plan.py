@@ -12,7 +12,7 @@ from rich.table import Table
 
 from photogram.arrays import FloatArray
 from photogram.simulation.planning.figures import prediction_picture
-from photogram.simulation.planning.flight_file import PlanSettings, flight_plan, plan_settings, settings_of
+from photogram.simulation.planning.flight_file import flight_plan, plan_settings
 from photogram.simulation.planning.flight_plan import RANGES, FlightPlan
 from photogram.simulation.planning.numbers import prediction_numbers
 from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict_accuracy
@@ -84,9 +84,9 @@ def _changes(prediction: Prediction, changes: Sequence[Alternative]) -> Table:
     return table
 
 
-def _settings(file: Path | None, given: PlanSettings) -> FlightPlan:
+def _settings(file: Path | None, given: Mapping[str, Any]) -> FlightPlan:
     """Return the plan of a file with what the options change."""
-    settings: PlanSettings = {} if file is None else plan_settings(file)
+    settings = {} if file is None else plan_settings(file)
     if "gsd_m" in given and "flying_height_m" not in given:
         settings.pop("flying_height_m", None)
     if "flying_height_m" in given and "gsd_m" not in given:
@@ -126,7 +126,7 @@ def run(file: Path | None, options: Mapping[str, Any], *, changes: bool, picture
     names of fields of FlightPlan, None where an option says nothing."""
     given = {name: value for name, value in options.items() if value is not None}
     _check_ranges(given)
-    settled = _settings(file, settings_of(given))
+    settled = _settings(file, given)
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")
         prediction = predict_accuracy(settled)
