@@ -22,13 +22,19 @@ MOST_ELEMENTS = 2_000_000
 
 @dataclass(slots=True)
 class Element:
-    """An element of XML; ``line`` is that of its start."""
+    """An element of XML; ``line`` is that of its start in ``file``."""
 
     tag: str
     attributes: Mapping[str, str]
+    file: Path
     line: int
     children: list[Element] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
+
+    @property
+    def place(self) -> str:
+        """Its file and line, as errors begin with them."""
+        return f"{self.file}:{self.line}"
 
     @property
     def text(self) -> str:
@@ -63,9 +69,9 @@ class _TooMuch(SAXException):
 class _Builder(ContentHandler):
     """Builds the elements with their lines, which ElementTree does not keep."""
 
-    def __init__(self) -> None:
+    def __init__(self, file: Path) -> None:
         super().__init__()
-        self.root = Element("", {}, 1)
+        self.root = Element("", {}, file, 1)
         self._open = [self.root]
         self._place: Locator | None = None
         self._count = 0
@@ -80,7 +86,7 @@ class _Builder(ContentHandler):
         if self._count > MOST_ELEMENTS:
             raise _TooMuch(f"it has more than {MOST_ELEMENTS} elements")
         line = self._place.getLineNumber() if self._place else 1
-        element = Element(name, dict(attrs.items()), line or 1)
+        element = Element(name, dict(attrs.items()), self.root.file, line or 1)
         self._open[-1].children.append(element)
         self._open.append(element)
 
@@ -97,7 +103,7 @@ def elements_of(data: bytes, path: Path, error: type[PhotogramError], remedy: st
     Raises ``error`` with ``path``, the line and ``remedy`` where the data are not XML or have a document type, through
     which XML can do harm.
     """
-    builder = _Builder()
+    builder = _Builder(path)
     try:
         parseString(data, builder, forbid_dtd=True)
     except SAXParseException as fault:

@@ -14,8 +14,9 @@ from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
 from photogram.files.solutions.parsing import check_finite
 from photogram.files.solutions.solution import ForeignPhotograph
+from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import Model
-from photogram.survey import TRANSFERRED, TiePoints
+from photogram.survey import TRANSFERRED, ControlPoints, Role, TiePoints
 from photogram.wording import printable
 
 HALF_PIXEL = 0.5
@@ -102,6 +103,11 @@ def rotation_of_quaternion(where: str, quaternion: FloatArray) -> FloatArray:
     )
 
 
+def sentences(*rows: tuple[object, str]) -> list[str]:
+    """Return of pairs of a count or condition and a sentence the sentences of what is not 0, empty, None or false."""
+    return [sentence for is_there, sentence in rows if is_there]
+
+
 def check_names(where: str, files: Iterable[PurePosixPath]) -> None:
     """Raise ExchangeError where two photographs have the same file name, in whatever folders."""
     first: dict[str, PurePosixPath] = {}
@@ -158,6 +164,27 @@ def tie_points_of(
         np.zeros((len(position), 3), np.uint8)
         if colour is None
         else np.ascontiguousarray(colour, dtype=np.uint8).reshape(-1, 3),
+    )
+
+
+def ground_points_of(
+    names: Sequence[str],
+    roles: Sequence[Role],
+    positions: Sequence[FloatArray],
+    sigmas: Sequence[Sequence[float] | FloatArray],
+    marks: Sequence[tuple[float, ...]],
+) -> ControlPoints:
+    """Return ground points (G) with their marks: photograph, point, u, v and the standard deviation of both, px."""
+    M = np.array(marks, dtype=np.float64).reshape(-1, 5)
+    return ControlPoints(
+        tuple(names),
+        tuple(roles),
+        np.array(positions, dtype=np.float64).reshape(-1, 3),
+        np.array(sigmas, dtype=np.float64).reshape(-1, 3),
+        M[:, 0].astype(np.int64),
+        M[:, 1].astype(np.int64),
+        M[:, 2:4],
+        isotropic_px2(M[:, 4]),
     )
 
 

@@ -17,31 +17,40 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, rotation_from_omega_phi_kappa
 from photogram.errors import ExchangeError, FrameError
-from photogram.exchange.formats.assembly import camera_of, check_names, index_in, no_tie_points, pose_of, tie_points_of
+from photogram.exchange.formats.assembly import (
+    camera_of,
+    check_names,
+    ground_points_of,
+    index_in,
+    no_tie_points,
+    pose_of,
+    sentences,
+    tie_points_of,
+)
 from photogram.files.solutions.parsing import bytes_of, check_finite, file_of, number_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.files.xml_elements import Element, elements_of
 from photogram.geodesy.crs import crs_of_wkt, metric_only
-from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import ControlPoints, Role, TiePoints
 from photogram.wording import printable, shortened, things
 
 _REMEDY = "export the block again"
 _MOST_BYTES = 2_000_000_000  # 20 million observations
 _START, _END = b"<TiePoints>", b"</TiePoints>"
-_NUMBER = rb"\s*([^<\s]{1,40})\s*"
-_MEASUREMENT = re.compile(
-    rb"<Measurement>\s*<PhotoId>\s*(\d{1,15})\s*</PhotoId>\s*<x>" + _NUMBER + rb"</x>\s*<y>" + _NUMBER
-    + rb"</y>\s*</Measurement>"
-)  # fmt: skip
-_POSITION = re.compile(
-    rb"<Position>\s*<x>" + _NUMBER + rb"</x>\s*<y>" + _NUMBER + rb"</y>\s*<z>" + _NUMBER + rb"</z>\s*</Position>"
-)
-_COLOUR = re.compile(
-    rb"<Color>\s*<Red>" + _NUMBER + rb"</Red>\s*<Green>" + _NUMBER + rb"</Green>\s*<Blue>" + _NUMBER
-    + rb"</Blue>\s*</Color>"
-)  # fmt: skip
+_NUMBER = rb"[^<\s]{1,40}"
+
+
+def _pattern(tag: bytes, **values: bytes) -> re.Pattern[bytes]:
+    """Return the pattern of an element whose children are these, in this order, with the pattern of each one's text."""
+    children = (rb"<%b>\s*(%b)\s*</%b>" % (name.encode(), value, name.encode()) for name, value in values.items())
+    return re.compile(rb"<%b>\s*%b\s*</%b>" % (tag, rb"\s*".join(children), tag))
+
+
+_MEASUREMENT = _pattern(b"Measurement", PhotoId=rb"\d{1,15}", x=_NUMBER, y=_NUMBER)
+_POSITION = _pattern(b"Position", x=_NUMBER, y=_NUMBER, z=_NUMBER)
+_COLOUR = _pattern(b"Color", Red=_NUMBER, Green=_NUMBER, Blue=_NUMBER)
 _POINTS_AT_ONCE = 20_000
+_UNKNOWN_SIGMA_PX = 1.0
 _ORIENTATIONS = {
     "XRightYDown": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
     "XLeftYDown": [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
@@ -74,21 +83,20 @@ def read_blocks_exchange(path: Path) -> ForeignSolution:
     root = elements_of(rest, path, ExchangeError, _REMEDY)
     blocks = list(root.all("BlocksExchange", "Block"))
     if len(blocks) != 1:
-        raise ExchangeError(f"{path}:1: holds {things(len(blocks), 'block')}: export one block at a time")
+        raise ExchangeError(f"{root.place}: holds {things(len(blocks), 'block')}: export one block at a time")
     block = blocks[0]
     definitions = {
-        _text(path, srs, "Id"): _text(path, srs, "Definition")
+        _text(srs, "Id"): _text(srs, "Definition")
         for srs in root.all("BlocksExchange", "SpatialReferenceSystems", "SRS")
     }
-    number = block.first("SRSId")
-    system_id = None if number is None else number.text
+    system_id = _system_id(block)
     if system_id is not None and system_id not in definitions:
-        raise ExchangeError(f"{path}:{block.line}: the block's SRSId {printable(shortened(system_id))} is not there")
-    system = _System("local", None, None) if system_id is None else _system(path, block, definitions[system_id])
+        raise ExchangeError(f"{block.place}: the block's SRSId {printable(shortened(system_id))} is not there")
+    system = _System("local", None, None) if system_id is None else _system(block, definitions[system_id])
     left_out: list[str] = []
-    cameras, photographs, index = _photographs(path, block, system_id, left_out)
+    cameras, photographs, index = _photographs(block, system_id, left_out)
     check_names(str(path), (photograph.file for photograph in photographs))
-    ground = _ground_points(path, block, system_id, index, left_out)
+    ground = _ground_points(block, system_id, index, left_out)
     return ForeignSolution(
         program="ContextCapture",
         cameras=cameras,
@@ -114,21 +122,40 @@ def _without_tie_points(path: Path, data: bytes) -> tuple[bytes, bytes]:
     return section, b"".join([data[:start], b"\n" * section.count(b"\n"), data[end + len(_END) :]])
 
 
-def _text(path: Path, element: Element, *tags: str) -> str:
-    found = element.first(*tags)
-    if found is None:
-        raise ExchangeError(f"{path}:{element.line}: has no {' / '.join(tags)}: {_REMEDY}")
-    return found.text
+def _text(element: Element, *tags: str) -> str:
+    child = element.first(*tags)
+    if child is None:
+        raise ExchangeError(f"{element.place}: has no {' / '.join(tags)}: {_REMEDY}")
+    return child.text
 
 
-def _number(path: Path, element: Element, *tags: str) -> float:
-    found = element.first(*tags)
-    place = f"{path}:{element.line if found is None else found.line}"
-    return number_of(place, " / ".join(tags), "" if found is None else found.text)
+def _text_or(element: Element, tag: str, otherwise: str) -> str:
+    child = element.first(tag)
+    return otherwise if child is None else child.text
 
 
-def _system(path: Path, block: Element, definition: str) -> _System:
-    place = f"{path}:{block.line}"
+def _system_id(element: Element) -> str | None:
+    """Return the number of the spatial reference system that an element names."""
+    number = element.first("SRSId")
+    return None if number is None else number.text
+
+
+def _number(element: Element, *tags: str) -> float:
+    child = element.first(*tags)
+    return number_of((child or element).place, " / ".join(tags), "" if child is None else child.text)
+
+
+def _number_or(element: Element, tag: str, otherwise: float) -> float:
+    return otherwise if element.first(tag) is None else _number(element, tag)
+
+
+def _vector(element: Element, *tags: str) -> FloatArray:
+    """Return x, y and z (3,) of the element at the end of a path of tags."""
+    return np.array([_number(element, *tags, axis) for axis in "xyz"])
+
+
+def _system(block: Element, definition: str) -> _System:
+    place = block.place
     if definition.startswith("ENU:"):
         parts = definition[4:].split(",")
         if len(parts) not in (2, 3):
@@ -150,7 +177,7 @@ def _system(path: Path, block: Element, definition: str) -> _System:
 
 
 def _photographs(
-    path: Path, block: Element, system: str | None, left_out: list[str]
+    block: Element, system: str | None, left_out: list[str]
 ) -> tuple[tuple[Camera, ...], tuple[ForeignPhotograph, ...], dict[int, int]]:
     """Return cameras, photographs, and their numbers by their Id."""
     cameras: list[Camera] = []
@@ -158,139 +185,133 @@ def _photographs(
     index: dict[int, int] = {}
     elsewhere = 0
     for group in block.all("Photogroups", "Photogroup"):
-        cameras.append(_camera(path, group))
-        name = group.first("CameraOrientation")
-        orientation = _ORIENTATIONS.get("XRightYDown" if name is None else name.text)
+        cameras.append(_camera(group))
+        orientation = _ORIENTATIONS.get(_text_or(group, "CameraOrientation", "XRightYDown"))
         if orientation is None:
-            raise ExchangeError(f"{path}:{group.line}: has an unknown CameraOrientation: {_REMEDY}")
+            raise ExchangeError(f"{group.place}: has an unknown CameraOrientation: {_REMEDY}")
         for photo in group.all("Photo"):
-            key = _id(path, photo, "Id")
+            key = _id(photo, "Id")
             if key in index:
-                raise ExchangeError(f"{path}:{photo.line}: the photograph {key} comes twice: {_REMEDY}")
+                raise ExchangeError(f"{photo.place}: the photograph {key} comes twice: {_REMEDY}")
             index[key] = len(photographs)
-            file = file_of(f"{path}:{photo.line}", _text(path, photo, "ImagePath"))
-            pose = _pose(path, photo, np.array(orientation, dtype=np.float64))
-            measured, other = _measured(path, photo, system)
+            file = file_of(photo.place, _text(photo, "ImagePath"))
+            pose = _pose(photo, np.array(orientation, dtype=np.float64))
+            measured, other = _measured(photo, system)
             elsewhere += other
             photographs.append(ForeignPhotograph(file.name, len(cameras) - 1, pose, file, measured))
-    if elsewhere:
-        left_out.append(f"{things(elsewhere, 'measured position')} in another CRS.")
+    left_out += sentences((elsewhere, f"{things(elsewhere, 'measured position')} in another CRS."))
     return tuple(cameras), tuple(photographs), index
 
 
-def _id(path: Path, element: Element, tag: str) -> int:
-    text = _text(path, element, tag)
+def _id(element: Element, tag: str) -> int:
+    text = _text(element, tag)
     if not re.fullmatch(r"\d{1,15}", text, re.ASCII):
-        raise ExchangeError(f"{path}:{element.line}: {tag} {printable(shortened(text))!r} is no number: {_REMEDY}")
+        raise ExchangeError(f"{element.place}: {tag} {printable(shortened(text))!r} is no number: {_REMEDY}")
     return int(text)
 
 
-def _camera(path: Path, group: Element) -> Camera:
-    place = f"{path}:{group.line}"
-    kind = group.first("CameraModelType")
-    if kind is not None and kind.text != "Perspective":
+def _camera(group: Element) -> Camera:
+    place = group.place
+    kind = _text_or(group, "CameraModelType", "Perspective")
+    if kind != "Perspective":
         raise ExchangeError(
-            f"{place}: has the camera model {printable(shortened(kind.text))}, which photogram has not: only "
+            f"{place}: has the camera model {printable(shortened(kind))}, which photogram has not: only "
             "perspective cameras are read"
         )
-    width, height = (_number(path, group, "ImageDimensions", side) for side in ("Width", "Height"))
+    width, height = (_number(group, "ImageDimensions", side) for side in ("Width", "Height"))
     if group.first("FocalLengthPixels") is not None:
-        focal = _number(path, group, "FocalLengthPixels")
+        focal = _number(group, "FocalLengthPixels")
     else:
-        sensor = _number(path, group, "SensorSize")
+        sensor = _number(group, "SensorSize")
         if not sensor > 0:
             raise ExchangeError(f"{place}: the size of the sensor is {sensor:g}: it must be positive")
-        focal = _number(path, group, "FocalLength") / sensor * max(width, height)
-    ratio = _number(path, group, "AspectRatio") if group.first("AspectRatio") is not None else 1.0
-    if group.first("Skew") is not None and _number(path, group, "Skew") != 0:
+        focal = _number(group, "FocalLength") / sensor * max(width, height)
+    ratio = _number_or(group, "AspectRatio", 1.0)
+    if _number_or(group, "Skew", 0.0) != 0:
         raise ExchangeError(f"{place}: has a skew, whose unit the format leaves open: adjust the block without it")
     centre = (width - 1) / 2, (height - 1) / 2
     if group.first("PrincipalPoint") is not None:
-        centre = _number(path, group, "PrincipalPoint", "x"), _number(path, group, "PrincipalPoint", "y")
+        centre = _number(group, "PrincipalPoint", "x"), _number(group, "PrincipalPoint", "y")
     q = {"K1": 0.0, "K2": 0.0, "K3": 0.0, "P1": 0.0, "P2": 0.0}
-    for child in (child for held in group.all("Distortion") for child in held.children):
-        value = number_of(f"{path}:{child.line}", child.tag, child.text)
+    for child in (child for distortion in group.all("Distortion") for child in distortion.children):
+        value = number_of(child.place, child.tag, child.text)
         if child.tag not in q and value != 0:
             raise ExchangeError(
-                f"{path}:{child.line}: has the distortion {printable(child.tag)}, which photogram has not: {_REMEDY}"
+                f"{child.place}: has the distortion {printable(child.tag)}, which photogram has not: {_REMEDY}"
             )
         q[child.tag] = value
-    label = group.first("Name")
     return camera_of(
-        place, "camera" if label is None else label.text, (width, height), focal * ratio, centre,
-        (q["K1"], q["K2"], q["K3"]), (q["P2"], q["P1"]), (focal - focal * ratio, 0.0),
-    )  # fmt: skip
+        place,
+        _text_or(group, "Name", "camera"),
+        (width, height),
+        focal * ratio,
+        centre,
+        (q["K1"], q["K2"], q["K3"]),
+        (q["P2"], q["P1"]),
+        (focal - focal * ratio, 0.0),
+    )
 
 
-def _pose(path: Path, photo: Element, orientation: FloatArray) -> Pose | None:
+def _pose(photo: Element, orientation: FloatArray) -> Pose | None:
     """Return the pose of a photograph, None without a rotation or a centre."""
     rotation, centre = photo.first("Pose", "Rotation"), photo.first("Pose", "Center")
     if rotation is None or centre is None:
         return None
-    place = f"{path}:{rotation.line}"
     if rotation.first("M_00") is not None:
-        M = np.array([[_number(path, rotation, f"M_{i}{j}") for j in range(3)] for i in range(3)])
+        M = np.array([[_number(rotation, f"M_{i}{j}") for j in range(3)] for i in range(3)])
     elif rotation.first("Omega") is not None:
-        angles = [_number(path, rotation, name) for name in ("Omega", "Phi", "Kappa")]
+        angles = [_number(rotation, name) for name in ("Omega", "Phi", "Kappa")]
         M = (rotation_from_omega_phi_kappa(angles) @ np.diag([1.0, -1.0, -1.0])).T
     else:
-        raise ExchangeError(f"{place}: has neither a matrix nor omega, phi and kappa: export the block with them")
-    position = np.array([_number(path, centre, axis) for axis in "xyz"])
-    return pose_of(place, (orientation @ M).T, position)
+        raise ExchangeError(
+            f"{rotation.place}: has neither a matrix nor omega, phi and kappa: export the block with them"
+        )
+    return pose_of(rotation.place, (orientation @ M).T, _vector(centre))
 
 
-def _measured(path: Path, photo: Element, system: str | None) -> tuple[FloatArray | None, bool]:
+def _measured(photo: Element, system: str | None) -> tuple[FloatArray | None, bool]:
     """Return the position that was given (3,), and whether it is in another system."""
     metadata = photo.first("Pose", "Metadata")
     if metadata is None or metadata.first("Center") is None:
         return None, False
-    number = metadata.first("SRSId")
-    if (None if number is None else number.text) != system:
+    if _system_id(metadata) != system:
         return None, True
-    return np.array([_number(path, metadata, "Center", axis) for axis in "xyz"]), False
+    return _vector(metadata, "Center"), False
 
 
 def _ground_points(
-    path: Path, block: Element, system: str | None, index: dict[int, int], left_out: list[str]
+    block: Element, system: str | None, index: dict[int, int], left_out: list[str]
 ) -> ControlPoints | None:
     names: list[str] = []
     roles: list[Role] = []
     positions, sigmas, marks = [], [], []
     elsewhere = unknown = 0
     for point in block.all("ControlPoints", "ControlPoint"):
-        name = _text(path, point, "Name")
+        name = _text(point, "Name")
         if not name or not name.isprintable() or name in names:
             raise ExchangeError(
-                f"{path}:{point.line}: {printable(shortened(name))!r} is no name of its own: rename the point"
+                f"{point.place}: {printable(shortened(name))!r} is no name of its own: rename the point"
             )
-        number, check = point.first("SRSId"), point.first("CheckPoint")
-        same = (None if number is None else number.text) == system
-        elsewhere += not same
-        place = np.array([_number(path, point, "Position", axis) for axis in "xyz"])
-        accuracy = [_number(path, point, tag) if point.first(tag) is not None else np.nan
-                    for tag in ("HorizontalAccuracy", "HorizontalAccuracy", "VerticalAccuracy")]  # fmt: skip
+        is_here = _system_id(point) == system
+        elsewhere += not is_here
+        position = _vector(point, "Position")
+        plan, height = (_number_or(point, tag, np.nan) for tag in ("HorizontalAccuracy", "VerticalAccuracy"))
         for measurement in point.all("Measurement"):
-            photograph = index.get(_id(path, measurement, "PhotoId"))
+            photograph = index.get(_id(measurement, "PhotoId"))
             if photograph is None:
                 unknown += 1
                 continue
-            u, v = (_number(path, measurement, axis) for axis in "xy")
-            marks.append((photograph, len(names), u, v))
+            u, v = (_number(measurement, axis) for axis in "xy")
+            marks.append((photograph, len(names), u, v, _UNKNOWN_SIGMA_PX))
         names.append(name)
-        roles.append("check" if not same or (check is not None and check.text == "true") else "control")
-        positions.append(place if same else np.full(3, np.nan))
-        sigmas.append(accuracy)
-    if elsewhere:
-        left_out.append(f"The positions of {things(elsewhere, 'ground point')} in another CRS.")
-    if unknown:
-        left_out.append(f"{things(unknown, 'mark')} in photographs that are not read.")
-    if not names:
-        return None
-    M = np.array(marks, dtype=np.float64).reshape(-1, 4)
-    return ControlPoints(
-        tuple(names), tuple(roles), np.array(positions), np.array(sigmas), M[:, 0].astype(np.int64),
-        M[:, 1].astype(np.int64), M[:, 2:], isotropic_px2(np.ones(len(M))),
-    )  # fmt: skip
+        roles.append("check" if not is_here or _text_or(point, "CheckPoint", "false") == "true" else "control")
+        positions.append(position if is_here else np.full(3, np.nan))
+        sigmas.append((plan, plan, height))
+    left_out += sentences(
+        (elsewhere, f"The positions of {things(elsewhere, 'ground point')} in another CRS."),
+        (unknown, f"{things(unknown, 'mark')} in photographs that are not read."),
+    )
+    return ground_points_of(names, roles, positions, sigmas, marks) if names else None
 
 
 def _tie_points(path: Path, section: bytes, index: dict[int, int], left_out: list[str]) -> TiePoints:
@@ -309,12 +330,12 @@ def _tie_points(path: Path, section: bytes, index: dict[int, int], left_out: lis
     check_finite(str(path), "measurement of a tie point", measurement)
     ids = np.array(list(index), dtype=np.int64)  # in the order of the photographs
     photograph = index_in(np.argsort(ids), ids, measurement[:, 0].astype(np.int64))
-    found = photograph >= 0
-    if not found.all():
-        left_out.append(f"{things(int((~found).sum()), 'measurement')} in photographs that are not there.")
+    known = photograph >= 0
+    unknown = int((~known).sum())
+    left_out += sentences((unknown, f"{things(unknown, 'measurement')} in photographs that are not there."))
     point = np.repeat(np.arange(len(points)), count)
     rgb = np.round(255 * colour).astype(np.uint8)
-    return tie_points_of(str(path), photograph[found], point[found], measurement[found, 1:], position, colour=rgb)
+    return tie_points_of(str(path), photograph[known], point[known], measurement[known, 1:], position, colour=rgb)
 
 
 def _parts(path: Path, points: list[bytes]) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:

@@ -78,100 +78,94 @@ def read_micmac(folder: Path) -> ForeignSolution:
     if not files:
         raise ExchangeError(f"{folder}: has no file {_START}…{_END}: give a folder Ori-… of MicMac")
     cameras: list[Camera] = []
-    said: list[str] = []
+    left_out: list[str] = []
     known: dict[str, int] = {}
     photographs = []
     for file in files:
-        root = _root(file)
-        orientation = root.first("ExportAPERO", "OrientationConique") or root.first("OrientationConique")
-        if orientation is None:
-            raise ExchangeError(f"{file}:1: has no OrientationConique: {_REMEDY}")
+        orientation = _content(file, "OrientationConique")
         name = file_of(str(file), file.name[len(_START) : -len(_END)])
-        key, place, calibration = _calibration_of(folder, file, orientation)
+        key, place, calibration = _calibration_of(orientation)
         if key not in known:
             known[key] = len(cameras)
             camera, sentence = _camera(place, PurePosixPath(key).stem, calibration)
             cameras.append(camera)
-            said += [sentence] if sentence else []
-        photographs.append(ForeignPhotograph(name.name, known[key], _pose(file, orientation), name))
+            left_out += [sentence] if sentence else []
+        photographs.append(ForeignPhotograph(name.name, known[key], _pose(orientation), name))
     check_names(str(folder), (photograph.file for photograph in photographs))
     return ForeignSolution(
         program="MicMac",
         cameras=tuple(cameras),
         photographs=tuple(photographs),
         tie_points=no_tie_points(),
-        left_out=(*said, "Tie points: MicMac's homologous points have no positions."),
+        left_out=(*left_out, "Tie points: MicMac's homologous points have no positions."),
     )
 
 
-def _root(file: Path) -> Element:
-    return elements_of(bytes_of(file, _MOST_BYTES), file, ExchangeError, _REMEDY)
+def _content(file: Path, tag: str) -> Element:
+    """Return the element of a file that has this tag, by itself or in MicMac's envelope."""
+    root = elements_of(bytes_of(file, _MOST_BYTES), file, ExchangeError, _REMEDY)
+    return root.first("ExportAPERO", tag) or _child(root, tag)
 
 
-def _text(path: Path, element: Element, *tags: str) -> tuple[str, str]:
-    """Return the place of the element at the end of a path of tags, and its text."""
-    found = element.first(*tags)
-    if found is None:
-        raise ExchangeError(f"{path}:{element.line}: has no {' / '.join(tags)}: {_REMEDY}")
-    return f"{path}:{found.line}", found.text
+def _child(element: Element, *tags: str) -> Element:
+    """Return the element at the end of a path of tags. Raises ExchangeError where there is none."""
+    child = element.first(*tags)
+    if child is None:
+        raise ExchangeError(f"{element.place}: has no {' / '.join(tags)}: {_REMEDY}")
+    return child
 
 
-def _numbers(path: Path, element: Element, *tags: str, count: int) -> FloatArray:
+def _numbers(element: Element, *tags: str, count: int) -> FloatArray:
     """Return the numbers (count,) of the element at the end of a path of tags."""
-    place, text = _text(path, element, *tags)
-    return numbers_of(place, tags[-1], text, count)
+    child = _child(element, *tags)
+    return numbers_of(child.place, child.tag, child.text, count)
 
 
-def _pose(file: Path, orientation: Element) -> Pose:
+def _pose(orientation: Element) -> Pose:
     for convention in (("Externe", "KnownConv"), ("ConvOri", "KnownConv")):
         for element in orientation.all(*convention):
             if element.text != _FORWARD:
                 raise ExchangeError(
-                    f"{file}:{element.line}: has the convention {printable(shortened(element.text))}, only "
+                    f"{element.place}: has the convention {printable(shortened(element.text))}, only "
                     f"{_FORWARD} is read: {_REMEDY}"
                 )
-    rows = [
-        _numbers(file, orientation, "Externe", "ParamRotation", "CodageMatr", row, count=3)
-        for row in ("L1", "L2", "L3")
-    ]
-    centre = _numbers(file, orientation, "Externe", "Centre", count=3)
-    return pose_of(f"{file}:{orientation.line}", np.array(rows), centre)
+    matrix = ("Externe", "ParamRotation", "CodageMatr")
+    rows = [_numbers(orientation, *matrix, row, count=3) for row in ("L1", "L2", "L3")]
+    return pose_of(orientation.place, np.array(rows), _numbers(orientation, "Externe", "Centre", count=3))
 
 
-def _calibration_of(folder: Path, file: Path, orientation: Element) -> tuple[str, str, _Calibration]:
-    """Return the calibration of a photograph, what it is known by, and where it stands.
+def _calibration_of(orientation: Element) -> tuple[str, str, _Calibration]:
+    """Return what the calibration of a photograph is known by, where it stands, and itself.
 
     MicMac names its file from where it was run: the file of that name in the folder is read, and no other.
     """
     kind = orientation.first("TypeProj")
     if kind is not None and kind.text != _PINHOLE:
-        raise ExchangeError(f"{file}:{kind.line}: has the projection {printable(shortened(kind.text))}: {_REMEDY}")
+        raise ExchangeError(f"{kind.place}: has the projection {printable(shortened(kind.text))}: {_REMEDY}")
     inside = orientation.first("Interne")
     if inside is not None:
-        return file.name, f"{file}:{inside.line}", _calibration(file, inside)
-    name = file_of(*_text(file, orientation, "FileInterne")).name
-    path = folder / name
+        return orientation.file.name, inside.place, _calibration(inside)
+    named = _child(orientation, "FileInterne")
+    name = file_of(named.place, named.text).name
+    path = orientation.file.parent / name
     if path.is_symlink():
         raise ExchangeError(f"{path}: is a link in a folder of another program: put the file in its place")
-    root = _root(path)
-    element = root.first("ExportAPERO", "CalibrationInternConique") or root.first("CalibrationInternConique")
-    if element is None:
-        raise ExchangeError(f"{path}:1: has no CalibrationInternConique: {_REMEDY}")
-    return name, f"{path}:{element.line}", _calibration(path, element)
+    element = _content(path, "CalibrationInternConique")
+    return name, element.place, _calibration(element)
 
 
-def _calibration(path: Path, element: Element) -> _Calibration:
+def _calibration(element: Element) -> _Calibration:
     convention = element.first("KnownConv")
     if convention is not None and convention.text != _FORWARD:
         raise ExchangeError(
-            f"{path}:{convention.line}: its distortion leads from the photograph to the ray "
+            f"{convention.place}: its distortion leads from the photograph to the ray "
             f"({printable(shortened(convention.text))}), the inverse of photogram's: {_REMEDY}"
         )
-    pp, f, size = (_numbers(path, element, tag, count=count) for tag, count in (("PP", 2), ("F", 1), ("SzIm", 2)))
-    models = [model for held in element.all("CalibDistortion") for model in held.children]
+    pp, f, size = (_numbers(element, tag, count=count) for tag, count in (("PP", 2), ("F", 1), ("SzIm", 2)))
+    models = [model for distortion in element.all("CalibDistortion") for model in distortion.children]
     models = [model for model in models if model.tag != "ModNoDist"]
     if len(models) > 1:
-        raise ExchangeError(f"{path}:{models[1].line}: has {len(models)} distortions in a row: {_REMEDY}")
+        raise ExchangeError(f"{models[1].place}: has {len(models)} distortions in a row: {_REMEDY}")
     nothing = np.zeros(2)
     if not models:
         return _Calibration(size, float(f[0]), pp, pp, np.zeros(0), nothing, nothing)
@@ -179,18 +173,18 @@ def _calibration(path: Path, element: Element) -> _Calibration:
     if model.tag not in ("ModRad", "ModPhgrStd"):
         kind = next((child.text for child in model.children if child.tag == "TypeModele"), model.tag)
         raise ExchangeError(
-            f"{path}:{model.line}: has MicMac's distortion {printable(shortened(kind))}, which photogram has not: "
+            f"{model.place}: has MicMac's distortion {printable(shortened(kind))}, which photogram has not: "
             "run Tapas with RadialBasic, RadialStd or Fraser"
         )
     radial = model if model.tag == "ModRad" else model.first("RadialePart")
     if radial is None:
-        raise ExchangeError(f"{path}:{model.line}: has no RadialePart: {_REMEDY}")
-    coefficients = [number_of(f"{path}:{c.line}", "CoeffDist", c.text) for c in radial.all("CoeffDist")]
+        raise ExchangeError(f"{model.place}: has no RadialePart: {_REMEDY}")
+    coefficients = [number_of(c.place, "CoeffDist", c.text) for c in radial.all("CoeffDist")]
     if len(coefficients) > _MOST_COEFFICIENTS:
-        raise ExchangeError(f"{path}:{radial.line}: has {len(coefficients)} radial coefficients: {_REMEDY}")
-    more = [number_of(f"{path}:{c.line}", tag, c.text) if (c := model.first(tag)) else 0.0
-            for tag in ("P1", "P2", "b1", "b2")]  # fmt: skip
-    centre = _numbers(path, radial, "CDist", count=2)
+        raise ExchangeError(f"{radial.place}: has {len(coefficients)} radial coefficients: {_REMEDY}")
+    terms = [model.first(tag) for tag in ("P1", "P2", "b1", "b2")]
+    more = [0.0 if term is None else number_of(term.place, term.tag, term.text) for term in terms]
+    centre = _numbers(radial, "CDist", count=2)
     return _Calibration(size, float(f[0]), pp, centre, np.array(coefficients), np.array(more[:2]), np.array(more[2:]))
 
 
@@ -205,15 +199,23 @@ def _camera(place: str, name: str, calibration: _Calibration) -> tuple[Camera, s
         k[: len(powers)] = calibration.radial * powers
         p1, p2 = calibration.tangential * f
         b1, b2 = calibration.affinity * f
-    start = camera_of(place, name, (float(size[0]), float(size[1])), f, tuple(calibration.principal_point_px.tolist()),
-                      tuple(k[:4].tolist()), (p2, p1), (b1, b2))  # fmt: skip
+    start = camera_of(
+        place,
+        name,
+        (float(size[0]), float(size[1])),
+        f,
+        calibration.principal_point_px.tolist(),
+        k[:4].tolist(),
+        (p2, p1),
+        (b1, b2),
+    )
     ideal = _rays(calibration)
     with np.errstate(over="ignore", invalid="ignore"):
         true = calibration.project(ideal)
-        found = _pixels(start, ideal)
+        exact = _pixels(start, ideal)
     if not np.isfinite(true).all():
         raise ExchangeError(f"{place}: its distortion is not finite within the photograph: correct the calibration")
-    if np.isfinite(found).all() and np.abs(found - true).max() <= _EXACT_PX:
+    if np.isfinite(exact).all() and np.abs(exact - true).max() <= _EXACT_PX:
         return start, ""
     camera = _fitted(start, ideal, true)
     worst = float(np.linalg.norm(_pixels(camera, ideal) - true, axis=1).max())
@@ -247,15 +249,16 @@ def _fitted(start: Camera, ideal: FloatArray, true: FloatArray) -> Camera:
         residual = _pixels(start.with_parameters(start.parameters + step * units), ideal) - true
         return np.asarray(np.where(np.isfinite(residual), residual, 1e3).ravel())
 
-    found = least_squares(misfit, np.zeros(PARAMETERS), method="lm", xtol=1e-14, ftol=1e-14, max_nfev=3000)
-    fitted = start.parameters + found.x * units
+    fit = least_squares(misfit, np.zeros(PARAMETERS), method="lm", xtol=1e-14, ftol=1e-14, max_nfev=3000)
+    fitted = start.parameters + fit.x * units
     return start.with_parameters(fitted) if fitted[0] > 0 else start
 
 
 def _units(camera: Camera) -> FloatArray:
     """Return steps (12,) of the parameters that move the corners by about a pixel; 0 for the read-out time, which moves
     none."""
-    r = np.hypot(camera.width_px, camera.height_px) / 2 / camera.focal_px
     f = camera.focal_px
-    return np.array([1 / r, 1.0, 1.0, *(1 / (f * r ** (2 * i + 1)) for i in range(1, 5)), *[1 / (f * r**2)] * 2,
-                     1 / r, 1 / r, 0.0])  # fmt: skip
+    r = np.hypot(camera.width_px, camera.height_px) / 2 / f
+    radial = [1 / (f * r ** (2 * i + 1)) for i in range(1, 5)]
+    tangential = 1 / (f * r**2)
+    return np.array([1 / r, 1.0, 1.0, *radial, tangential, tangential, 1 / r, 1 / r, 0.0])

@@ -14,7 +14,7 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, rotation_from_omega_phi_kappa
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, index_in, pose_of
+from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, index_in, pose_of, sentences
 from photogram.exchange.formats.dbat.dbat_report import REMEDY, Report, read_report
 from photogram.exchange.formats.dbat.dbat_script import Points, Script, ScriptCamera, name_of, read_script
 from photogram.files.solutions.parsing import check_distinct, file_of, part_of
@@ -39,7 +39,7 @@ def read_dbat(path: Path) -> ForeignSolution:
     if report.script is None:
         raise ExchangeError(f"{path}: names no script (Input file name): run the adjustment from a script of DBAT")
     script = read_script(part_of(str(path), path.parent, name_of(report.script)))
-    camera, held = _camera(script.camera, report)
+    camera, fixed = _camera(script.camera, report)
     photographs, numbers, angle_sigma, position_sigma = _photographs(path, script, report)
     control, check = script.control, script.check
     ids = np.concatenate([control.id, check.id])
@@ -64,9 +64,9 @@ def read_dbat(path: Path) -> ForeignSolution:
         ground_points=ground,
         frame="map",
         stated_tie_sigma_px=float(stated[0]) if len(stated) == 1 else None,
-        left_out=_left_out(held),
+        left_out=_left_out(fixed),
         stated=StatedAdjustment(
-            held=held[None],
+            held=fixed[None],
             is_least_squares=True,
             uses_check_marks=True,
             sigma0=report.sigma0,
@@ -134,12 +134,12 @@ def _photographs(
         )
     photographs, sigmas = [], np.full((len(files), 6), np.nan)
     for i, file in enumerate(files.values()):
-        found = reported.get(file.name)
+        orientation = reported.get(file.name)
         pose = None
-        if found is not None:
-            rotation = rotation_from_omega_phi_kappa(found.values[:3])
-            pose = pose_of(found.place, rotation, found.values[3:])
-            sigmas[i] = found.sigmas
+        if orientation is not None:
+            rotation = rotation_from_omega_phi_kappa(orientation.values[:3])
+            pose = pose_of(orientation.place, rotation, orientation.values[3:])
+            sigmas[i] = orientation.sigmas
         photographs.append(ForeignPhotograph(file.name, 0, pose, file))
     return tuple(photographs), {number: i for i, number in enumerate(files)}, sigmas[:, :3], sigmas[:, 3:]
 
@@ -190,11 +190,10 @@ def _adjusted_ground(ids: IntArray, report: Report) -> tuple[FloatArray, FloatAr
     return rows[:, 0], rows[:, 1]
 
 
-def _left_out(held: BoolArray) -> tuple[str, ...]:
-    left_out = [
+def _left_out(fixed: BoolArray) -> tuple[str, ...]:
+    digits = "Further digits of the estimated calibration: the result file has six."
+    return (
         "The positions of tie points: the result file does not list them.",
         "Correlations above 95 %, ray counts and angles of intersection: what follows from the measurements.",
-    ]
-    if not held.all():
-        left_out.append("Further digits of the estimated calibration: the result file has six.")
-    return tuple(left_out)
+        *sentences((not fixed.all(), digits)),
+    )

@@ -115,14 +115,14 @@ def read_report(path: Path) -> Report:
 
 def _entries(lines: list[_Line]) -> dict[str, _Line]:
     """Return what stands behind names, in the order of the file: the first of each name counts."""
-    found: dict[str, _Line] = {}
+    entries: dict[str, _Line] = {}
     for line in lines:
         name, colon, value = line.text.partition(":")
         if line.text.startswith("Redundancy"):  # the one entry without a colon
             name, value, colon = "Redundancy", line.text.removeprefix("Redundancy").lstrip(":"), ":"
         if colon:
-            found.setdefault(name.strip(), _Line(line.place, value.strip()))
-    return found
+            entries.setdefault(name.strip(), _Line(line.place, value.strip()))
+    return entries
 
 
 def _entry(path: Path, entries: dict[str, _Line], name: str) -> _Line:
@@ -133,21 +133,21 @@ def _entry(path: Path, entries: dict[str, _Line], name: str) -> _Line:
 
 def _stated(block: list[_Line]) -> dict[str, Stated]:
     """Return values and standard deviations of the lines below a photograph or camera, by their headings."""
-    found: dict[str, Stated] = {}
+    stated: dict[str, Stated] = {}
     heading = ""
     for line in block:
         name, _, value = line.text.partition(":")
         if name == "Value":
             number = number_of(line.place, heading or name, value.split()[0] if value.split() else "")
-            found[heading] = Stated(number, float("nan"))
-        elif name == "Deviation" and heading in found:
+            stated[heading] = Stated(number, float("nan"))
+        elif name == "Deviation" and heading in stated:
             sigma = number_of(line.place, f"the deviation of {heading}", value.split()[0] if value.split() else "")
             if not sigma > 0.0:
                 raise ExchangeError(f"{line.place}: the deviation of {printable(shortened(heading))} is not positive")
-            found[heading] = Stated(found[heading].value, sigma)
+            stated[heading] = Stated(stated[heading].value, sigma)
         elif not value.strip():
             heading = name
-    return found
+    return stated
 
 
 def _blocks(lines: list[_Line], pattern: re.Pattern[str], start: str, end: str) -> list[tuple[_Line, list[_Line]]]:
@@ -192,7 +192,7 @@ def _photographs(path: Path, lines: list[_Line]) -> tuple[ReportedPhotograph, ..
 
 def _ground(lines: list[_Line]) -> dict[int, tuple[FloatArray, FloatArray]]:
     """Return the rows of the tables headed Posterior."""
-    found: dict[int, tuple[FloatArray, FloatArray]] = {}
+    points: dict[int, tuple[FloatArray, FloatArray]] = {}
     heads = [i for i, line in enumerate(lines) if line.text == "Posterior"]
     for head in heads:
         columns = [name.strip() for name in lines[head + 1].text.split(",")] if head + 1 < len(lines) else []
@@ -205,5 +205,5 @@ def _ground(lines: list[_Line]) -> dict[int, tuple[FloatArray, FloatArray]]:
             key = whole_number(line.place, "id", cells[0])
             named = zip(columns[1:7], cells[1:7], strict=True)
             row = np.array([number_of(line.place, name, cell) for name, cell in named])
-            found[key] = row[:3], row[3:]
-    return found
+            points[key] = row[:3], row[3:]
+    return points

@@ -127,34 +127,32 @@ def read_script(path: Path) -> Script:
     root = elements_of(bytes_of(path, _MOST_BYTES), path, ExchangeError, _REMEDY)
     given = root.first("document", "input")
     if given is None:
-        raise ExchangeError(f"{path}:1: is no script of DBAT: it has no document / input: {_REMEDY}")
-    images = _table(path, _one(path, given, "images", "file"), _IMAGE_COLUMNS, ("id", "path"))
+        raise ExchangeError(f"{root.place}: is no script of DBAT: it has no document / input: {_REMEDY}")
+    images = _table(_one(given, "images", "file"), _IMAGE_COLUMNS, ("id", "path"))
     numbers_of_images = images.whole("id")
     check_distinct(str(images.path), "photograph", numbers_of_images)
     if "cam" in images.columns and len(set(images.columns["cam"])) > 1:
         raise ExchangeError(f"{images.path}: has several cameras: only projects of one camera are read")
     return Script(
-        camera=_camera(path, given),
+        camera=_camera(given),
         images=dict(zip(numbers_of_images.tolist(), images.columns["path"], strict=True)),
-        marks=_marks(path, given),
-        control=_points(path, given.first("ctrl_pts")),
-        check=_points(path, given.first("check_pts")),
+        marks=_marks(given),
+        control=_points(given.first("ctrl_pts")),
+        check=_points(given.first("check_pts")),
     )
 
 
-def _one(path: Path, element: Element, *tags: str) -> Element:
-    found = list(element.all(*tags))
-    if len(found) != 1:
-        raise ExchangeError(
-            f"{path}:{element.line}: has {things(len(found), 'element')} {' / '.join(tags)} where one is read: "
-            f"{_REMEDY}"
-        )
-    return found[0]
+def _one(element: Element, *tags: str) -> Element:
+    elements = list(element.all(*tags))
+    if len(elements) != 1:
+        count = things(len(elements), "element")
+        raise ExchangeError(f"{element.place}: has {count} {' / '.join(tags)} where one is read: {_REMEDY}")
+    return elements[0]
 
 
-def _table(path: Path, file: Element, known: tuple[str, ...], needed: tuple[str, ...]) -> _Table:
+def _table(file: Element, known: tuple[str, ...], needed: tuple[str, ...]) -> _Table:
     """Return the table that an element ``file`` names, with the columns of its format."""
-    place = f"{path}:{file.line}"
+    place = file.place
     names = [name.strip() for name in file.attributes.get("format", "").split(",")]
     strange = [name for name in names if name not in known]
     if strange:
@@ -163,10 +161,10 @@ def _table(path: Path, file: Element, known: tuple[str, ...], needed: tuple[str,
     missing = [name for name in needed if name not in names]
     if missing:
         raise ExchangeError(f"{place}: the format has no column {missing[0]!r}: {_REMEDY}")
-    held = [name for name in names if name != _IGNORED]
-    if len(set(held)) < len(held):
+    read = [name for name in names if name != _IGNORED]
+    if len(set(read)) < len(read):
         raise ExchangeError(f"{place}: the format has a column twice: {_REMEDY}")
-    table = part_of(place, path.parent, name_of(file.text))
+    table = part_of(place, file.file.parent, name_of(file.text))
     rows, lines = [], []
     for line, text in enumerate(text_of(table, _MOST_TABLE_BYTES).splitlines(), 1):
         if not text.strip() or text.lstrip().startswith("#"):
@@ -183,49 +181,49 @@ def _table(path: Path, file: Element, known: tuple[str, ...], needed: tuple[str,
     return _Table(table, columns, lines)
 
 
-def _camera(path: Path, given: Element) -> ScriptCamera:
-    camera = _one(path, given, "cameras", "camera")
-    place = f"{path}:{camera.line}"
-    size, sensor, pp = (_pair(path, camera, tag) for tag in ("image", "sensor", "pp"))
+def _camera(given: Element) -> ScriptCamera:
+    camera = _one(given, "cameras", "camera")
+    place = camera.place
+    size, sensor, pp = (_pair(camera, tag) for tag in ("image", "sensor", "pp"))
     if not (size >= 1.0).all() or not (sensor > 0.0).all():
         raise ExchangeError(f"{place}: the sizes of image and sensor must be positive: {_REMEDY}")
-    values = {"cc": _value(path, camera, "cc"), "px": float(pp[0]), "py": float(pp[1])}
-    aspect = camera.first("aspect")
-    values["as"] = 0.0 if aspect is None else _value(path, camera, "aspect") - 1.0
-    values["sk"] = 0.0 if camera.first("skew") is None else _value(path, camera, "skew")
+    values = {"cc": _value(camera, "cc"), "px": float(pp[0]), "py": float(pp[1])}
+    values["as"] = 0.0 if camera.first("aspect") is None else _value(camera, "aspect") - 1.0
+    values["sk"] = 0.0 if camera.first("skew") is None else _value(camera, "skew")
     for letter in "KP":
-        held = camera.first(letter)
-        for i, text in enumerate([] if held is None else held.text.split(","), 1):
-            values[f"{letter}{i}"] = number_of(f"{path}:{held.line if held else 1}", f"{letter}{i}", text)
+        terms = camera.first(letter)
+        if terms is not None:
+            for i, text in enumerate(terms.text.split(","), 1):
+                values[f"{letter}{i}"] = number_of(terms.place, f"{letter}{i}", text)
     label = camera.first("name")
     name = "" if label is None else label.text
     return ScriptCamera(place, name or "camera", size, sensor / size, values)
 
 
-def _value(path: Path, camera: Element, tag: str) -> float:
-    found = _one(path, camera, tag)
-    return number_of(f"{path}:{found.line}", tag, found.text)
+def _value(camera: Element, tag: str) -> float:
+    element = _one(camera, tag)
+    return number_of(element.place, tag, element.text)
 
 
-def _pair(path: Path, camera: Element, tag: str) -> FloatArray:
-    found = _one(path, camera, tag)
-    place, texts = f"{path}:{found.line}", found.text.split(",")
+def _pair(camera: Element, tag: str) -> FloatArray:
+    element = _one(camera, tag)
+    texts = element.text.split(",")
     if len(texts) != 2:
-        raise ExchangeError(f"{place}: {tag} must be two numbers with a comma: {_REMEDY}")
-    return np.array([number_of(place, tag, text) for text in texts])
+        raise ExchangeError(f"{element.place}: {tag} must be two numbers with a comma: {_REMEDY}")
+    return np.array([number_of(element.place, tag, text) for text in texts])
 
 
-def _marks(path: Path, given: Element) -> Marks:
+def _marks(given: Element) -> Marks:
     files = list(given.all("image_pts", "file"))
     if not files:
-        raise ExchangeError(f"{path}:{given.line}: names no table of marks (image_pts / file): {_REMEDY}")
-    parts = [_marks_of(path, file) for file in files]
+        raise ExchangeError(f"{given.place}: names no table of marks (image_pts / file): {_REMEDY}")
+    parts = [_marks_of(file) for file in files]
     return Marks(*(np.concatenate([part[k] for part in parts]) for k in range(4)))
 
 
-def _marks_of(path: Path, file: Element) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    place = f"{path}:{file.line}"
-    table = _table(path, file, _MARK_COLUMNS, ("id", "im", "x", "y"))
+def _marks_of(file: Element) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    place = file.place
+    table = _table(file, _MARK_COLUMNS, ("id", "im", "x", "y"))
     sigmas = []
     for axis in ("sx", "sy"):  # attributes come before columns
         name = next((name for name in (axis, "sxy") if name in file.attributes), None)
@@ -244,10 +242,10 @@ def _marks_of(path: Path, file: Element) -> tuple[IntArray, IntArray, FloatArray
     return table.whole("id"), table.whole("im"), pixel, sigmas[0]
 
 
-def _points(path: Path, element: Element | None) -> Points:
+def _points(element: Element | None) -> Points:
     if element is None:
         return Points(np.zeros(0, dtype=np.int64), (), np.zeros((0, 3)), np.zeros((0, 3)))
-    table = _table(path, _one(path, element, "file"), _POINT_COLUMNS, ("id", "x", "y", "z"))
+    table = _table(_one(element, "file"), _POINT_COLUMNS, ("id", "x", "y", "z"))
     ids = table.whole("id")
     check_distinct(str(table.path), "ground point", ids)
     position = np.column_stack([table.numbers(axis) for axis in "xyz"])
@@ -260,11 +258,11 @@ def _points(path: Path, element: Element | None) -> Points:
         raise ExchangeError(f"{table.path}: a standard deviation is negative: correct the table")
     labels = table.columns.get("label", table.columns.get("name", [""] * len(ids)))
     keep = np.ones(len(ids), dtype=bool)
-    for held in element.all("filter"):
-        place = f"{path}:{held.line}"
-        texts = [text for text in held.attributes.get("id", "").split(",") if text.strip()]
+    for filter_ in element.all("filter"):
+        place, action = filter_.place, filter_.text
+        texts = [text for text in filter_.attributes.get("id", "").split(",") if text.strip()]
         named = np.isin(ids, whole_numbers(place, "id", numbers(place, texts)))
-        if held.text not in ("keep", "remove"):
-            raise ExchangeError(f"{place}: {printable(shortened(held.text))!r} is no filter of DBAT: {_REMEDY}")
-        keep &= named if held.text == "keep" else ~named
+        if action not in ("keep", "remove"):
+            raise ExchangeError(f"{place}: {printable(shortened(action))!r} is no filter of DBAT: {_REMEDY}")
+        keep &= named if action == "keep" else ~named
     return Points(ids[keep], tuple(labels[i] for i in np.flatnonzero(keep)), position[keep], sigma[keep])

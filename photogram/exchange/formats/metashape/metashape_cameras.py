@@ -15,9 +15,9 @@ from photogram.errors import ExchangeError, PhotogramError
 from photogram.exchange.formats.assembly import HALF_PIXEL, no_tie_points
 from photogram.exchange.formats.metashape.metashape_chunk import MODELS, MOST_XML_BYTES, read_chunk
 from photogram.exchange.formats.writing import check_writable
-from photogram.files.atomic import replacing
+from photogram.files.atomic import write_whole
 from photogram.files.solutions.parsing import bytes_of
-from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, StatedAdjustment
+from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.xml_elements import elements_of
 from photogram.geodesy.crs import written_crs
 from photogram.geodesy.frames import geocentric_from_topocentric
@@ -41,23 +41,13 @@ def read_metashape_cameras(path: Path) -> ForeignSolution:
     """
     root = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY)
     chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
-    held = [chunk for chunk in chunks if any(chunk.all("cameras"))]
-    if len(held) != 1:
-        raise ExchangeError(f"{path}:1: holds cameras of {things(len(held), 'chunk')}: export those of one chunk")
-    frames = list(held[0].all("frames", "frame"))
-    chunk = read_chunk(path, held[0], frames[0] if frames else None)
-    return ForeignSolution(
-        program="Agisoft Metashape",
-        cameras=chunk.cameras,
-        photographs=chunk.photographs,
-        tie_points=no_tie_points(),
-        ground_points=chunk.ground_points if len(chunk.ground_points) else None,
-        frame=chunk.frame,
-        crs=chunk.crs,
-        stated_tie_sigma_px=chunk.tie_sigma_px,
-        left_out=chunk.left_out,
-        stated=StatedAdjustment(held=chunk.held),
-    )
+    with_cameras = [chunk for chunk in chunks if any(chunk.all("cameras"))]
+    if len(with_cameras) != 1:
+        raise ExchangeError(
+            f"{root.place}: holds cameras of {things(len(with_cameras), 'chunk')}: export those of one chunk"
+        )
+    chunk = with_cameras[0]
+    return read_chunk(chunk, chunk.first("frames", "frame")).solution("Agisoft Metashape", no_tie_points())
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------
@@ -86,9 +76,8 @@ def write_metashape_cameras(path: Path, solution: ForeignSolution) -> tuple[str,
     ElementTree.SubElement(transform, "translation").text = _numbers(similarity.translation)
     ElementTree.SubElement(transform, "scale").text = repr(similarity.scale)
     ElementTree.indent(document)
-    text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, encoding="unicode") + "\n"
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    text = ElementTree.tostring(document, encoding="unicode")
+    write_whole(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n')
     return tuple(left_out)
 
 
@@ -137,13 +126,13 @@ def _written_frame(path: Path, solution: ForeignSolution) -> tuple[str, Similari
     """Return the CRS of the chunk, its transform, and what they leave out."""
     same = Similarity(1.0, np.eye(3), np.zeros(3))
     left_out = list(_not_written(solution))
-    measured = any(photograph.measured is not None for photograph in solution.photographs)
+    has_measured = any(photograph.measured is not None for photograph in solution.photographs)
     if solution.frame in ("geocentric", "topocentric"):
         wkt = _WGS_84 if solution.crs is None else _wkt(path, solution.crs)
         if solution.origin_lla is not None:
             return wkt, _geocentric_from(solution.origin_lla), left_out
         return wkt, same, left_out
-    if solution.crs is not None and (measured or solution.frame == "map"):
+    if solution.crs is not None and (has_measured or solution.frame == "map"):
         if solution.frame == "local":
             raise ExchangeError(
                 f"{path}: measured positions are in {shortened(solution.crs)} and poses are not: Metashape has one "

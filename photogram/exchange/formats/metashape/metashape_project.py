@@ -9,9 +9,8 @@ for each photograph projections (x, y, size, id), pixels with the centre of the 
 
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,12 @@ from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.assembly import HALF_PIXEL, index_in, no_tie_points, tie_points_of
+from photogram.exchange.formats.assembly import HALF_PIXEL, index_in, no_tie_points, sentences, tie_points_of
 from photogram.exchange.formats.metashape.metashape_chunk import MOST_XML_BYTES, Chunk, read_chunk
 from photogram.files.clouds.binary_ply import vertices_of
 from photogram.files.reading import regular_file_size
 from photogram.files.solutions.parsing import bytes_of, check_distinct, check_finite, part_of
-from photogram.files.solutions.solution import ForeignSolution, StatedAdjustment
+from photogram.files.solutions.solution import ForeignSolution
 from photogram.files.xml_elements import Element, elements_of
 from photogram.survey import TiePoints
 from photogram.wording import printable, shortened, some, things
@@ -75,15 +74,6 @@ class _Archive:
         return data
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[_Archive]:
-    archive = _Archive(path)
-    try:
-        yield archive
-    finally:
-        archive.close()
-
-
 @dataclass(frozen=True)
 class _Cloud:
     """Tie points as Metashape has them: bytes of PLY files, with the places they come from."""
@@ -104,23 +94,23 @@ def read_metashape_project(path: Path, chunk: str | None = None) -> ForeignSolut
     photogram's.
     """
     if path.suffix.lower() == ".psz":
-        with _opened(path) as archive:
+        with closing(_Archive(path)) as archive:
             head = _document(archive, "document")
             chosen = _chosen(path, list(head.all("chunks", "chunk")), chunk)
-            frames = list(chosen.all("frames", "frame"))
-            frame = frames[0] if frames else None
+            frame = chosen.first("frames", "frame")
             element = _cloud_element(frame)
             cloud = None if element is None else _cloud_of(archive, element)
-        place = path
     elif path.suffix.lower() == ".psx":
-        head = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY).first("document") or Element(
-            "document", {}, 1
-        )
-        place, chosen, frames, frame, cloud = _of_folder(path, head, chunk)
+        root = elements_of(bytes_of(path, MOST_XML_BYTES), path, ExchangeError, _REMEDY)
+        head = root.first("document") or root
+        chosen, frame, cloud = _of_folder(path, head, chunk)
     else:
         raise ExchangeError(f"{path}: is no project of Metashape: give a file .psz or .psx")
-    program = _program(path, head.attributes.get("version", ""))
-    return _solution(program, read_chunk(place, chosen, frame), cloud, len(frames))
+    contents = read_chunk(chosen, frame)
+    tie_points, left_out = (no_tie_points(), ()) if cloud is None else _tie_points(contents, cloud)
+    frames = len(list(chosen.all("frames", "frame")))
+    left_out = (*left_out, *sentences((frames > 1, f"All but the first of {frames} frames.")))
+    return contents.solution(_program(path, head.attributes.get("version", "")), tie_points, left_out)
 
 
 def _program(path: Path, version: str) -> str:
@@ -152,40 +142,36 @@ def _chosen(path: Path, chunks: list[Element], label: str | None) -> Element:
     return chunks[0]
 
 
-def _of_folder(
-    path: Path, head: Element, label: str | None
-) -> tuple[Path, Element, list[Element], Element | None, _Cloud | None]:
-    """Return chunk and frames of a `.psx` with the element ``head``: where the chunk's XML is, the chunk, its frames,
-    the first of them as its own archive has it, and its tie points."""
-    named = head.attributes.get("path", "")
-    folder = path.parent
-    project = part_of(f"{path}:1: the path", folder, named.replace(_PROJECT_NAME, path.stem))
-    with _opened(project) as archive:
-        chunks = {}
-        for entry in _document(archive, "document").all("chunks", "chunk"):
-            place = f"{archive.path / _DOCUMENT}:{entry.line}: the path of a chunk"
-            chunks[part_of(place, project.parent, entry.attributes.get("path", ""))] = entry
-    read = {}
-    for file in chunks:
-        with _opened(file) as archive:
-            read[file] = _document(archive, "chunk")
-    chosen = _chosen(path, list(read.values()), label)
-    file = next(file for file, element in read.items() if element is chosen)
-    frames = list(chosen.all("frames", "frame"))
-    if not frames:
-        return file / _DOCUMENT, chosen, frames, None, None
-    place = f"{file / _DOCUMENT}:{frames[0].line}: the path of a frame"
-    frame_file = part_of(place, file.parent, frames[0].attributes.get("path", ""))
-    with _opened(frame_file) as archive:
+def _of_folder(path: Path, head: Element, label: str | None) -> tuple[Element, Element | None, _Cloud | None]:
+    """Return the chunk of a `.psx` with the element ``head``, its first frame as its own archive has it, and its tie
+    points."""
+    project = _named(head, path.parent, "the path", head.attributes.get("path", "").replace(_PROJECT_NAME, path.stem))
+    with closing(_Archive(project)) as archive:
+        entries = _document(archive, "document").all("chunks", "chunk")
+        files = dict.fromkeys(_named(entry, project.parent, "the path of a chunk") for entry in entries)
+    chunks = []
+    for file in files:
+        with closing(_Archive(file)) as archive:
+            chunks.append(_document(archive, "chunk"))
+    chosen = _chosen(path, chunks, label)
+    folder = next(file.parent for file, chunk in zip(files, chunks, strict=True) if chunk is chosen)
+    entry = chosen.first("frames", "frame")
+    if entry is None:
+        return chosen, None, None
+    with closing(_Archive(_named(entry, folder, "the path of a frame"))) as archive:
         frame = _document(archive, "frame")
     element = _cloud_element(frame)
     if element is None:
-        return file / _DOCUMENT, chosen, frames, frame, None
-    place = f"{frame_file / _DOCUMENT}:{element.line}: the path of the tie points"
-    with _opened(part_of(place, frame_file.parent, element.attributes.get("path", ""))) as archive:
-        held = elements_of(archive.read(_DOCUMENT, MOST_XML_BYTES), archive.path / _DOCUMENT, ExchangeError, _REMEDY)
-        cloud = _cloud_element(held)
-        return file / _DOCUMENT, chosen, frames, frame, None if cloud is None else _cloud_of(archive, cloud)
+        return chosen, frame, None
+    with closing(_Archive(_named(element, archive.path.parent, "the path of the tie points"))) as archive:
+        root = elements_of(archive.read(_DOCUMENT, MOST_XML_BYTES), archive.path / _DOCUMENT, ExchangeError, _REMEDY)
+        cloud = _cloud_element(root)
+        return chosen, frame, None if cloud is None else _cloud_of(archive, cloud)
+
+
+def _named(element: Element, folder: Path, what: str, name: str | None = None) -> Path:
+    """Return the file within a folder that an element names by its attribute ``path``, or by ``name`` in its place."""
+    return part_of(f"{element.place}: {what}", folder, element.attributes.get("path", "") if name is None else name)
 
 
 def _cloud_element(frame: Element | None) -> Element | None:
@@ -245,11 +231,11 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
     order = np.argsort(ids)
     for camera, data in cloud.projections:
         what = f"projections of camera {printable(shortened(camera))}"
-        found = _vertices(place, what, data, "x", "y", "id")
+        projected = _vertices(place, what, data, "x", "y", "id")
         if camera not in chunk.photograph_of:
-            elsewhere += len(found)
+            elsewhere += len(projected)
             continue
-        xy, number = _columns(found, "x", "y"), index_in(order, ids, found["id"].astype(np.int64))
+        xy, number = _columns(projected, "x", "y"), index_in(order, ids, projected["id"].astype(np.int64))
         check_finite(f"{place}: {what}", "a pixel", xy)
         known = number >= 0
         unplaced += int(len(known) - known.sum())
@@ -257,11 +243,11 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         point.append(number[known])
         feature.append(np.flatnonzero(known))
         pixel.append(xy[known])
-    sentences = [
-        *([f"{things(unplaced, 'projection')} of points without a position."] if unplaced else []),
-        *([f"{things(elsewhere, 'projection')} in photographs that are not read."] if elsewhere else []),
-        *(["The sizes of key points."] if photograph else []),
-    ]
+    left_out = sentences(
+        (unplaced, f"{things(unplaced, 'projection')} of points without a position."),
+        (elsewhere, f"{things(elsewhere, 'projection')} in photographs that are not read."),
+        (photograph, "The sizes of key points."),
+    )
     none = [np.zeros(0, dtype=np.int64)]
     return tie_points_of(
         place,
@@ -272,7 +258,7 @@ def _tie_points(chunk: Chunk, cloud: _Cloud) -> tuple[TiePoints, tuple[str, ...]
         feature=np.concatenate(feature or none),
         sigma_px=chunk.tie_sigma_px or 1.0,
         colour=_colours(place, cloud, ids),
-    ), tuple(sentences)
+    ), tuple(left_out)
 
 
 def _colours(place: str, cloud: _Cloud, ids: IntArray) -> ByteArray | None:
@@ -286,21 +272,3 @@ def _colours(place: str, cloud: _Cloud, ids: IntArray) -> ByteArray | None:
     if not ((rgb >= 0) & (rgb <= 255)).all():
         raise ExchangeError(f"{place}: colours of tracks are not from 0 to 255: {_REMEDY}")
     return rgb.astype(np.uint8)
-
-
-def _solution(program: str, chunk: Chunk, cloud: _Cloud | None, frames: int) -> ForeignSolution:
-    tie_points, sentences = (no_tie_points(), ()) if cloud is None else _tie_points(chunk, cloud)
-    more = (f"All but the first of {frames} frames.",) if frames > 1 else ()
-    solution = ForeignSolution(
-        program=program,
-        cameras=chunk.cameras,
-        photographs=chunk.photographs,
-        tie_points=tie_points,
-        ground_points=chunk.ground_points if len(chunk.ground_points) else None,
-        frame=chunk.frame,
-        crs=chunk.crs,
-        stated_tie_sigma_px=chunk.tie_sigma_px,
-        left_out=chunk.left_out,
-        stated=StatedAdjustment(held=chunk.held),
-    )
-    return replace(solution, left_out=(*solution.left_out, *sentences, *more))
