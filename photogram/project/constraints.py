@@ -5,7 +5,6 @@ otherwise its marks alone say where it is, as those of a check point.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
 
 from photogram.constraints.between_points import (
     FEWEST_ON,
@@ -17,10 +16,9 @@ from photogram.constraints.between_points import (
     SurfaceKind,
 )
 from photogram.geodesy.crs import NO_CRS
-from photogram.project.document import Document, Key, suggestion
+from photogram.project.document import Document, Key, given, suggestion
 from photogram.project.schema import DistanceEntry, HeightDifferenceEntry, ProjectFile, SurfaceEntry
 
-ValueT = TypeVar("ValueT")
 _Entry = DistanceEntry | HeightDifferenceEntry | SurfaceEntry
 _KINDS: dict[str, ConstraintKind] = {
     "distances": "distance",
@@ -32,14 +30,8 @@ _KINDS: dict[str, ConstraintKind] = {
 
 def _entries(file: ProjectFile) -> Iterator[tuple[str, int, _Entry]]:
     """Yield every constraint of a file with its key and its number under it."""
-    kinds: tuple[tuple[str, Sequence[_Entry]], ...] = (
-        ("distances", file.distances),
-        ("height_differences", file.height_differences),
-        ("level_surfaces", file.level_surfaces),
-        ("planes", file.planes),
-    )
-    for key, entries in kinds:
-        for i, entry in enumerate(entries):
+    for key in _KINDS:
+        for i, entry in enumerate(getattr(file, key)):
             yield key, i, entry
 
 
@@ -116,10 +108,8 @@ def _check_free_network(document: Document, file: ProjectFile) -> None:
     scaled = any(distance.role == "control" for distance in file.distances)
     for key in ("height_differences", "level_surfaces"):
         if getattr(file, key):
-            document.add_error(
-                (key,), "crs: none without surveyed points has no vertical that heights could be counted along: give "
-                "control points, or remove them",
-            )  # fmt: skip
+            text = "crs: none without surveyed points has no vertical that heights could be counted along"
+            document.add_error((key,), f"{text}: give control points, or remove them")
     for key, what in (("distances", "role: control to one of them"), ("planes", "a distance of role control")):
         if getattr(file, key) and not scaled:
             document.add_error(
@@ -135,31 +125,31 @@ def constraints_of(file: ProjectFile, photographs: Sequence[str]) -> tuple[Const
         ("plane", file.planes),
     )
     surfaces = [
-        CommonSurface(s.name or f"{i}", kind, _names(s), (_given(s.sigma_m),) * len(_names(s)), s.role)
+        CommonSurface(s.name or f"{i}", kind, _names(s), (given(s.sigma_m),) * len(_names(s)), s.role)
         for kind, entries in kinds
         for i, s in enumerate(entries, 1)
     ]
     return (
         *(
             Distance(
-                ends=_given(d.between), of_photographs=set(_given(d.between)) <= of_pictures,
-                length_m=_given(d.length_m), sigma_m=_given(d.sigma_m), role=d.role, name=d.name or "",
+                ends=given(d.between),
+                of_photographs=set(given(d.between)) <= of_pictures,
+                length_m=given(d.length_m),
+                sigma_m=given(d.sigma_m),
+                role=d.role,
+                name=d.name or "",
             )
             for d in file.distances
         ),
         *(
             HeightDifference(
-                ends=_given(h.between), difference_m=_given(h.difference_m), sigma_m=_given(h.sigma_m), role=h.role,
+                ends=given(h.between),
+                difference_m=given(h.difference_m),
+                sigma_m=given(h.sigma_m),
+                role=h.role,
                 name=h.name or "",
             )
             for h in file.height_differences
         ),
         *surfaces,
-    )  # fmt: skip
-
-
-def _given(value: ValueT | None) -> ValueT:
-    """Return a value that the checks have found present."""
-    if value is None:
-        raise AssertionError("a key of a constraint was used before its absence was reported")
-    return value
+    )

@@ -18,13 +18,11 @@ from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
-from photogram.geodesy.crs import NO_CRS, DeclaredDatum, plan_of, product_crs, projected_crs
-from photogram.geodesy.frames import map_from_crs, map_from_unit
-from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.measures.mark_covariances import covariances_px2
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
-from photogram.project.heights import in_map
+from photogram.project.heights import Placed, ProjectMap, is_grid
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import Role, Roles
 from photogram.wording import shortened, some, things
@@ -91,16 +89,14 @@ class ProjectControlPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """One entry of control_points.files and what its files hold; ``position_map_m`` (N, 3) is None where unknown,
-    ``heights`` the system that its heights were given in, ``columns`` what the first two figures of a point are."""
+    """One entry of control_points.files and what its files hold; ``placed`` are its positions, None where unknown,
+    ``columns`` what the first two figures of a point are."""
 
     key: Key
     entry: ControlFileEntry
     points: PointFile
     marks: tuple[Mark, ...]
-    position_map_m: FloatArray | None
-    turned_map_m: FloatArray | None
-    heights: HeightSystem | None
+    placed: Placed | None
     columns: tuple[str, str]
 
     @property
@@ -109,24 +105,16 @@ class _Source:
 
 
 def read_point_files(
-    document: Document,
-    file: ProjectFile,
-    photographs: Sequence[PhotographEntry] | None,
-    base: Path,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
+    document: Document, file: ProjectFile, photographs: Sequence[PhotographEntry] | None, target: ProjectMap | None
 ) -> tuple[tuple[ProjectControlPoint, ...], list[list[Located]]]:
     """Return the points of all files, and for each file where they lie, for the checks of positions.
 
-    Relative paths are taken from ``base``; ``photographs`` is None where they are not known; ``heights`` are those of
-    the map, ``datum`` what is declared of the way into its datum. What is wrong is noted in the document; the points
-    are complete only where nothing is.
+    ``photographs`` is None where they are not known, ``target`` where the map is not. What is wrong is noted in the
+    document; the points are complete only where nothing is.
     """
     entries = [(("control_points", "files", i), entry) for i, entry in enumerate(file.control_points.files)]
-    found = [
-        _source(document, file, key, entry, base, heights, datum) for key, entry in entries if entry.path is not None
-    ]
-    sources = [source for source in found if source is not None]
+    read = [_source(document, file, key, entry, target) for key, entry in entries if entry.path is not None]
+    sources = [source for source in read if source is not None]
     # Points of a file that cannot be read are not known; that file's error is enough.
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
@@ -139,12 +127,12 @@ def read_point_files(
     for source, own in zip(sources, marks, strict=True):
         sigma_m, have_sigmas = _sigmas_m(document, file, source), _check_mark_sigmas(document, file, source)
         pixel = None if photographs is None else _pixels(document, file, source, own, photographs)
-        if source.position_map_m is not None and sigma_m is not None and have_sigmas and pixel is not None:
+        if source.placed is not None and sigma_m is not None and have_sigmas and pixel is not None:
             marked = np.array([index[mark.photograph] for mark in own], dtype=np.int64)
             stated_px = _stated_mark_sigma_px(file, source) or np.nan
             sigma_px = np.array([mark.sigma_px or (stated_px, stated_px) for mark in own]).reshape(-1, 2)
             covariance_px2 = covariances_px2(sigma_px, np.array([mark.rho for mark in own], dtype=np.float64))
-            points += _complete(source, source.position_map_m, sigma_m, own, marked, pixel, covariance_px2)
+            points += _complete(source, source.placed, sigma_m, own, marked, pixel, covariance_px2)
     return tuple(points), [_located(source) for source in sources]
 
 
@@ -152,32 +140,25 @@ def _note(document: Document, key: Key, path: str, line: int, text: str) -> None
     document.add_error(key, f"{path}:{line}: {text}")
 
 
-def _read(document: Document, key: Key, written: str, base: Path, reader: Callable[[Path], ReadT]) -> ReadT | None:
+def _read(document: Document, key: Key, written: str, reader: Callable[[Path], ReadT]) -> ReadT | None:
     """Return what ``reader`` reads, None where it cannot; its errors name the file as the project does."""
-    path = base / written
+    path = document.base / written
     try:
         return reader(path)
     except ControlPointError as error:
-        for line in str(error).splitlines():
-            document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
+        document.add_errors_of(key, error, path, written)
         return None
 
 
 def _source(
-    document: Document,
-    file: ProjectFile,
-    key: Key,
-    entry: ControlFileEntry,
-    base: Path,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
+    document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, target: ProjectMap | None
 ) -> _Source | None:
-    points = _read(document, key, str(entry.path), base, read_points)
+    points = _read(document, key, str(entry.path), read_points)
     if points is None:
         return None
     marks: tuple[Mark, ...] | None = points.marks
     if entry.marks is not None:
-        marks = _read(document, key, entry.marks, base, read_marks)
+        marks = _read(document, key, entry.marks, read_marks)
         if points.holds_marks:
             document.add_error((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
             marks = None
@@ -186,11 +167,9 @@ def _source(
         text = f"{entry.path}: marks of {bare} without coordinates are left out"
         document.warn(key, text, "give coordinates, where they are to be control or check points")
     crs = _crs(document, file, key, entry, points)
-    position, turned, given = None, None, None
-    if crs is not None:
-        position, turned, given = _positions(document, file, key, entry, points, crs, heights, datum)
-    columns = ("easting", "northing") if crs is None or _is_grid(crs) else ("longitude", "latitude")
-    return _Source(key, entry, points, marks or (), position, turned, given, columns)
+    placed = None if crs is None else _placed(document, key, entry, points, crs, target)
+    columns = ("easting", "northing") if crs is None or is_grid(crs) else ("longitude", "latitude")
+    return _Source(key, entry, points, marks or (), placed, columns)
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -205,64 +184,32 @@ def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntr
     return points.crs or entry.crs or file.crs
 
 
-def _positions(
-    document: Document,
-    file: ProjectFile,
-    key: Key,
-    entry: ControlFileEntry,
-    points: PointFile,
-    crs: str,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
-) -> tuple[FloatArray | None, FloatArray | None, HeightSystem | None]:
-    """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
-    heights were given in."""
-    target = file.crs
-    try:
-        if target != NO_CRS:
-            projected_crs(target or "")
-    except FrameError:
-        return None, None, None  # noted where the project names its CRS
-    given = np.array([p.position for p in points.points]).reshape(-1, 3)
-    swapped = given[:, [1, 0, 2]]
-    if points.geographic and _is_grid(crs):
+def _placed(
+    document: Document, key: Key, entry: ControlFileEntry, points: PointFile, crs: str, target: ProjectMap | None
+) -> Placed | None:
+    """Return the positions of a file in the map, None where they cannot be brought there."""
+    if target is None:
+        return None
+    if points.geographic and is_grid(crs):
         text = f"the columns are longitude and latitude, but {crs} is a map grid: give crs: EPSG:4326, or similar"
         document.add_error(key, text)
-        return None, None, None
-    if target is None:
-        return given, swapped, entry.heights or heights.control_points
+        return None
+    given = np.array([p.position for p in points.points]).reshape(-1, 3)
     try:
-        position, system = in_map(crs, target, entry.heights, heights.control_points, heights, datum, given, exact=True)
+        return target.placed(crs, entry.heights, target.heights.control_points, given, exact=True)
     except FrameError as error:
         text = str(error).removeprefix("crs: ")
         document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {text}")
-        return None, None, None
-    try:
-        own = product_crs(target, heights)
-        turned = map_from_unit(own, swapped) if crs == target else map_from_crs(crs, plan_of(target), swapped)
-    except FrameError:
-        turned = np.full_like(position, np.nan)
-    return position, turned, system
-
-
-def _is_grid(crs: str) -> bool:
-    if crs == NO_CRS:
-        return True
-    try:
-        projected_crs(crs)
-    except FrameError:
-        return False
-    return True
+        return None
 
 
 def _located(source: _Source) -> list[Located]:
-    if source.position_map_m is None or source.turned_map_m is None:
+    if source.placed is None:
         return []
+    places = zip(source.points.points, source.placed.map_m, source.placed.turned_map_m, strict=True)
     return [
-        Located(source.key, f"{source.entry.path}:{point.line}: {point.name}: ", position, turned, source.columns)
-        for point, position, turned in zip(
-            source.points.points, source.position_map_m, source.turned_map_m, strict=True
-        )
+        Located(source.key, position, turned, source.columns, f"{source.entry.path}:{point.line}", point.name)
+        for point, position, turned in places
     ]
 
 
@@ -425,11 +372,11 @@ def _with_whole_names(marks: Sequence[Mark], names: Sequence[str]) -> list[Mark]
         alike = stems.get(path.stem.lower()) or stems.get(path.name.lower(), [])
         return ending or (alike[0] if len(alike) == 1 else given)
 
-    found = {mark.photograph: whole(mark.photograph) for mark in marks if mark.source.may_lack_suffix}
+    names_of = {mark.photograph: whole(mark.photograph) for mark in marks if mark.source.may_lack_suffix}
     # two photographs of the file never become one of the project
-    count = Counter(found.values())
-    found = {given: name for given, name in found.items() if count[name] == 1 or given == name}
-    return [replace(mark, photograph=found.get(mark.photograph, mark.photograph)) for mark in marks]
+    count = Counter(names_of.values())
+    names_of = {given: name for given, name in names_of.items() if count[name] == 1 or given == name}
+    return [replace(mark, photograph=names_of.get(mark.photograph, mark.photograph)) for mark in marks]
 
 
 def _scale(
@@ -477,7 +424,8 @@ def _refuse(
         )
         return
     for number, i in enumerate(wrong[: _MOST_NAMES + 1]):
-        mark, (u, v), (width, height) = marks[i], marks[i].pixel, size_px[i].astype(int)
+        mark = marks[i]
+        (u, v), (width, height) = mark.pixel, size_px[i].astype(int)
         of = f"the photograph, which is {width} × {height} px"
         if picture is not None:
             of = f"a picture of {picture[0]} × {picture[1]} px"
@@ -489,7 +437,7 @@ def _refuse(
 
 def _complete(
     source: _Source,
-    position_map_m: FloatArray,
+    placed: Placed,
     sigma_m: FloatArray,
     marks: Sequence[Mark],
     marked: IntArray,
@@ -506,12 +454,12 @@ def _complete(
         return ProjectControlPoint(
             row.name,
             row.role or source.entry.role,
-            position_map_m[number],
+            placed.map_m[number],
             sigma_m[number],
             marked[own],
             pixel[own],
             covariance_px2[own],
-            source.heights,
+            placed.heights,
             tuple(marks[i].kind for i in own),
         )
 

@@ -41,7 +41,12 @@ LARGEST_DISTORTION = 10.0
 """Of one term at the corner of a picture, in the corner's own distance from the middle; terms of wide lenses of some
 calibrations grow large and undo each other."""
 
-LOWEST_M, HIGHEST_M, FARTHEST_HEIGHT_M = -500.0, 9000.0, 1000.0
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
+"""Heights on Earth."""
+
+FARTHEST_HEIGHT_M = 1000.0
+"""A height farther than this from the middle of all others is taken for a slip of the pen."""
+
 _PLACEHOLDERS_M = (999.0, 9999.0, 99999.0, 32767.0, 32768.0)
 _PLACEHOLDER_DISTANCE_M = 100.0
 _LIST: Key = ("photographs", "list")
@@ -51,15 +56,21 @@ _LIST: Key = ("photographs", "list")
 class Located:
     """A position (3,) of the project in its CRS, and where its figures would lie the other way round.
 
-    ``key`` is where the project file names it; ``label`` is empty, or the line of the file that it comes from, and
-    ``columns`` what its first two figures are.
+    ``key`` is where the project file names it; ``columns`` are what its first two figures are. Of a position that comes
+    from another file ``line`` is that file and the line, and ``name`` what has it.
     """
 
     key: Key
-    label: str
     map_m: FloatArray
     turned_map_m: FloatArray
     columns: tuple[str, str] = ("easting", "northing")
+    line: str = ""
+    name: str = ""
+
+    @property
+    def label(self) -> str:
+        """Return what an error begins with; empty where the project file itself has the position."""
+        return f"{self.line}: {self.name}: " if self.line else ""
 
 
 @dataclass(frozen=True)
@@ -137,18 +148,17 @@ def check_entries(
     file: ProjectFile,
     photographs: Sequence[PhotographEntry] | None,
     folder: Path | None,
-    base: Path,
     files: Sequence[Sequence[Located]] = (),
     positions: Sequence[Located] = (),
     checks: Collection[str] = (),
 ) -> None:
-    """Run every check; ``folder`` holds the photographs, other relative paths are taken from ``base``, ``files`` are
-    the points and ``positions`` the photographs' positions that come from other files, ``checks`` the names of those
-    points that are check points."""
+    """Run every check; ``folder`` holds the photographs, ``files`` are the points and ``positions`` the photographs'
+    positions that come from other files, ``checks`` the names of those points that are check points."""
+    base = document.base
     if file.photogram not in (None, 1):
         document.add_error(("photogram",), f"format {file.photogram} is not supported: this version reads photogram: 1")
     for name, camera in file.cameras.items():
-        _check_camera(document, ("cameras", name), camera, base)
+        _check_camera(document, ("cameras", name), camera)
     _check_photographs(document, file, photographs or ())
     flights = {p.flight for p in photographs or ()}
     for flight in file.gnss.lever_arm_per_flight_m:
@@ -202,7 +212,7 @@ def _check_distortion(document: Document, key: Key, camera: CameraEntry) -> None
             )
 
 
-def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path) -> None:
+def _check_camera(document: Document, key: Key, camera: CameraEntry) -> None:
     _check_distortion(document, key, camera)
     figures = ("focal_px", "principal_point_px", "radial", "tangential", "affinity")
     if camera.matlab is None:
@@ -215,8 +225,8 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry, base: Path)
             document.add_error((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
     if document.at((*key, "model")) is not None:
         document.add_error((*key, "model"), f"{camera.matlab} contains a Brown camera: remove model")
-    if not isfile(base / camera.matlab):
-        document.add_error((*key, "matlab"), f"file {base / camera.matlab} not found")
+    if not isfile(document.base / camera.matlab):
+        document.add_error((*key, "matlab"), f"file {document.base / camera.matlab} not found")
     origin: Key = (*key, "pixel_origin")
     if document.at(origin) is None:
         document.add_error(
@@ -303,9 +313,9 @@ def _check_constraints(
         for p in file.control_points.list
         if p.name is not None and p.position_m is not None and "control" not in p.role
     }
-    points |= {place.label.removesuffix(": ").rpartition(": ")[2] for place in chain.from_iterable(files)}
-    shown = None if photographs is None else {p.name for p in photographs if p.name is not None}
-    check_constraints(document, file, points, shown, checks.union(of_files))
+    points |= {place.name for place in chain.from_iterable(files)}
+    photograph_names = None if photographs is None else {p.name for p in photographs if p.name is not None}
+    check_constraints(document, file, points, photograph_names, checks.union(of_files))
 
 
 def _check_marks(
@@ -352,7 +362,7 @@ def _check_positions(
 
 
 def _listed(positions: Sequence[tuple[Key, tuple[float, float, float] | None]]) -> list[Located]:
-    return [Located(key, "", np.array(p), np.array([p[1], p[0], p[2]])) for key, p in positions if p is not None]
+    return [Located(key, np.array(p), np.array([p[1], p[0], p[2]])) for key, p in positions if p is not None]
 
 
 def _check_plan(
@@ -390,7 +400,7 @@ def _check_plan(
                 where = f" in all {len(group)}, the first" if whole else ""
                 figures = f"easting {place.map_m[0]:.2f}, northing {place.map_m[1]:.2f}"
                 order = remedy
-                if mask is swapped and place.label:
+                if mask is swapped and place.line:
                     order = "give {} before {}".format(*place.columns)
                 elif mask is not swapped and whole and crs is not None:
                     others = plan[right & ~np.isin(np.arange(len(plan)), np.arange(part.start, part.stop))]
@@ -399,7 +409,7 @@ def _check_plan(
                         figures += f"; {reading[0]} they would lie among the others"
                         order = reading[1]
                 document.add_error(
-                    place.key if place.label or not whole else place.key[:2],
+                    place.key if place.line or not whole else place.key[:2],
                     f"{place.label}{text.format(*place.columns)}{where}: found {figures}: {order}",
                 )
 

@@ -31,6 +31,7 @@ Key = tuple[str | int, ...]
 
 EntryT = TypeVar("EntryT", bound="Entry")
 SettingsT = TypeVar("SettingsT")
+ValueT = TypeVar("ValueT")
 
 
 MOST_BYTES = 1_000_000
@@ -151,6 +152,11 @@ class Document:
                 block[name.value] = self._plain(value, (*key, name.value))
         return block
 
+    @property
+    def base(self) -> Path:
+        """The folder from which the file's relative paths are taken."""
+        return self.path.absolute().parent
+
     def known(self, key: Key) -> Key:
         """Return the key itself, or that of the nearest block around it that the file has."""
         while key not in self._lines:
@@ -190,6 +196,11 @@ class Document:
     def add_error(self, key: Key, text: str, line: int | None = None) -> None:
         """Note what is wrong with the value at a key."""
         self._errors[(self.line(key) if line is None else line, key, text)] = None
+
+    def add_errors_of(self, key: Key, error: Exception, path: Path, written: str) -> None:
+        """Note the lines of an error of a file ``path``, which is called as the project has ``written`` it."""
+        for line in str(error).splitlines():
+            self.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
 
     def warn(self, key: Key, text: str, remedy: str) -> None:
         """Note what is doubtful about the value at a key, and what to do; the file can be used in spite of it."""
@@ -276,6 +287,13 @@ def _inside(value: object, part: str | int) -> object:
     if isinstance(value, BaseModel) or dataclasses.is_dataclass(value):
         return getattr(value, str(part), None)
     return None
+
+
+def given(value: ValueT | None) -> ValueT:
+    """Return a value that the checks have found present."""
+    if value is None:
+        raise AssertionError("a key of the project file was used before its absence was reported")
+    return value
 
 
 def suggestion(word: str, known: Collection[str]) -> str:

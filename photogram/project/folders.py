@@ -14,7 +14,7 @@ from photogram.project.schema import PhotographEntry, ProjectFile
 WRITTEN_IN_RESULTS = ("", "pictures", "study", "masks")
 """Folders within that of the results which photogram writes to, itself included."""
 
-_GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
+GRID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 _PROJECT_FILES = (".yaml", ".yml")
 
 
@@ -24,10 +24,10 @@ def seams_named(file: ProjectFile) -> str | None:
     return seams if isinstance(seams, str) and seams.strip() else None
 
 
-def input_files(path: Path, file: ProjectFile, base: Path) -> Iterator[tuple[Key, Path]]:
-    """Yield every file but the photographs that a project reads, and the key that names it; the project file ``path``
-    itself under the key of the work folder."""
-    yield ("work",), path.absolute()
+def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, Path]]:
+    """Yield every file but the photographs that a project reads, and the key that names it; the project file itself
+    under the key of the work folder."""
+    yield ("work",), document.path.absolute()
     named: list[tuple[Key, str | None]] = [
         (("comparison", "reference"), file.comparison.reference),
         (("orthophoto", "seams"), seams_named(file)),
@@ -43,32 +43,28 @@ def input_files(path: Path, file: ProjectFile, base: Path) -> Iterator[tuple[Key
     if file.heights is not None:
         geoid = file.heights.geoid
         named.append((("heights", "grid"), file.heights.grid))
-        named.append((("heights", "geoid"), geoid if geoid and Path(geoid).suffix.lower() in _GRIDS else None))
-    yield from ((key, base / name) for key, name in named if name is not None)
+        named.append((("heights", "geoid"), geoid if geoid and Path(geoid).suffix.lower() in GRID_SUFFIXES else None))
+    yield from ((key, document.base / name) for key, name in named if name is not None)
 
 
 def check_folders(
-    document: Document,
-    path: Path,
-    file: ProjectFile,
-    photographs: Sequence[PhotographEntry] | None,
-    folder: Path | None,
-    base: Path,
+    document: Document, file: ProjectFile, photographs: Sequence[PhotographEntry] | None, folder: Path | None
 ) -> None:
     """Note every arrangement of folders in which something of the user's would be touched.
 
-    ``folder`` holds the photographs, other relative paths are taken from ``base``. Links count as what they lead to.
+    ``folder`` holds the photographs. Links count as what they lead to.
     """
-    work, results = base / file.work, base / file.results
+    work, results = document.base / file.work, document.base / file.results
     try:
+        inputs, pictures = list(_input_files(document, file)), list(_photographs(photographs, folder))
         _check_same(document, work, results, folder)
-        _check_results(document, results, [*input_files(path, file, base), *_photographs(photographs, folder)])
+        _check_results(document, results, [*inputs, *pictures])
         places: list[tuple[Key, str, Path | None]] = [
             (("work",), "the folder of the photographs", folder),
             (("results",), "the folder of results", results),
         ]
-        places += [(key, "the file", place) for key, place in input_files(path, file, base)]
-        places += [(key, "the photograph", place) for key, place in _photographs(photographs, folder)]
+        places += [(key, "the file", place) for key, place in inputs]
+        places += [(key, "the photograph", place) for key, place in pictures]
         _check_stages(document, work, places)
     except (OSError, RuntimeError) as error:  # a loop of links; which of the two depends on the version of Python
         document.add_error(("work",), f"the folders of the project cannot be distinguished ({error}): name others")

@@ -4,6 +4,7 @@ Errors are noted in the document where the file declares the systems.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
@@ -28,25 +29,25 @@ from photogram.geodesy.frames import LocalFrame, map_from_crs, map_from_unit, ma
 from photogram.geodesy.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
+from photogram.project.folders import GRID_SUFFIXES
 from photogram.project.schema import HeightsEntry, ProjectFile
 from photogram.wording import shortened
 
 _KEY: Key = ("heights",)
-_GRIDS = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 
 
-def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredHeights | None:
+def read_heights(document: Document, file: ProjectFile) -> DeclaredHeights | None:
     """Return what the project declares of its heights, None where that cannot be; its errors are noted.
 
     A ``crs`` with a vertical part declares the system of results, of the positions in the file and of ground points
-    that say nothing else. The path of a grid is taken from ``base``.
+    that say nothing else.
     """
     entry, before = file.heights or HeightsEntry(), document.errors
     try:
         vertical = None if file.crs is None else vertical_of(file.crs)
         plan = None if file.crs is None or file.crs == NO_CRS else projected_crs(file.crs)
     except FrameError as error:
-        if file.crs is not None and _has_plan(file.crs):
+        if file.crs is not None and is_grid(file.crs):
             document.add_error(("crs",), f"its vertical part {error}")
         return None  # a plan that cannot be is noted with the positions
     if vertical is not None and entry.output == "ellipsoidal":
@@ -57,7 +58,7 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
         text = "is missing: write output: ellipsoidal or orthometric, the system of all results"
         document.add_error((*_KEY, "output"), text)
-    geoid = _geoid(document, entry, vertical, base)
+    geoid = _geoid(document, entry, vertical)
     needing = [name for name in ("output", "gnss", "control_points") if getattr(entry, name) == "orthometric"]
     of_files = [i for i, f in enumerate(file.control_points.files) if f.heights == "orthometric"]
     places: list[Key] = [
@@ -81,10 +82,10 @@ def read_heights(document: Document, file: ProjectFile, base: Path) -> DeclaredH
     return DeclaredHeights(output, entry.gnss, entry.gnss or given, control_points, geoid, file.comparison.heights)
 
 
-def read_datum(document: Document, file: ProjectFile, base: Path) -> DeclaredDatum:
-    """Return what the project says of the way of its positions into the datum of the map; the path of a grid is taken
-    from ``base``, and one that is not there is noted."""
-    path = None if file.datum_grid is None else str((base / file.datum_grid).absolute())
+def read_datum(document: Document, file: ProjectFile) -> DeclaredDatum:
+    """Return what the project says of the way of its positions into the datum of the map; a grid that is not there is
+    noted."""
+    path = None if file.datum_grid is None else str(document.base / file.datum_grid)
     if path is not None and not isfile(path):
         text = f"file {path} not found: give the path of a grid of datum shifts, relative to this file"
         document.add_error(("datum_grid",), text)
@@ -92,7 +93,10 @@ def read_datum(document: Document, file: ProjectFile, base: Path) -> DeclaredDat
     return DeclaredDatum(file.datum_accuracy_m, path)
 
 
-def _has_plan(crs: str) -> bool:
+def is_grid(crs: str) -> bool:
+    """Return whether positions of a CRS are easting and northing: of a map grid, or of a local frame."""
+    if crs == NO_CRS:
+        return True
     try:
         projected_crs(crs)
     except FrameError:
@@ -100,15 +104,15 @@ def _has_plan(crs: str) -> bool:
     return True
 
 
-def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: Path) -> Geoid | None:
+def _geoid(document: Document, entry: HeightsEntry, vertical: str | None) -> Geoid | None:
     """Return the geoid that crs, ``geoid`` and ``grid`` name together; what is wrong with them is noted."""
     name, grid = entry.geoid, entry.grid
-    if name is not None and Path(name).suffix.lower() in _GRIDS:
+    if name is not None and Path(name).suffix.lower() in GRID_SUFFIXES:
         if grid is not None:
             document.add_error((*_KEY, "grid"), "is given here and as geoid: keep one of the two")
         name, grid = None, name
     key: Key = (*_KEY, "grid" if entry.grid is not None else "geoid")
-    path = None if grid is None else str((base / grid).absolute())
+    path = None if grid is None else str(document.base / grid)
     if path is not None and not isfile(path):
         document.add_error(key, f"file {path} not found: give the path of the geoid's grid, relative to this file")
         return None
@@ -131,49 +135,83 @@ def _geoid(document: Document, entry: HeightsEntry, vertical: str | None, base: 
     return geoid
 
 
-def in_map(
-    crs: str,
-    target: str,
-    declared: HeightSystem | None,
-    otherwise: HeightSystem | None,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
-    given: FloatArray,
-    *,
-    exact: bool = False,
-) -> tuple[FloatArray, HeightSystem | None]:
-    """Return points (N, 3) of the CRS ``crs`` in the map, and the system that their heights were given in.
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Positions of a file in the map."""
 
-    That is as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError as map_from_crs
-    does, where CRS and file contradict each other, and where PROJ lacks the grid of the best way into the map's datum
-    and ``datum`` accepts no less; a worse shift is not accepted at all of points that are to be ``exact``.
-    """
-    grid = _checked_grid(crs, target, datum, given, exact=exact)
-    named, vertical = height_system_of(crs)
-    if named is not None and declared is not None and named != declared:
-        raise FrameError(f"{crs_label(crs)} has {named} heights, but heights says {declared}: keep one of the two")
-    system = named or declared or otherwise
-    own = heights.geoid is not None and heights.geoid.vertical == vertical
-    if vertical is not None and heights.output is not None and not own:
-        # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
-        return map_from_crs(crs, product_crs(target, heights), given, grid), system
-    own_units = product_crs(target, heights)
-    position = map_from_unit(own_units, given) if crs == target else map_from_crs(crs, plan_of(target), given, grid)
-    return map_heights(target, heights, system, position), system
+    map_m: FloatArray
+    """Positions (N, 3)."""
+    turned_map_m: FloatArray
+    """Those of the same figures the other way round (N, 3)."""
+    heights: HeightSystem | None
+    """The system that their heights were given in."""
 
 
-def _checked_grid(crs: str, target: str, datum: DeclaredDatum, given: FloatArray, *, exact: bool) -> str | None:
-    """Return the file with the shifts from one datum to the other, None where none is needed or given."""
-    if crs == target or not changes_datum(crs, target):
-        return None
-    place = middle_deg(crs, given)
-    if place is None:
+@dataclass(frozen=True)
+class ProjectMap:
+    """The map of a project, and what is declared of heights and of the way into its datum."""
+
+    crs: str
+    heights: DeclaredHeights
+    datum: DeclaredDatum
+
+    def placed(
+        self,
+        crs: str,
+        declared: HeightSystem | None,
+        otherwise: HeightSystem | None,
+        given: FloatArray,
+        *,
+        exact: bool = False,
+    ) -> Placed:
+        """Return points (N, 3) of the CRS ``crs`` in the map.
+
+        Their heights are as the CRS says, else as ``declared`` for the file, else as ``otherwise``. Raises FrameError
+        as map_from_crs does, where CRS and file contradict each other, and where PROJ lacks the grid of the best way
+        into the map's datum and ``datum`` accepts no less; a worse shift is not accepted at all of points that are to
+        be ``exact``.
+        """
+        grid = self._checked_grid(crs, given, exact=exact)
+        named, vertical = height_system_of(crs)
+        if named is not None and declared is not None and named != declared:
+            raise FrameError(f"{crs_label(crs)} has {named} heights, but heights says {declared}: keep one of the two")
+        system = named or declared or otherwise
+        own = self.heights.geoid is not None and self.heights.geoid.vertical == vertical
+        product = product_crs(self.crs, self.heights)
+
+        def in_plan(points: FloatArray, grid: str | None = None) -> FloatArray:
+            if crs == self.crs:
+                return map_from_unit(product, points)
+            return map_from_crs(crs, plan_of(self.crs), points, grid)
+
+        if vertical is not None and self.heights.output is not None and not own:
+            # another levelling network than the project's: PROJ knows the way between them, or says what it lacks
+            map_m = map_from_crs(crs, product, given, grid)
+        else:
+            map_m = map_heights(self.crs, self.heights, system, in_plan(given, grid))
+        try:
+            turned_map_m = in_plan(given[:, [1, 0, 2]])
+        except FrameError:
+            turned_map_m = np.full_like(map_m, np.nan)
+        return Placed(map_m, turned_map_m, system)
+
+    def _checked_grid(self, crs: str, given: FloatArray, *, exact: bool) -> str | None:
+        """Return the file with the shifts from one datum to the other, None where none is needed or given."""
+        if crs == self.crs or not changes_datum(crs, self.crs):
+            return None
+        place, datum = middle_deg(crs, given), self.datum
+        if place is None:
+            return datum.grid
+        change = datum_change(crs, self.crs, place, datum.grid)
+        accepted = datum.accuracy_m is not None and (change.is_null or not exact)
+        if change.missing is not None and not accepted:
+            raise FrameError(f"{change.loss}: {change.missing.remedy}, or give the points in the project's CRS")
         return datum.grid
-    change = datum_change(crs, target, place, datum.grid)
-    accepted = datum.accuracy_m is not None and (change.is_null or not exact)
-    if change.missing is not None and not accepted:
-        raise FrameError(f"{change.loss}: {change.missing.remedy}, or give the points in the project's CRS")
-    return datum.grid
+
+
+def project_map(crs: str | None, heights: DeclaredHeights, datum: DeclaredDatum) -> ProjectMap | None:
+    """Return the map of a project, None where its CRS is none: that is noted where the project names it."""
+    return None if crs is None or not is_grid(crs) else ProjectMap(crs, heights, datum)
 
 
 def listed_in_map(

@@ -30,7 +30,7 @@ def mark_entries(project: Path) -> tuple[tuple[MarkEntry, ...], bool]:
     for value in files if isinstance(files, list) else ():
         if isinstance(value, dict) and isinstance(value.get("path"), str):
             marks, path = value.get("marks"), str(value["path"])
-            points = read_points(project.absolute().parent / path)
+            points = read_points(document.base / path)
             entries.append(MarkEntry(path, marks if isinstance(marks, str) else None, points.holds_marks))
     return tuple(entries), bool(listed)
 
@@ -46,9 +46,9 @@ def lines_to_add(project: Path, marks: Path) -> tuple[str, ...]:
         lines.append(f"Add to {project}, in control_points.files:")
         for entry in open_entries:
             lines += [f"  - path: {entry.path}", f"    marks: {name}"]
-    held = [e.path for e in entries if e.holds_marks]
-    if held or listed:
-        lines.append(_in_place(project, held, listed, name))
+    with_marks = [e.path for e in entries if e.holds_marks]
+    if with_marks or listed:
+        lines.append(_in_place(project, with_marks, listed, name))
     return tuple(lines)
 
 
@@ -56,8 +56,8 @@ def _is(project: Path, named: str | None, marks: Path) -> bool:
     return named is not None and (project.absolute().parent / named).resolve() == marks.resolve()
 
 
-def _in_place(project: Path, held: Sequence[str], listed: bool, name: str) -> str:
-    places = [*(["control_points.list"] if listed else []), *held]
+def _in_place(project: Path, with_marks: Sequence[str], listed: bool, name: str) -> str:
+    places = [*(["control_points.list"] if listed else []), *with_marks]
     return (
         f"{project} takes marks from {', '.join(places)}: give those points in a table of name, easting, northing, "
         f"height instead, with marks: {name} beside it, and the marks made here count"

@@ -37,48 +37,46 @@ class ProjectMasks:
 
 
 def masks_of_photographs(
-    document: Document, file: ProjectFile, photographs: Sequence[str], folder: Path | None, base: Path
+    document: Document, file: ProjectFile, photographs: Sequence[str], folder: Path | None
 ) -> MaskFiles:
     """Return the masks in the project's folder of masks; what is wrong with it is noted in the document.
 
-    ``photographs`` are the names of the photographs in ``folder``; other paths are taken from ``base``.
+    ``photographs`` are the names of the photographs in ``folder``.
     """
     none = MaskFiles({}, ())
     if file.photographs.masks is None or file.photographs.masks.folder is None:
         return none
-    masks = base / file.photographs.masks.folder
+    masks = document.base / file.photographs.masks.folder
     if not isdir(masks):
         document.add_error(MASKS_KEY, f"folder {masks} not found")
         return none
     if folder is not None and masks.resolve() == folder.resolve():
         document.add_error(MASKS_KEY, "is the folder of the photographs too: move the masks to a folder of their own")
         return none
-    written = (base / file.results).resolve()
-    if masks.resolve().is_relative_to(written) or stage_folder_around(base / file.work, masks / "mask.png"):
-        text = (
-            f"lies in {written}, where photogram writes"
-            if masks.resolve().is_relative_to(written)
-            else ("lies in a folder that photogram makes and removes as it works")
-        )
+    written = (document.base / file.results).resolve()
+    if masks.resolve().is_relative_to(written) or stage_folder_around(document.base / file.work, masks / "mask.png"):
+        text = "lies in a folder that photogram makes and removes as it works"
+        if masks.resolve().is_relative_to(written):
+            text = f"lies in {written}, where photogram writes"
         document.add_error(MASKS_KEY, f"{text}: copy the masks to a folder of their own")
         return none
     try:
-        found = find_masks(masks, photographs)
+        files = find_masks(masks, photographs)
     except ImageError as error:
         for line in str(error).splitlines():
             document.add_error(MASKS_KEY, line)
         return none
-    if found.others:
-        text = f"{things(len(found.others), 'picture')} in {masks} fit no photograph: {some(found.others)}"
+    if files.others:
+        text = f"{things(len(files.others), 'picture')} in {masks} fit no photograph: {some(files.others)}"
         document.warn(MASKS_KEY, text, "call masks after their photographs, IMG_1_mask.png for example")
-    return found
+    return files
 
 
-def check_camera_masks(document: Document, file: ProjectFile, base: Path) -> None:
+def check_camera_masks(document: Document, file: ProjectFile) -> None:
     """Note the masks of cameras that are not there."""
     for name, camera in file.cameras.items():
-        if camera.mask is not None and not isfile(base / camera.mask):
-            document.add_error(("cameras", name, "mask"), f"file {base / camera.mask} not found")
+        if camera.mask is not None and not isfile(document.base / camera.mask):
+            document.add_error(("cameras", name, "mask"), f"file {document.base / camera.mask} not found")
 
 
 def check_automatic_masks(document: Document, file: ProjectFile, dense: DenseSettings | None) -> None:
@@ -90,17 +88,17 @@ def check_automatic_masks(document: Document, file: ProjectFile, dense: DenseSet
     if dense is not None and not dense.enabled:
         document.warn(MASKS_KEY, "water is looked for in the dense surface, and none is matched", "enable dense")
     if start is not None and start.solution is not None and start.tie_points == "theirs":
-        found = "water is found by key points without a match, and a project that starts from tie points detects none"
-        document.warn(MASKS_KEY, found, "write start: {tie_points: own}")
+        text = "water is found by key points without a match, and a project that starts from tie points detects none"
+        document.warn(MASKS_KEY, text, "write start: {tie_points: own}")
 
 
 def project_masks(
-    file: ProjectFile, photographs: Sequence[PhotographEntry], cameras: Sequence[str], found: MaskFiles, base: Path
+    file: ProjectFile, photographs: Sequence[PhotographEntry], cameras: Sequence[str], masks: MaskFiles, base: Path
 ) -> ProjectMasks:
     """Return the masks of photographs; ``cameras`` are the names of theirs in the project file."""
     files = []
     for photograph, camera in zip(photographs, cameras, strict=True):
-        own, common = found.of_photograph.get(photograph.name or ""), file.cameras[camera].mask
+        own, common = masks.of_photograph.get(photograph.name or ""), file.cameras[camera].mask
         files.append(tuple(p for p in (own, None if common is None else base / common) if p is not None))
     asked = file.photographs.masks
     return ProjectMasks(tuple(files), () if asked is None else tuple(dict.fromkeys(asked.auto)))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,10 +28,10 @@ from photogram.measures.mark_covariances import isotropic_px2
 from photogram.project.constraints import constraints_of, controlling_points
 from photogram.project.control_points import ProjectControlPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
-from photogram.project.document import Document, Key, read_entry, read_settings
+from photogram.project.document import Document, Key, given, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
-from photogram.project.heights import listed_in_map, read_datum, read_heights
+from photogram.project.heights import listed_in_map, project_map, read_datum, read_heights
 from photogram.project.masks import (
     ProjectMasks,
     check_automatic_masks,
@@ -67,8 +67,6 @@ from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
 from photogram.survey import ControlPoints, Role, Roles
-
-ValueT = TypeVar("ValueT")
 
 ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]], Camera]
 """Reads a camera from (path, name, width_px, height_px, pixel_origin), as files.matlab.read_camera."""
@@ -226,10 +224,10 @@ class Project:
         return [
             self.heights.gnss_given
             if photograph.gnss_map_m is not None
-            else self.heights.of_tags(said)
+            else self.heights.of_tags(is_ellipsoidal)
             if photograph.file_position is None
             else photograph.file_position.heights
-            for photograph, said in zip(self.photographs, height_is_ellipsoidal, strict=True)
+            for photograph, is_ellipsoidal in zip(self.photographs, height_is_ellipsoidal, strict=True)
         ]
 
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
@@ -243,7 +241,7 @@ class Project:
         return ControlPoints(
             tuple(p.name for p in points),
             tuple(p.role for p in points),
-            _in_world(frame, position_map_m),
+            in_world(frame, position_map_m),
             np.array([p.sigma_m for p in points]).reshape(-1, 3),
             np.concatenate([np.zeros(0, dtype=np.int64), *(p.mark_photograph for p in points)]),
             np.repeat(np.arange(len(points), dtype=np.int64), marks),
@@ -253,8 +251,8 @@ class Project:
         )
 
 
-def _in_world(frame: LocalFrame, position_map_m: FloatArray) -> FloatArray:
-    """Return positions (N, 3) of the map in the world, NaN for points that are not surveyed."""
+def in_world(frame: LocalFrame, position_map_m: FloatArray) -> FloatArray:
+    """Return positions (N, 3) of the map in the world, NaN for what is not known. Raises FrameError outside the CRS."""
     known = np.isfinite(position_map_m).all(axis=1)
     world = np.full(position_map_m.shape, np.nan)
     world[known] = frame.world_from_map(position_map_m[known])
@@ -287,37 +285,38 @@ def read_project(
     Raises ProjectError with one line for each error, ``path:line: key: what is wrong``.
     """
     document = Document(path)
-    base = path.absolute().parent
-    file = with_read_crs(document, read_entry(document, ProjectFile), base)
+    base = document.base
+    file = with_read_crs(document, read_entry(document, ProjectFile))
     settings = {name: read_settings(document, name, kind) for name, kind in SECTIONS.items()}
-    folder = _folder(path, file, photographs_folder)
+    folder = _folder(document, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
-    heights, datum = read_heights(document, file, base) or UNDECLARED, read_datum(document, file, base)
+    heights, datum = read_heights(document, file) or UNDECLARED, read_datum(document, file)
     file = with_listed_in_metres(document, file, heights)
-    surveyed, places = read_point_files(document, file, photographs, base, heights, datum)
-    positions, located = read_position_files(document, file, photographs, folder, base, heights, datum)
+    target = project_map(file.crs, heights, datum)
+    surveyed, places = read_point_files(document, file, photographs, target)
+    positions, located = read_position_files(document, file, photographs, folder, target)
     checks = [point.name for point in surveyed if point.role == "check"]
-    check_entries(document, file, photographs, folder, base, places, located, checks)
-    check_folders(document, path, file, photographs, folder, base)
-    check_camera_masks(document, file, base)
+    check_entries(document, file, photographs, folder, places, located, checks)
+    check_folders(document, file, photographs, folder)
+    check_camera_masks(document, file)
     check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
-    masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder, base)
-    settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs, base)
+    masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
+    settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
-    solution = read_start(document, file, base)
-    cameras = [_camera(document, ("cameras", c), entry, base, read_matlab_camera) for c, entry in file.cameras.items()]
+    solution = read_start(document, file)
+    cameras = [_camera(document, ("cameras", c), entry, read_matlab_camera) for c, entry in file.cameras.items()]
     document.raise_errors()
-    entries = _given(photographs)
+    entries = given(photographs)
     copies = _copies(file, entries)
     named = dict(zip(file.cameras, cameras, strict=True))
-    listed = _photographs(file, entries, list(copies), _given(folder), gnss_map_m, positions)
-    calibrated = tuple(replace(_given(named[name]), name=called) for (name, _), called in copies.items())
+    listed = _photographs(file, entries, list(copies), given(folder), gnss_map_m, positions)
+    calibrated = tuple(replace(given(named[name]), name=called) for (name, _), called in copies.items())
     if solution is not None:
         check_start(document, file, solution, [p.name for p in listed], [p.camera for p in listed], calibrated)
     return Project(
         path=path,
-        crs=_given(file.crs),
+        crs=given(file.crs),
         world_kind="grid" if file.crs == NO_CRS else file.world,
         quality=file.quality,
         cameras=calibrated,
@@ -333,12 +332,12 @@ def read_project(
         heights=heights,
         datum=datum,
         constraints=constraints_of(file, [p.name for p in listed]),
-        rigs=rigs_of(file, [_given(camera_of(file, p)) for p in entries]),
+        rigs=rigs_of(file, [given(camera_of(file, p)) for p in entries]),
         start=project_start(file, base),
-        masks=project_masks(file, entries, [_given(camera_of(file, p)) for p in entries], masks, base),
+        masks=project_masks(file, entries, [given(camera_of(file, p)) for p in entries], masks, base),
         warnings=document.warnings,
         photographs_folder=photographs_folder,
-        **{name: _given(section) for name, section in settings.items()},
+        **{name: given(section) for name, section in settings.items()},
     )
 
 
@@ -347,13 +346,12 @@ def _with_seams(
     settings: OrthophotoSettings | None,
     file: ProjectFile,
     photographs: Sequence[PhotographEntry] | None,
-    base: Path,
 ) -> OrthophotoSettings | None:
     """Return the settings of the orthophoto with its file of seams as an absolute path; what is wrong with the file is
     noted in the document."""
     if settings is None or settings.seams is None:
         return settings
-    path = base / settings.seams
+    path = document.base / settings.seams
     if not isfile(path):
         document.add_error(("orthophoto", "seams"), f"file {path} not found")
     elif photographs is not None and file.crs is not None:
@@ -364,10 +362,10 @@ def _with_seams(
     return replace(settings, seams=str(path))
 
 
-def _folder(path: Path, file: ProjectFile, photographs_folder: Path | None) -> Path | None:
+def _folder(document: Document, file: ProjectFile, photographs_folder: Path | None) -> Path | None:
     """Return the folder of the photographs: the one that is asked for, else the file's, None where it names none."""
     if photographs_folder is None and file.photographs.folder is not None:
-        return path.absolute().parent / file.photographs.folder
+        return document.base / file.photographs.folder
     return photographs_folder
 
 
@@ -381,12 +379,12 @@ def _photographs(
 ) -> tuple[ProjectPhotograph, ...]:
     """Return the photographs; ``gnss_map_m`` (F, 3) are the positions of those that the file lists."""
     numbers = {key: number for number, key in enumerate(copies)}
-    given = list(gnss_map_m) if file.photographs.list else [None] * len(entries)
+    listed_map_m = list(gnss_map_m) if file.photographs.list else [None] * len(entries)
     return tuple(
         _photograph(
-            file, p, folder, numbers[_copy_of(file, _given(camera_of(file, p)), p)], gnss, positions.get(p.name or "")
+            file, p, folder, numbers[_copy_of(file, given(camera_of(file, p)), p)], gnss, positions.get(p.name or "")
         )
-        for p, gnss in zip(entries, given, strict=True)
+        for p, gnss in zip(entries, listed_map_m, strict=True)
     )
 
 
@@ -397,27 +395,18 @@ def photograph_paths(path: Path, photographs_folder: Path | None = None) -> list
     """
     document = Document(path)
     file = read_entry(document, ProjectFile)
-    folder = _folder(path, file, photographs_folder)
+    folder = _folder(document, file, photographs_folder)
     listed = photographs_of(document, file, folder) or []
     return [] if folder is None else [folder / p.name for p in listed if p.name is not None]
 
 
-def _given(value: ValueT | None) -> ValueT:
-    """Return a value that the checks have found present."""
-    if value is None:
-        raise AssertionError("a key of the project file was used before its absence was reported")
-    return value
-
-
-def _camera(
-    document: Document, key: Key, entry: CameraEntry, base: Path, read_matlab: ReadMatlabCamera
-) -> Camera | None:
+def _camera(document: Document, key: Key, entry: CameraEntry, read_matlab: ReadMatlabCamera) -> Camera | None:
     """Return the camera, or None where an error of the document has left it incomplete."""
     if entry.width_px is None or entry.height_px is None:
         return None
     name = str(key[-1])
     if entry.matlab is not None:
-        path = base / entry.matlab
+        path = document.base / entry.matlab
         if not isfile(path) or entry.pixel_origin is None or entry.pixel_origin == "colmap":
             return None
         try:
@@ -464,7 +453,7 @@ def _copy_of(file: ProjectFile, camera: str, photograph: PhotographEntry) -> _Co
 
 def _copies(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> dict[_Copy, str]:
     """Return all cameras, one for each flight where each has its own calibration, and what they are called."""
-    taken = dict.fromkeys(_copy_of(file, _given(camera_of(file, p)), p) for p in photographs)
+    taken = dict.fromkeys(_copy_of(file, given(camera_of(file, p)), p) for p in photographs)
     copies: dict[_Copy, str] = {}
     for name in file.cameras:
         flights = [flight for camera, flight in taken if camera == name and flight is not None]
@@ -483,7 +472,7 @@ def _photograph(
     gnss_map_m: FloatArray | None,
     position: FilePosition | None,
 ) -> ProjectPhotograph:
-    name, sigma = _given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
+    name, sigma = given(entry.name), entry.gnss_sigma_m or file.photographs.gnss_sigma_m
     arm = file.gnss.lever_arm_per_flight_m.get(entry.flight, file.gnss.lever_arm_m)
     return ProjectPhotograph(
         name,
@@ -504,7 +493,7 @@ def _photograph(
 
 
 def _angles(attitude: Attitude) -> tuple[float, float, float]:
-    return _given(attitude.yaw), _given(attitude.pitch), _given(attitude.roll)
+    return given(attitude.yaw), given(attitude.pitch), given(attitude.roll)
 
 
 def _roles(entry: ControlPointEntry, controlling: set[str]) -> Roles:
@@ -528,13 +517,13 @@ def _control_points(
     points, controlling = [], controlling_points(file)
     for entry, position_map_m in zip(block.list, listed_map_m, strict=True):
         marks = len(entry.marks)
-        sigma_px = (entry.mark_sigma_px or _given(block.mark_sigma_px)) if marks else 0.0
+        sigma_px = (entry.mark_sigma_px or given(block.mark_sigma_px)) if marks else 0.0
         points.append(
             ProjectControlPoint(
-                _given(entry.name),
+                given(entry.name),
                 _roles(entry, controlling),
                 position_map_m,
-                np.full(3, np.inf) if entry.position_m is None else np.array(entry.sigma_m or _given(block.sigma_m)),
+                np.full(3, np.inf) if entry.position_m is None else np.array(entry.sigma_m or given(block.sigma_m)),
                 np.array([index[name] for name in entry.marks], dtype=np.int64),
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 isotropic_px2(np.full(marks, sigma_px)),

@@ -105,18 +105,15 @@ def _text(value: object) -> str:
     return value
 
 
-def _ends(value: object) -> tuple[str, str]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"needs the names of two ground points or two photographs, found {described(value)}")
-    first, second = (_text(name) for name in value)
-    return first, second
+def _two_names(of: str) -> PlainValidator:
+    """Validate a list of two names of what ``of`` says."""
 
+    def read(value: object) -> tuple[str, str]:
+        if not isinstance(value, list) or len(value) != 2:
+            raise ValueError(f"needs the names of two {of}, found {described(value)}")
+        return _text(value[0]), _text(value[1])
 
-def _two_points(value: object) -> tuple[str, str]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"needs the names of two ground points, found {described(value)}")
-    first, second = (_text(name) for name in value)
-    return first, second
+    return _read_by(read, {**_TWO, "items": _TEXT})
 
 
 def _freedom(value: object) -> float:
@@ -185,8 +182,8 @@ RolesOf = Annotated[Roles, _read_by(_roles, {"anyOf": [_ROLE, _BOTH_ROLES]})]
 LeverArm = Annotated[tuple[float, float, float], _vector("forward", "right", "down", within=LEVER_ARM_M)]
 Offset = Annotated[tuple[float, float, float], _vector("right", "down", "forward", within=LEVER_ARM_M)]
 Rotation3 = Annotated[tuple[float, float, float], _vector("x", "y", "z", within=ANGLE_DEG)]
-_ENDS = _read_by(_ends, {**_TWO, "items": _TEXT})
-_POINTS = _read_by(_two_points, {**_TWO, "items": _TEXT})
+_ENDS = _two_names("ground points or two photographs")
+_POINTS = _two_names("ground points")
 PictureSize = Annotated[
     tuple[int, int], _read_by(_picture_size, {**_TWO, "items": {"type": "integer", **PIXELS.limits}})
 ]

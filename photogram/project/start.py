@@ -62,9 +62,9 @@ def project_start(file: ProjectFile, base: Path) -> InitialSolutionFile | None:
     return InitialSolutionFile(base / entry.solution, entry.tie_points, entry.poses)
 
 
-def read_start(document: Document, file: ProjectFile, base: Path) -> ForeignSolution | None:
+def read_start(document: Document, file: ProjectFile) -> ForeignSolution | None:
     """Return the solution that a project starts from, None without; what is wrong with it is noted in the document."""
-    start = project_start(file, base)
+    start = project_start(file, document.base)
     if start is None:
         return None
     key = ("start", "solution")
@@ -131,16 +131,16 @@ def start_of(
 
 
 def _by_file_name(names: Sequence[str]) -> dict[str, int]:
-    found: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     for i, name in enumerate(names):
         file = PurePosixPath(name).name
-        if file in found:
+        if file in numbers:
             raise ProjectError(
-                f"names photographs without folders, and {names[found[file]]} and {name} have the same file name: give "
-                "each its own"
+                f"names photographs without folders, and {names[numbers[file]]} and {name} have the same file name: "
+                "give each its own"
             )
-        found[file] = i
-    return found
+        numbers[file] = i
+    return numbers
 
 
 def _check_sizes(

@@ -125,11 +125,6 @@ class Setting:
             raise SettingError(self.name, f"must be {words}, found {value!r}")
 
 
-def _with_choices(kind: Any, choices: Choices | None) -> Any:  # noqa: ANN401
-    """Return the Literal of the choices, or the type itself where there are none."""
-    return Literal[choices.values] if choices else kind
-
-
 def _one(marks: Sequence[object], kind: type[Any]) -> Any:  # noqa: ANN401
     return next((mark for mark in marks if isinstance(mark, kind)), None)
 
@@ -147,10 +142,11 @@ def _settings_of(kind: type[Any]) -> tuple[Setting, ...]:
         hint = hints[field.name]
         of_type, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         title, words = _one(marks, Title), _one(marks, Default)
+        choices = _one(marks, Choices)
         settings.append(
             Setting(
                 name=field.name,
-                kind=_with_choices(of_type, _one(marks, Choices)),
+                kind=Literal[choices.values] if choices else of_type,
                 default=field.default,
                 within=_one(marks, Within),
                 title=title.words if title else field.name.replace("_", " "),

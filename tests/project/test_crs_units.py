@@ -21,7 +21,7 @@ def read(folder: Path, crs: str, lines: str, heights: DeclaredHeights) -> Projec
     path = folder / "project.yaml"
     path.write_text(f"photogram: 1\ncrs: {crs}\ncameras: {{c: {{width_px: 9, height_px: 9}}}}\n{lines}\n")
     document = Document(path)
-    file = with_read_crs(document, read_entry(document, ProjectFile), folder)
+    file = with_read_crs(document, read_entry(document, ProjectFile))
     file = with_listed_in_metres(document, file, heights)
     document.raise_errors()
     return file

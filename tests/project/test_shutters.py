@@ -10,7 +10,7 @@ from makers import SharedData
 from photogram.files.photographs.images import read_tags
 from photogram.files.photographs.tags import PhotographTags
 from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
-from photogram.project.draft.shutters import HELD_AT_ONCE, READOUT_MS, UNKNOWN_S, shutter_of
+from photogram.project.draft.shutters import ALL_AT_ONCE, READOUT_MS, UNKNOWN_S, shutter_of
 
 TAGS = PhotographTags(
     make="DJI", model="FC300S", width_px=4000, height_px=2250, focal_35mm_mm=20.0, longitude_deg=10.0,
@@ -33,7 +33,7 @@ def test_a_mechanical_shutter_has_none_and_an_unknown_one_is_looked_for() -> Non
     unknown = shutter_of([replace(TAGS, model="X1")] * 2)
     assert unknown is not None
     assert (unknown.readout_s, unknown.sigma_s) == (0.0, UNKNOWN_S)
-    assert not HELD_AT_ONCE & READOUT_MS.keys()
+    assert not ALL_AT_ONCE & READOUT_MS.keys()
 
 
 def test_without_motion_the_affinity_stands_in_its_place() -> None:

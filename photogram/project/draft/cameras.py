@@ -22,10 +22,10 @@ WIDTH_35MM_MM = 36.0
 """Its width, which some writers of tags compare instead."""
 
 SENSOR_WIDTH_MM = {
-    "FC300C": 6.17, "FC300S": 6.17, "FC300X": 6.17, "FC330": 6.17, "FC220": 6.17, "FC7303": 6.17,
-    "FC6310": 13.2, "FC6310S": 13.2, "FC6310R": 13.2, "FC6510": 13.2, "FC6520": 17.3, "L1D-20c": 13.2,
-    "FC3411": 13.2, "L2D-20c": 17.3, "M3E": 17.3,
-}  # fmt: skip
+    **dict.fromkeys(("FC300C", "FC300S", "FC300X", "FC330", "FC220", "FC7303"), 6.17),
+    **dict.fromkeys(("FC6310", "FC6310S", "FC6310R", "FC6510", "L1D-20c", "FC3411"), 13.2),
+    **dict.fromkeys(("FC6520", "L2D-20c", "M3E"), 17.3),
+}
 """Widths of sensors by the models that their tags name, from the makers' data sheets."""
 
 _UNKNOWN = {p.sigma_key: p.unknown for p in CAMERA_PARAMETERS if p.unknown > 0.0}
@@ -69,13 +69,15 @@ class TaggedCamera:
     shutter: Shutter | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Interior:
+    """An interior orientation as tags give it; ``sigmas`` of focal length and centre are shares."""
+
     focal_px: float
-    centre_offset_px: tuple[float, float]
-    radial: tuple[float, float, float]
-    tangential: tuple[float, float]
-    sigmas: tuple[float, ...]
+    centre_offset_px: tuple[float, float] = (0.0, 0.0)
+    radial: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tangential: tuple[float, float] = (0.0, 0.0)
+    sigmas: tuple[float, ...] = (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_OTHERS)
     source: str
     reason: str
     readings_px: tuple[float, ...] = ()
@@ -142,7 +144,7 @@ def _undistorted(focal_px: float, source: str, reason: str, readings_px: tuple[f
     readings differ by."""
     apart = max((abs(other / focal_px - 1.0) for other in readings_px), default=0.0)
     sigmas = (hypot(_EXIF_FOCAL, 0.5 * apart), _EXIF_CENTRE, *_EXIF_OTHERS)
-    return _Interior(focal_px, (0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), sigmas, source, reason, readings_px)
+    return _Interior(focal_px=focal_px, sigmas=sigmas, source=source, reason=reason, readings_px=readings_px)
 
 
 def other_readings(tags: PhotographTags, focal_px: float, width: int, height: int) -> dict[str, float]:
@@ -194,16 +196,15 @@ def _from_resolution(tags: PhotographTags) -> _Interior | None:
 def _from_camera_tags(tags: PhotographTags) -> _Interior | None:
     if tags.calibrated_focal_mm is None or tags.pixels_per_mm is None:
         return None
+    radial_sigmas = (0.05, 0.05, 0.05) if tags.calibrated_radial else _EXIF_OTHERS[:3]
     return _Interior(
-        tags.calibrated_focal_mm * tags.pixels_per_mm,
-        (0.0, 0.0),
-        tags.calibrated_radial or (0.0, 0.0, 0.0),
-        (0.0, 0.0),
-        (0.01, _EXIF_CENTRE, *((0.05, 0.05, 0.05) if tags.calibrated_radial else _EXIF_OTHERS[:3]), *_EXIF_OTHERS[3:5]),
-        f"the maker's calibration in the tags, {tags.calibrated_focal_mm:g} mm at {tags.pixels_per_mm:.1f} pixels "
-        "per mm",
-        "focal length and radial distortion of this camera; its principal point and tangential terms are not used, "
-        "because their axes are not defined.",
+        focal_px=tags.calibrated_focal_mm * tags.pixels_per_mm,
+        radial=tags.calibrated_radial or (0.0, 0.0, 0.0),
+        sigmas=(0.01, _EXIF_CENTRE, *radial_sigmas, *_EXIF_OTHERS[3:5]),
+        source=f"the maker's calibration in the tags, {tags.calibrated_focal_mm:g} mm at {tags.pixels_per_mm:.1f} "
+        "pixels per mm",
+        reason="focal length and radial distortion of this camera; its principal point and tangential terms are not "
+        "used, because their axes are not defined.",
     )
 
 
@@ -218,51 +219,48 @@ def _dewarp_scale(dewarp: Dewarp, width: int, height: int) -> float | None:
 
 
 def _from_dewarp(tags: Sequence[PhotographTags], width: int, height: int) -> _Interior | None:
-    found = Counter(t.dewarp for t in tags if t.dewarp is not None)
-    if not found:
+    calibrations = Counter(t.dewarp for t in tags if t.dewarp is not None)
+    if not calibrations:
         return None
-    dewarp, _ = found.most_common(1)[0]
+    dewarp, _ = calibrations.most_common(1)[0]
     scale = _dewarp_scale(dewarp, width, height)
     if scale is None:
         return None
     fx, fy = (scale * f for f in dewarp.focal_px)
     focal = 0.5 * (fx + fy)
-    others = f" The photographs carry {len(found)} different ones, this is the most frequent." if len(found) > 1 else ""
+    others = (
+        f" The photographs carry {len(calibrations)} different ones, this is the most frequent."
+        if len(calibrations) > 1
+        else ""
+    )
     scaled = "" if scale == 1.0 else f" scaled by {scale:.4g} to the size of the pictures,"
     source = f"DewarpData of {dewarp.date}"
     if dewarp.applied:
         return _Interior(
-            focal,
-            (0.0, 0.0),
-            (0.0, 0.0, 0.0),
-            (0.0, 0.0),
-            (0.01, 0.005, 0.01, 0.01, 0.01, 0.001, 0.001),
-            f"{source}, distortion removed by the camera",
-            f"the camera has taken the distortion out of the pictures (DewarpFlag 1),{scaled} so only "
-            f"residual distortion is left.{others}",
+            focal_px=focal,
+            sigmas=(0.01, 0.005, 0.01, 0.01, 0.01, 0.001, 0.001),
+            source=f"{source}, distortion removed by the camera",
+            reason=f"the camera has taken the distortion out of the pictures (DewarpFlag 1),{scaled} so only residual "
+            f"distortion is left.{others}",
         )
     spread = 0.5 * abs(fx - fy) / focal
     apart = f" Focal length {fx:.1f} px across and {fy:.1f} px down: the mean is taken." if spread > 0.0005 else ""
     return _Interior(
-        focal,
-        (scale * dewarp.centre_offset_px[0], scale * dewarp.centre_offset_px[1]),
-        dewarp.radial,
-        dewarp.tangential,
-        (max(0.002, spread), 0.001, 0.01, 0.01, 0.01, 0.001, 0.001),
-        source,
-        f"the maker's calibration of this lens,{scaled} which ages with time and shocks.{apart}{others}",
+        focal_px=focal,
+        centre_offset_px=(scale * dewarp.centre_offset_px[0], scale * dewarp.centre_offset_px[1]),
+        radial=dewarp.radial,
+        tangential=dewarp.tangential,
+        sigmas=(max(0.002, spread), 0.001, 0.01, 0.01, 0.01, 0.001, 0.001),
+        source=source,
+        reason=f"the maker's calibration of this lens,{scaled} which ages with time and shocks.{apart}{others}",
     )
 
 
 def _given(focal_px: float) -> _Interior:
     return _Interior(
-        focal_px,
-        (0.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (0.0, 0.0),
-        (_EXIF_FOCAL, _EXIF_CENTRE, *_EXIF_OTHERS),
-        "focal length given on the command line",
-        "3 % of the focal length; reduce it if you know it better.",
+        focal_px=focal_px,
+        source="focal length given on the command line",
+        reason="3 % of the focal length; reduce it if you know it better.",
     )
 
 

@@ -179,10 +179,10 @@ class ProjectDraft:
 
 def named(crs: str) -> tuple[str, str]:
     """Return a CRS as the project names it, by its EPSG code where it has one, and in words."""
-    found = projected_crs(crs)
-    code = None if crs.upper().startswith("EPSG:") else found.to_epsg()
+    grid = projected_crs(crs)
+    code = None if crs.upper().startswith("EPSG:") else grid.to_epsg()
     if code is None:
-        return crs, str(found.name)
+        return crs, str(grid.name)
     return f"EPSG:{code}", str(projected_crs(f"EPSG:{code}").name)
 
 
@@ -250,8 +250,8 @@ def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) ->
     """Return what tags, files and wishes say of the heights."""
     if crs == NO_CRS:
         return DraftHeights()
-    said = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
-    gnss: HeightSystem | None = "ellipsoidal" if said == {True} else None
+    ellipsoidal = {t.height_is_ellipsoidal for t in tags if t.height_m is not None}
+    gnss: HeightSystem | None = "ellipsoidal" if ellipsoidal == {True} else None
     if vertical_of(crs) is not None:
         return DraftHeights("orthometric", None, wishes.heights, wishes.geoid, known=True)
     named = {
@@ -287,6 +287,14 @@ def _degrees(photographs: Sequence[TaggedPhotograph]) -> FloatArray:
 
 def _located(place_deg: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(place_deg).all(axis=1))
+
+
+def _local(place_deg: FloatArray) -> FloatArray:
+    """Return places (N, 2) in metres east and north of their middle, NaN where there are none."""
+    known, position_m = _located(place_deg), np.full(place_deg.shape, np.nan)
+    if known.any():
+        position_m[known] = local_metres(*place_deg[known].T)
+    return position_m
 
 
 def _main_site(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[OtherSite], float]:
@@ -369,12 +377,8 @@ def _cameras(
 
 def _frozen(photographs: Sequence[TaggedPhotograph]) -> set[str]:
     """Return the names of the photographs whose tags repeat a position, because the receiver had stopped."""
-    place = _degrees(photographs)
-    known = _located(place)
-    position_m = np.full((len(photographs), 3), np.nan)
-    if known.any():
-        position_m[known, :2] = local_metres(*place[known].T)
-        position_m[known, 2] = [p.tags.height_m or 0.0 for p, there in zip(photographs, known, strict=True) if there]
+    heights_m = [p.tags.height_m or 0.0 for p in photographs]
+    position_m = np.column_stack([_local(_degrees(photographs)), heights_m])
     frozen = frozen_positions(position_m, [p.tags.time for p in photographs], [p.tags.capture for p in photographs])
     return {p.name for p, stopped in zip(photographs, frozen, strict=True) if stopped}
 
@@ -407,11 +411,8 @@ def _aircraft(photographs: Sequence[TaggedPhotograph]) -> list[str]:
 
 def flights_of(photographs: Sequence[TaggedPhotograph], gap_m: float | None = None) -> list[str]:
     """Return the flight of every photograph, by pauses and by gaps of ``gap_m``, those between sites if not given."""
-    place = _degrees(photographs)
-    known = _located(place)
-    position_m = np.full(place.shape, np.nan)
-    if known.any():
-        position_m[known] = local_metres(*place[known].T)
+    position_m = _local(_degrees(photographs))
+    known = _located(position_m)
     if gap_m is None:
         gap_m = gap_between_sites_m(position_m[known])
     exposures = [

@@ -10,19 +10,22 @@ from dataclasses import dataclass
 from photogram.files.photographs.tags import PhotographTags
 
 READOUT_MS = {
-    "FC200": 74, "FC300S": 33, "FC300C": 33, "FC300X": 33, "FC330": 33, "FC350": 30, "FC7203": 20, "FC3170": 27,
-    "FC3411": 32, "L1D-20c": 56, "FC3582": 26,
-}  # fmt: skip
+    **dict.fromkeys(("FC300S", "FC300C", "FC300X", "FC330"), 33),
+    **{"FC200": 74, "FC350": 30, "FC7203": 20, "FC3170": 27, "FC3411": 32, "L1D-20c": 56, "FC3582": 26},
+}
 """Read-out times of whole pictures, as the users of OpenDroneMap have measured them (its table of rolling shutters)."""
 
-HELD_AT_ONCE = frozenset(
+ALL_AT_ONCE = frozenset(
     {"FC6310", "FC6310S", "FC6310R", "FC6360", "FC6510", "M3E", "M3M", "ZenmuseP1", "S.O.D.A.", "aeria X"}
 )
 """Models with a mechanical or a global shutter, from the makers' data sheets."""
 
-STATED_SHARE, STATED_S, UNKNOWN_S = 0.2, 0.005, 0.03
-"""Prior standard deviation of a read-out time: of one in the table, which counts other modes and firmware, and of one
-that is looked for."""
+STATED_SHARE, STATED_S = 0.2, 0.005
+"""Prior standard deviation of a read-out time in the table, which counts other modes and firmware: a share of it, and
+what is added."""
+
+UNKNOWN_S = 0.03
+"""Prior standard deviation of one that is looked for."""
 
 MOVING_SHARE = 0.8
 """Of a camera's photographs, that must tell their velocity, or position and time, to fractions of a second."""
@@ -41,7 +44,7 @@ def shutter_of(tags: Sequence[PhotographTags]) -> Shutter | None:
     """Return what the tags of a camera's photographs tell of its shutter, None where its photographs do not tell how
     they moved, so that nothing can be told of it."""
     model = (tags[0].model or "").strip()
-    if model in HELD_AT_ONCE:
+    if model in ALL_AT_ONCE:
         return Shutter(0.0, 0.0, f"the {model} has a mechanical or global shutter")
     fine = any(t.time is not None and t.time.microsecond for t in tags)
     moving = sum(
@@ -51,8 +54,6 @@ def shutter_of(tags: Sequence[PhotographTags]) -> Shutter | None:
         return None
     if model in READOUT_MS:
         readout_s = READOUT_MS[model] / 1000.0
-        return Shutter(
-            readout_s, STATED_SHARE * readout_s + STATED_S,
-            f"the {model} has a rolling shutter, read out in {READOUT_MS[model]} ms by the table of OpenDroneMap",
-        )  # fmt: skip
+        source = f"the {model} has a rolling shutter, read out in {READOUT_MS[model]} ms by the table of OpenDroneMap"
+        return Shutter(readout_s, STATED_SHARE * readout_s + STATED_S, source)
     return Shutter(0.0, UNKNOWN_S, "a rolling shutter is looked for: write readout_s: 0 without a sigma if it has none")

@@ -23,7 +23,8 @@ PAUSE_S = 600.0
 """A longer pause between photographs ends a flight: a change of battery takes a few minutes, and gives GNSS a new
 offset."""
 
-SMALLEST_GAP_M, LARGEST_GAP_M, GAP_IN_SPACINGS = 500.0, 5000.0, 5.0
+SMALLEST_GAP_M, LARGEST_GAP_M = 500.0, 5000.0
+GAP_IN_SPACINGS = 5.0
 
 
 @dataclass(frozen=True)
@@ -71,15 +72,24 @@ def gap_between_sites_m(position_m: FloatArray) -> float:
     return float(np.clip(GAP_IN_SPACINGS * spacing, SMALLEST_GAP_M, LARGEST_GAP_M))
 
 
-def group_sites(position_m: FloatArray, gap_m: float) -> IntArray:
-    """Return the site (N,) of each position (N, 2): 0 the one with most photographs, then the next.
+def clusters(position_m: FloatArray, gap_m: float) -> IntArray:
+    """Return the number (N,) of the single-linkage cluster of each position (N, k): chains with no gap longer than
+    this, which is good to a tenth.
 
-    Positions within a tenth of the gap count as one, so that the number of links stays small; the gap is good to that.
+    Positions within a tenth of the gap count as one, so that the number of links stays small.
     """
     cells, cell_of = np.unique(np.round(position_m / (0.1 * gap_m)), axis=0, return_inverse=True)
     pairs = cKDTree(cells).query_pairs(10.0, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
-    labels = connected_components(links, directed=False)[1][cell_of.ravel()]
+    return np.asarray(connected_components(links, directed=False)[1][cell_of.ravel()], dtype=np.int64)
+
+
+def group_sites(position_m: FloatArray, gap_m: float) -> IntArray:
+    """Return the site (N,) of each position (N, 2): 0 the one with most photographs, then the next.
+
+    Good to a tenth of the gap, as ``clusters``.
+    """
+    labels = clusters(position_m, gap_m)
     _, first, counts = np.unique(labels, return_index=True, return_counts=True)
     rank = np.empty(len(counts), dtype=np.int64)
     rank[np.lexsort((first, -counts))] = np.arange(len(counts))

@@ -7,6 +7,7 @@ from photogram.geodesy.crs import NO_CRS
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+from photogram.project.draft.positions import Gnss
 from photogram.project.draft.rigs import rig_lines
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
 from photogram.wording import things
@@ -15,19 +16,52 @@ DEFAULT_CONTROL_SIGMA_M = (0.03, 0.03, 0.05)
 DEFAULT_MARK_SIGMA_PX = 1.0
 
 
+CALIBRATION = (
+    "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed"
+)
+ASSUMED = "  gnss_sigma_assumed: true # nobody states it: estimated from the residuals of each flight"
+
+CONTROL_EXAMPLE = [
+    "# Ground points are given like this:",
+    "#",
+    "# control_points:",
+    "#   files:",
+    "#     - {path: gcp_list.txt, role: control, sigma_m: [0.03, 0.03, 0.05], mark_sigma_px: 1.0}",
+]
+
+
+def flights_comment(flights: int) -> list[str]:
+    """Return the comment on the flights of a list of photographs, nothing for one."""
+    text = f"{flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
+    return comment(text, 2) if flights > 1 else []
+
+
+def list_item(**values: str | None) -> str:
+    """Return an item of a list of photographs; keys whose value is None are left out."""
+    return f"    - {{{', '.join(f'{key}: {value}' for key, value in values.items() if value is not None)}}}"
+
+
+def gnss_lines(gnss: Sequence[Gnss | None], offset_sigma_m: Sigma3, reason: str) -> list[str]:
+    """Return the block of GNSS, nothing where no photograph has a position."""
+    if all(g is None for g in gnss):
+        return []
+    line = f"  offset_sigma_m: {sigma3(offset_sigma_m)} # easting, northing, height"
+    return ["gnss:", *comment(reason, 2), line, ""]
+
+
 def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
     stated = [(name, sigma) for name, sigma in zip(SIGMA_NAMES, camera.sigmas, strict=True) if sigma > 0.0]
     figures = [f"{name}: {sigma:.3g}" for name, sigma in stated]
     shutter = camera.shutter
     if shutter is None:
-        said = "How the photographs moved is not told: b1 and b2 stand for a rolling shutter."
+        of_shutter = "How the photographs moved is not told: b1 and b2 stand for a rolling shutter."
     else:
-        said = f"{shutter.source[0].upper()}{shutter.source[1:]}."
+        of_shutter = f"{shutter.source[0].upper()}{shutter.source[1:]}."
         figures += [f"readout_s: {shutter.sigma_s:.3g}"] if shutter.sigma_s > 0.0 else []
     readout = [f"    readout_s: {shutter.readout_s:g}"] if shutter is not None and shutter.readout_s else []
     readings = [f"    focal_readings_px: {numbers(camera.readings_px, '.3f')}"] if camera.readings_px else []
     return [
-        *comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]} {said}", 2),
+        *comment(f"{photographs} photographs. {camera.reason[0].upper()}{camera.reason[1:]} {of_shutter}", 2),
         f"  {camera.name}:",
         f"    width_px: {camera.width_px}",
         f"    height_px: {camera.height_px}",
@@ -38,20 +72,19 @@ def _camera(camera: TaggedCamera, photographs: int) -> list[str]:
         f"    tangential: {numbers(camera.tangential, '.9g')} # p1, p2",
         *readout,
         f"    source: {scalar(camera.source)}",
-        "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed",
+        CALIBRATION,
         *flow("    sigmas", figures),
     ]
 
 
 def _item(photograph: DraftPhotograph, common: Sigma3 | None, several_cameras: bool, several_flights: bool) -> str:
-    parts = [f"name: {scalar(photograph.name)}"]
-    if several_cameras:
-        parts.append(f"camera: {photograph.camera}")
-    if several_flights:
-        parts.append(f'flight: "{photograph.flight}"')
-    if photograph.gnss is not None and not photograph.listed and photograph.gnss.sigma_m != common:
-        parts.append(f"gnss_sigma_m: {sigma3(photograph.gnss.sigma_m)}")
-    return f"    - {{{', '.join(parts)}}}"
+    gnss = None if photograph.listed else photograph.gnss
+    return list_item(
+        name=scalar(photograph.name),
+        camera=photograph.camera if several_cameras else None,
+        flight=f'"{photograph.flight}"' if several_flights else None,
+        gnss_sigma_m=sigma3(gnss.sigma_m) if gnss is not None and gnss.sigma_m != common else None,
+    )
 
 
 def _left_out(left_out: Sequence[LeftOut]) -> list[str]:
@@ -128,16 +161,14 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
         lines.append(f"  gnss_sigma_m: {sigma3(common)}")
     alike = [p.gnss for p in draft.photographs if p.gnss is not None and not p.listed and p.gnss.sigma_m == common]
     if alike and all(gnss.assumed for gnss in alike):
-        lines.append("  gnss_sigma_assumed: true # nobody states it: estimated from the residuals of each flight")
+        lines.append(ASSUMED)
     if with_attitude:
         all_of_them = things(len(draft.photographs), "photograph")
         text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."
         lines += [*comment(text, 2), "  attitude_sigma_deg: 2.0"]
     else:
         lines += comment("The tags give no attitude.", 2)
-    if draft.flights > 1:
-        text = f"{draft.flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
-        lines += comment(text, 2)
+    lines += flights_comment(draft.flights)
     for warning in draft.warnings:
         lines += comment(f"Warning: {warning}.", 2)
     lines.append("  list:")
@@ -187,24 +218,18 @@ def _control(draft: ProjectDraft) -> list[str]:
             "#     - {name: B, marks: {first.jpg: [2400.0, 810.0], second.jpg: [2540.5, 805.0]}}",
         ]
     if not draft.control:
-        return [
-            "# Ground points are given like this:",
-            "#",
-            "# control_points:",
-            "#   files:",
-            "#     - {path: gcp_list.txt, role: control, sigma_m: [0.03, 0.03, 0.05], mark_sigma_px: 1.0}",
-        ]
+        return CONTROL_EXAMPLE
     return ["control_points:", "  files:", *(line for file in draft.control for line in _control_file(file, draft.crs))]
 
 
 def _heights(draft: ProjectDraft) -> list[str]:
     """Return the block of height systems; as a comment where somebody must fill it in."""
-    said = draft.height_systems
-    if said.known and said.output is not None:
-        lines = ["heights:", f"  output: {said.output} # vertical reference of all results"]
-        lines += [f"  gnss: {said.gnss} # from the tags"] if said.gnss is not None else []
-        lines += [f"  control_points: {said.control_points}"] if said.control_points is not None else []
-        lines += [f"  geoid: {scalar(said.geoid)}"] if said.geoid is not None else []
+    systems = draft.height_systems
+    if systems.known and systems.output is not None:
+        lines = ["heights:", f"  output: {systems.output} # vertical reference of all results"]
+        lines += [f"  gnss: {systems.gnss} # from the tags"] if systems.gnss is not None else []
+        lines += [f"  control_points: {systems.control_points}"] if systems.control_points is not None else []
+        lines += [f"  geoid: {scalar(systems.geoid)}"] if systems.geoid is not None else []
         return [*lines, ""] if len(lines) > 2 else []
     if draft.crs == NO_CRS or (not draft.control and all(p.gnss is None for p in draft.photographs)):
         return []
@@ -217,7 +242,7 @@ def _heights(draft: ProjectDraft) -> list[str]:
         *comment(text),
         "# heights:",
         "#   output: ellipsoidal # or orthometric: of all results",
-        f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if said.gnss else ''}",
+        f"#   gnss: ellipsoidal # or orthometric{'; the tags say ellipsoidal' if systems.gnss else ''}",
         *(["#   control_points: orthometric # or ellipsoidal"] if draft.control else []),
         "#   geoid: EGM96 # needed with orthometric: or EPSG:5799, or the path of a grid (.gtx, .tif)",
         "",
@@ -244,11 +269,5 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
     for camera in draft.cameras:
         lines += _camera(camera, members[camera.name])
     lines += ["", *_photographs(draft, folder), "", *rig_lines(draft.rigs)]
-    if any(p.gnss is not None for p in draft.photographs):
-        lines += [
-            "gnss:",
-            *comment(draft.offset_reason, 2),
-            f"  offset_sigma_m: {sigma3(draft.offset_sigma_m)} # easting, northing, height",
-            "",
-        ]
+    lines += gnss_lines([p.gnss for p in draft.photographs], draft.offset_sigma_m, draft.offset_reason)
     return "\n".join([*lines, *_control(draft), ""])

@@ -9,7 +9,7 @@ from datetime import datetime
 
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, IntArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import rotation_from_gimbal
 from photogram.constraints.rigs import Companion
 from photogram.errors import ProjectError
@@ -17,7 +17,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import LocalFrame
 from photogram.project.measured.measured_positions import MeasuredPosition, PositionNote, position_note
-from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.project import Project, ProjectPhotograph, in_world
 from photogram.project.rigs.grouping import Grouped, grouped, measured_by_master
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 
@@ -91,12 +91,6 @@ def photograph_note(
     }
 
 
-def _stated_map_m(notes: Sequence[PhotographNote]) -> FloatArray:
-    """Return the measured positions (F, 3) in the map, NaN where there is none."""
-    nowhere = (np.nan,) * 3
-    return np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
-
-
 def _placing_map_m(project: Project, notes: Sequence[PhotographNote]) -> FloatArray:
     """Return the positions (N, 3) in the map that say where the survey is; NaN for what is no control."""
     # not the check points: they take no part in anything, the origin of the frame included
@@ -129,6 +123,16 @@ def is_amid(origin_map_m: Sequence[float] | FloatArray, project: Project, notes:
     return bool(np.all((low <= origin) & (origin <= high)))
 
 
+def measured_arrays(photographs: Sequence[Photograph]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return GNSS positions (F, 3) in the world, their sigmas (F, 3), and attitudes (F, 3, 3), world from camera; NaN
+    where there is none."""
+    nowhere, unturned = np.full(3, np.nan), np.full((3, 3), np.nan)
+    world = [nowhere if p.gnss_world_m is None else p.gnss_world_m for p in photographs]
+    sigma = [nowhere if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]
+    attitude = [unturned if (R := p.attitude_world_from_camera) is None else R for p in photographs]
+    return np.array(world).reshape(-1, 3), np.array(sigma).reshape(-1, 3), np.array(attitude).reshape(-1, 3, 3)
+
+
 def measured_photographs(
     project: Project, notes: Sequence[PhotographNote], frame: LocalFrame | None = None
 ) -> MeasuredPhotographs:
@@ -142,13 +146,11 @@ def measured_photographs(
             f"{project.path}: neither control points nor GNSS positions: the survey cannot be georeferenced; "
             "give control_points, photographs with GNSS tags, or crs: none for a free network"
         )
-    stated_map_m = _stated_map_m(notes)
-    known: BoolArray = np.asarray(np.isfinite(stated_map_m).all(axis=1))
-    world_m = np.full(stated_map_m.shape, np.nan)
-    world_m[known] = frame.world_from_map(stated_map_m[known])
+    nowhere = (np.nan,) * 3
+    stated_map_m = np.array([note["gnss_map_m"] or nowhere for note in notes], dtype=np.float64).reshape(-1, 3)
     photographs = tuple(
-        _photograph(source, frame, world_m[i] if known[i] else None, note)
-        for i, (source, note) in enumerate(zip(project.photographs, notes, strict=True))
+        _photograph(source, frame, world_m if np.isfinite(world_m).all() else None, note)
+        for source, world_m, note in zip(project.photographs, in_world(frame, stated_map_m), notes, strict=True)
     )
     numbers = {photograph.name: i for i, photograph in enumerate(project.photographs)}
     original = [numbers[note.get("copy_of") or note["name"]] for note in notes]
@@ -161,12 +163,13 @@ def measured_photographs(
 def _photograph(
     source: ProjectPhotograph, frame: LocalFrame, gnss_world_m: FloatArray | None, note: PhotographNote
 ) -> Photograph:
-    gnss, attitude, velocity = gnss_world_m, None, None
+    gnss = gnss_world_m
+    place = np.zeros(3) if gnss is None else gnss
+    attitude = velocity = None
     if note["velocity_m_s"] is not None:
         north, east, down = note["velocity_m_s"]
-        velocity = frame.rotation_world_from_true(np.zeros(3) if gnss is None else gnss) @ [east, north, -down]
+        velocity = frame.rotation_world_from_true(place) @ [east, north, -down]
     if note["attitude_deg"] is not None:
-        place = np.zeros(3) if gnss is None else gnss
         attitude = frame.rotation_world_from_true(place) @ rotation_from_gimbal(*note["attitude_deg"])
     if gnss is not None and note.get("lever_arm_enu_m") is not None:
         gnss = gnss + frame.rotation_world_from_true(gnss) @ np.array(note["lever_arm_enu_m"])
@@ -215,10 +218,10 @@ def companions_of(project: Project, measured: MeasuredPhotographs) -> tuple[Comp
     are ambiguous, or there are none."""
     if not project.rigs:
         return ()
-    found = _grouped(project, measured)
-    if found.errors:
-        raise ProjectError("\n".join(f"{project.path}: {error}" for error in found.errors))
-    return found.companions
+    rigs = _grouped(project, measured)
+    if rigs.errors:
+        raise ProjectError("\n".join(f"{project.path}: {error}" for error in rigs.errors))
+    return rigs.companions
 
 
 def block_of(project: Project, measured: MeasuredPhotographs) -> Block:

@@ -254,11 +254,11 @@ def measured_position(project: Project, photograph: ProjectPhotograph, tags: Pho
     Raises FrameError where the tags' lies outside the CRS, ProjectError where it has no standard deviation, or a lever
     arm cannot be turned.
     """
-    found = known_position(photograph, tags, positions_map_m(project, [photograph], [tags])[0])
-    if found is None:
+    position = known_position(photograph, tags, positions_map_m(project, [photograph], [tags])[0])
+    if position is None:
         return None
-    if np.isnan(found.sigma_m).any():
-        where = "the tags" if found.source == FROM_TAGS else found.source
+    if np.isnan(position.sigma_m).any():
+        where = "the tags" if position.source == FROM_TAGS else position.source
         raise ProjectError(
             f"photograph {photograph.name}: its GNSS position has no sigma, neither in {where} nor in the project: "
             "give photographs.gnss_sigma_m (0.02 to 0.05 m with RTK, 2 to 5 m without)"
@@ -270,7 +270,7 @@ def measured_position(project: Project, photograph: ProjectPhotograph, tags: Pho
             "to look down "
             "give gnss.lever_arm_axes: camera"
         )
-    return found
+    return position
 
 
 def position_note(measured: MeasuredPosition | None) -> PositionNote:

@@ -10,7 +10,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import LocalFrame
 from photogram.project.cross_checks import AreaOfUse
-from photogram.project.measured.measured_block import measured_block, photograph_note, survey_frame
+from photogram.project.measured.measured_block import measured_arrays, measured_block, photograph_note, survey_frame
 from photogram.project.measured.measured_positions import known_position, positions_map_m
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project
@@ -77,7 +77,6 @@ def measured_survey(
         return None
     block = measured_block(project, notes, frame)
     photographs = block.photographs
-    nowhere, unturned = np.full(3, np.nan), np.full((3, 3), np.nan)
     heights = [p.height_above_ground_m for p in photographs]
     height_m = np.array([h if h is not None and h > 0 else np.nan for h in heights])
     if len(control_map_m):
@@ -85,18 +84,8 @@ def measured_survey(
         height_m = np.where(np.isnan(height_m) & (over_control > 0), over_control, height_m)
     cameras = [block.cameras[p.camera] for p in photographs]
     spread = np.array([np.hypot(c.width_px, c.height_px) / c.focal_px for c in cameras])
-    world = [nowhere if p.gnss_world_m is None else p.gnss_world_m for p in photographs]
-    sigma = [nowhere if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]
-    attitude = [unturned if (R := p.attitude_world_from_camera) is None else R for p in photographs]
     return MeasuredSurvey(
-        frame,
-        gnss_map_m,
-        np.array(world).reshape(-1, 3),
-        np.array(sigma).reshape(-1, 3),
-        np.array(attitude).reshape(-1, 3, 3),
-        height_m,
-        height_m * spread,
-        block.control_points,
+        frame, gnss_map_m, *measured_arrays(photographs), height_m, height_m * spread, block.control_points
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from photogram.errors import FrameError
-from photogram.geodesy.crs import NO_CRS, MapUnits, map_units, product_crs
+from photogram.geodesy.crs import MapUnits, map_units, product_crs
 from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.document import Document, Key
 from photogram.project.schema import ProjectFile
@@ -35,30 +35,30 @@ def crs_of_file(path: Path) -> str:
         raise FrameError(f"{path} is not text: give a file of WKT") from error
 
 
-def _read(document: Document, key: Key, written: str | None, base: Path) -> str | None:
+def _read(document: Document, key: Key, written: str | None) -> str | None:
     if written is None or Path(written).suffix.lower() not in WKT_SUFFIXES or "[" in written:
         return written
     try:
-        return crs_of_file(base / written)
+        return crs_of_file(document.base / written)
     except FrameError as error:
         document.add_error(key, str(error))
         return None
 
 
-def with_read_crs(document: Document, file: ProjectFile, base: Path) -> ProjectFile:
-    """Return the file with the text of each CRS that it names by the path of a file of WKT, from ``base``. A file that
+def with_read_crs(document: Document, file: ProjectFile) -> ProjectFile:
+    """Return the file with the text of each CRS that it names by the path of a file of WKT. A file that
     cannot be read is noted."""
     points = [
-        entry.model_copy(update={"crs": _read(document, ("control_points", "files", i, "crs"), entry.crs, base)})
+        entry.model_copy(update={"crs": _read(document, ("control_points", "files", i, "crs"), entry.crs)})
         for i, entry in enumerate(file.control_points.files)
     ]
     positions = [
-        entry.model_copy(update={"crs": _read(document, ("photographs", "positions", i, "crs"), entry.crs, base)})
+        entry.model_copy(update={"crs": _read(document, ("photographs", "positions", i, "crs"), entry.crs)})
         for i, entry in enumerate(file.photographs.positions)
     ]
     return file.model_copy(
         update={
-            "crs": _read(document, ("crs",), file.crs, base),
+            "crs": _read(document, ("crs",), file.crs),
             "control_points": file.control_points.model_copy(update={"files": points}),
             "photographs": file.photographs.model_copy(update={"positions": positions}),
         }
@@ -73,7 +73,7 @@ def with_listed_in_metres(document: Document, file: ProjectFile, heights: Declar
     beside a CRS that does not count metres, where it would be neither.
     """
     try:
-        units = None if file.crs is None else _units(file.crs, heights)
+        units = None if file.crs is None else map_units(product_crs(file.crs, heights))
         if units is not None and not units.is_metric and heights.output is None:
             document.add_error(("crs",), _without_heights(str(file.crs), units))
     except FrameError:
@@ -96,10 +96,6 @@ def with_listed_in_metres(document: Document, file: ProjectFile, heights: Declar
             "photographs": file.photographs.model_copy(update={"list": photographs}),
         }
     )
-
-
-def _units(crs: str, heights: DeclaredHeights) -> MapUnits:
-    return map_units(crs if crs == NO_CRS else product_crs(crs, heights))
 
 
 def _without_heights(crs: str, units: MapUnits) -> str:

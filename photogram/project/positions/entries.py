@@ -5,7 +5,7 @@ Errors are noted in the document under the entry that names the file, and carry 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -13,15 +13,14 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError, ProjectError
-from photogram.files.tables.position_files import PositionFile, PositionRow, Triple, format_of
+from photogram.files.tables.position_files import PositionFile, Triple, format_of
 from photogram.files.tables.position_tables import read_positions
-from photogram.geodesy.crs import NO_CRS, WGS84, DeclaredDatum, changes_datum, plan_of, product_crs, projected_crs
-from photogram.geodesy.frames import map_from_crs, map_from_unit
-from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
+from photogram.geodesy.crs import WGS84, changes_datum
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.gnss import Sigma3, Solution
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
-from photogram.project.heights import in_map
+from photogram.project.heights import Placed, ProjectMap
 from photogram.project.positions.matching import Matching, match_rows
 from photogram.project.schema import PhotographEntry, PositionFileEntry, PositionOf, ProjectFile
 
@@ -59,70 +58,62 @@ def read_position_files(
     file: ProjectFile,
     photographs: Sequence[PhotographEntry] | None,
     folder: Path | None,
-    base: Path,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
+    target: ProjectMap | None,
 ) -> tuple[dict[str, FilePosition], list[Located]]:
     """Return the positions of all files by the names of the photographs, and where they lie, for the checks.
 
-    Relative paths are taken from ``base``; ``photographs`` in ``folder`` are None where they are not known. What is
-    wrong is noted in the document.
+    ``photographs`` in ``folder`` are None where they are not known, and so is the map ``target``. What is wrong is
+    noted in the document.
     """
-    found: dict[str, FilePosition] = {}
+    of_photograph: dict[str, FilePosition] = {}
     located: list[Located] = []
     for i, entry in enumerate(file.photographs.positions):
         key: Key = ("photographs", "positions", i)
-        read = None if entry.path is None else _read(document, key, entry.path, base, entry)
+        read = None if entry.path is None else _read(document, key, entry.path, entry)
         _check_entry(document, key, entry)
         if read is None or photographs is None:
             continue
         matching = _matched(document, key, entry, read, _scope(entry, read.path, photographs, folder))
-        placed = _placed(document, file, key, entry, read, heights, datum)
+        crs = entry.crs or (WGS84 if read.geographic else str(file.crs))
+        placed = None if target is None else _placed(document, key, entry, read, crs, target)
         if placed is None:
             continue
-        *places, system = placed
-        changed = changes_datum(_crs_of(file, entry, read), str(file.crs))
-        arms = _lever_arms(document, key, entry, base, photographs, folder)
+        changed = changes_datum(crs, str(file.crs))
+        arms = _lever_arms(document, key, entry, photographs, folder)
         number = {row.line: n for n, row in enumerate(read.rows)}
         for name, row in matching.rows.items():
-            place, turned = (array[number[row.line]] for array in places)
-            located.append(Located(key, f"{entry.path}:{row.line}: {name}: ", place, turned))
-            if name in found:
-                text = (
-                    f"{entry.path}:{row.line}: {name} has a position in {found[name].source} too: keep one of the two"
-                )
+            place, turned = (array[number[row.line]] for array in (placed.map_m, placed.turned_map_m))
+            line = f"{entry.path}:{row.line}"
+            located.append(Located(key, place, turned, line=line, name=name))
+            if name in of_photograph:
+                other = of_photograph[name].source
+                text = f"{line}: {name} has a position in {other} too: keep one of the two"
                 document.add_error(key, text)
             else:
-                arm = arms.get(name, row.lever_arm_m)
-                found[name] = replace(_position(entry, read, row, place, system, arm), of_other_datum=changed)
-    return found, located
+                whose: PositionOf = entry.position_of or ("antenna" if read.format == "pos" else "camera")
+                of_photograph[name] = FilePosition(
+                    source=str(entry.path),
+                    position_map_m=place,
+                    heights=placed.heights,
+                    sigma_m=row.sigma_m,
+                    solution=row.solution,
+                    position_of=whose,
+                    gps_time=row.gps_time,
+                    attitude_deg=row.attitude_deg,
+                    lever_arm_m=arms.get(name, row.lever_arm_m) if whose == "antenna" else None,
+                    by_order=read.format == "pos",
+                    of_other_datum=changed,
+                )
+    return of_photograph, located
 
 
-def _position(
-    entry: PositionFileEntry,
-    read: PositionFile,
-    row: PositionRow,
-    place: FloatArray,
-    heights: HeightSystem | None,
-    arm: Triple | None,
-) -> FilePosition:
-    whose: PositionOf = entry.position_of or ("antenna" if read.format == "pos" else "camera")
-    return FilePosition(
-        str(entry.path), place, heights, row.sigma_m, row.solution, whose, row.gps_time, row.attitude_deg,
-        arm if whose == "antenna" else None, read.format == "pos",
-    )  # fmt: skip
-
-
-def _read(
-    document: Document, key: Key, written: str, base: Path, entry: PositionFileEntry | None = None
-) -> PositionFile | None:
+def _read(document: Document, key: Key, written: str, entry: PositionFileEntry | None = None) -> PositionFile | None:
     """Return what a file holds, None where it cannot be read; its errors name the file as the project does."""
-    path = base / written
+    path = document.base / written
     try:
         return read_positions(path, None if entry is None else entry.format)
     except ProjectError as error:
-        for line in str(error).splitlines():
-            document.add_error(key, line.replace(f"{path}:", f"{written}:", 1))
+        document.add_errors_of(key, error, path, written)
         return None
 
 
@@ -153,8 +144,8 @@ def _scope(
     if path.suffix.lower() != ".mrk" or folder is None:
         return names
     here = path.parent.resolve()
-    beside = [name for name in names if (folder / name).parent.resolve() == here]
-    return beside or names
+    own = [name for name in names if (folder / name).parent.resolve() == here]
+    return own or names
 
 
 def _matched(
@@ -170,7 +161,6 @@ def _lever_arms(
     document: Document,
     key: Key,
     entry: PositionFileEntry,
-    base: Path,
     photographs: Sequence[PhotographEntry],
     folder: Path | None,
 ) -> dict[str, Triple]:
@@ -183,7 +173,7 @@ def _lever_arms(
             place, (f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph")
         )
         return {}
-    read = _read(document, place, entry.lever_arms, base)
+    read = _read(document, place, entry.lever_arms)
     if read is None:
         return {}
     matching = match_rows(read, _scope(entry, read.path, photographs, folder))
@@ -192,30 +182,11 @@ def _lever_arms(
     return {name: row.lever_arm_m for name, row in matching.rows.items() if row.lever_arm_m is not None}
 
 
-def _crs_of(file: ProjectFile, entry: PositionFileEntry, read: PositionFile) -> str:
-    """Return the CRS in which the positions of a file are given."""
-    return entry.crs or (WGS84 if read.geographic else str(file.crs))
-
-
 def _placed(
-    document: Document,
-    file: ProjectFile,
-    key: Key,
-    entry: PositionFileEntry,
-    read: PositionFile,
-    heights: DeclaredHeights,
-    datum: DeclaredDatum,
-) -> tuple[FloatArray, FloatArray, HeightSystem | None] | None:
-    """Return the positions in the map (N, 3), those of the same figures the other way round, and the system that the
-    heights were given in: above the ellipsoid in an MRK or .pos file."""
-    target = file.crs
-    try:
-        if target != NO_CRS:
-            projected_crs(target or "")
-    except FrameError:
-        return None  # noted where the project names its CRS
-    if target is None:
-        return None
+    document: Document, key: Key, entry: PositionFileEntry, read: PositionFile, crs: str, target: ProjectMap
+) -> Placed | None:
+    """Return the positions of a file in the map, None where they cannot be brought there; heights of an MRK or .pos
+    file are above the ellipsoid."""
     if read.format != "csv" and entry.crs is not None:
         document.add_error(
             (*key, "crs"), f"a {read.format.upper()} file is in WGS 84 longitude and latitude: remove this"
@@ -225,17 +196,9 @@ def _placed(
         document.add_error((*key, "heights"), f"a {read.format.upper()} file is above the ellipsoid: remove this")
         return None
     given = np.array([row.position for row in read.rows]).reshape(-1, 3)
-    crs = _crs_of(file, entry, read)
     declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
     try:
-        place, system = in_map(crs, target, declared, heights.gnss_given, heights, datum, given)
+        return target.placed(crs, declared, target.heights.gnss_given, given)
     except FrameError as error:
         document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {str(error).removeprefix('crs: ')}")
         return None
-    try:
-        swapped = given[:, [1, 0, 2]]
-        own = product_crs(target, heights)
-        turned = map_from_unit(own, swapped) if crs == target else map_from_crs(crs, plan_of(target), swapped)
-    except FrameError:
-        turned = np.full_like(place, np.nan)
-    return place, turned, system

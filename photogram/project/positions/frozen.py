@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from datetime import datetime
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray
+from photogram.project.draft.sites import clusters
 
 SAME_M = 0.01
 """No receiver in the air repeats itself this closely; a frozen one repeats every digit."""
@@ -32,11 +30,7 @@ def frozen_positions(
     known = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     if len(known) < FEWEST:
         return frozen
-    # whole tenths first: a frozen block is then one place, whose pairs need not be counted
-    places, place_of = np.unique(np.round(position_m[known] / (0.1 * SAME_M)), axis=0, return_inverse=True)
-    pairs = cKDTree(places).query_pairs(10.0, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
-    label = connected_components(links, directed=False)[1][place_of.ravel()]
+    label = clusters(position_m[known], SAME_M)
     for group in np.flatnonzero(np.bincount(label) >= FEWEST):
         own = known[label == group]
         taken = ((times[i], captures[i]) for i in own.tolist())

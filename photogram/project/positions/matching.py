@@ -29,12 +29,12 @@ def sequence_number(name: str) -> int | None:
     """Return the number that DJI counts a flight's photographs by: 23 in 100_0001_0023.JPG, and 1 in
     DJI_20240501101500_0001_V.JPG; None where the name has none."""
     stem = PurePosixPath(name).stem
-    found = _AFTER_TIME.search(stem)
-    counters = [found[1]] if found else _COUNTER.findall(stem)
+    after_time = _AFTER_TIME.search(stem)
+    counters = [after_time[1]] if after_time else _COUNTER.findall(stem)
     return int(counters[-1]) if counters else None
 
 
-def _shown(names: Sequence[str]) -> str:
+def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
 
 
@@ -50,11 +50,8 @@ def _by_number(file: PositionFile, names: Sequence[str]) -> Matching:
     if matched:
         return Matching(matched, left)
     numbers = sorted(k for k in rows if k is not None)
-    return Matching(
-        {}, left,
-        f"its numbers {numbers[0]} to {numbers[-1]} match no file name of the project "
-        f"({_shown(names)}): give the file of these photographs",
-    )  # fmt: skip
+    text = f"its numbers {numbers[0]} to {numbers[-1]} match no file name of the project ({_some(names)})"
+    return Matching({}, left, f"{text}: give the file of these photographs")
 
 
 def _by_name(file: PositionFile, names: Sequence[str]) -> Matching:
@@ -68,29 +65,25 @@ def _by_name(file: PositionFile, names: Sequence[str]) -> Matching:
     for row in file.rows:
         given = PurePosixPath(str(row.photograph).replace("\\", "/"))
         alike = bare.get(given.stem.lower(), bare.get(given.name.lower(), []))
-        found = whole.get(str(given).lower()) or (alike[0] if len(alike) == 1 else None)
-        if found is None:
+        name = whole.get(str(given).lower()) or (alike[0] if len(alike) == 1 else "")
+        if not name:
             left.append(row)
-        elif matched.setdefault(found, row) is not row:
-            twice.append(f"{found} is given twice, in lines {matched[found].line} and {row.line}: keep one of the two")
+        elif matched.setdefault(name, row) is not row:
+            twice.append(f"{name} is given twice, in lines {matched[name].line} and {row.line}: keep one of the two")
     if twice:
         return Matching(matched, tuple(left), "; ".join(twice[:5]))
     if matched:
         return Matching(matched, tuple(left))
-    return Matching(
-        {}, tuple(left),
-        f"none of its {len(file.rows)} photographs ({_shown([str(r.photograph) for r in file.rows])}) is in "
-        f"the project ({_shown(names)}): give the file of these photographs, with their file names",
-    )  # fmt: skip
+    own = _some([str(row.photograph) for row in file.rows])
+    text = f"none of its {len(file.rows)} photographs ({own}) is in the project ({_some(names)})"
+    return Matching({}, tuple(left), f"{text}: give the file of these photographs, with their file names")
 
 
 def _by_order(file: PositionFile, names: Sequence[str]) -> Matching:
     if len(file.rows) != len(names):
-        return Matching(
-            {}, file.rows,
-            f"it has {len(file.rows)} positions for {len(names)} photographs ({_shown(names)}), and no file "
-            "names: give a table with the file names of the photographs, or limit it with flight",
-        )  # fmt: skip
+        text = f"it has {len(file.rows)} positions for {len(names)} photographs ({_some(names)}), and no file names"
+        remedy = "give a table with the file names of the photographs, or limit it with flight"
+        return Matching({}, file.rows, f"{text}: {remedy}")
     return Matching(dict(zip(sorted(names), file.rows, strict=True)))
 
 

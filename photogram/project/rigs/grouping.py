@@ -52,8 +52,8 @@ def _keys(rig: ProjectRig, photographs: Sequence[Exposed]) -> list[Hashable | No
     if rig.exposures == "name":
         pattern = re.compile(rig.name_pattern)
         paths = [PurePath(p.name) for p in photographs]
-        found = [pattern.search(path.name) for path in paths]
-        return [None if m is None else (path.parent, m.groups()) for path, m in zip(paths, found, strict=True)]
+        matches = [pattern.search(path.name) for path in paths]
+        return [None if m is None else (path.parent, m.groups()) for path, m in zip(paths, matches, strict=True)]
     return _by_time(rig, photographs)
 
 
@@ -87,18 +87,20 @@ def _twice(rig: ProjectRig, names: Sequence[str], cameras: Sequence[str], keys: 
             groups[camera, key].append(name)
     wrong = [(camera, group) for (camera, _), group in groups.items() if len(group) > 1]
     by = {"capture": "the identifiers in their tags", "name": "name_pattern", "time": "tolerance_s"}[rig.exposures]
-    said = [
+    texts = [
         f"{things(len(group), 'photograph')} of camera {camera} are one exposure, {some(group)}: check {by}, "
         "or leave all but one out"
         for camera, group in wrong[:_MOST_NAMED]
     ]
-    return said + ([f"and {len(wrong) - _MOST_NAMED} more exposures like this"] if len(wrong) > _MOST_NAMED else [])
+    return texts + ([f"and {len(wrong) - _MOST_NAMED} more exposures like this"] if len(wrong) > _MOST_NAMED else [])
 
 
 def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without: Collection[int] = ()) -> Grouped:
     """Group the photographs of a project to the exposures of its rigs; those of the numbers ``without`` are no
     photographs of their own, being copies of others."""
-    companions, alone, errors = list[Companion](), list[tuple[str, ...]](), list[str]()
+    companions: list[Companion] = []
+    alone: list[tuple[str, ...]] = []
+    errors: list[str] = []
     for rig in rigs:
         of_rig = {rig.master, *(companion.camera for companion in rig.companions)}
         own = [i for i, camera in enumerate(rig.cameras) if camera in of_rig and i not in without]
@@ -109,10 +111,10 @@ def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without:
         if twice:
             errors += [f"rig of {rig.master}: {text}" for text in twice]
             continue
-        found = exposures(cameras, keys, rig.master)
+        groups = exposures(cameras, keys, rig.master)
         for companion in rig.companions:
             pairs = tuple(
-                (names[i], names[master]) for i, master in found.companion_master if cameras[i] == companion.camera
+                (names[i], names[master]) for i, master in groups.companion_master if cameras[i] == companion.camera
             )
             companions.append(
                 Companion(
@@ -124,7 +126,7 @@ def grouped(rigs: Sequence[ProjectRig], photographs: Sequence[Exposed], without:
                     np.tile(rig.exposure_sigma, (len(pairs), 1)),
                 )
             )
-            alone.append(tuple(names[i] for i in found.without_master if cameras[i] == companion.camera))
+            alone.append(tuple(names[i] for i in groups.without_master if cameras[i] == companion.camera))
             if not pairs:
                 errors.append(f"rig of {rig.master}: {_nothing(rig, companion.camera)}")
     return Grouped(tuple(companions), tuple(alone), tuple(errors))

@@ -96,9 +96,9 @@ def camera_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         size = (camera.width_px, camera.height_px)
         other = [(n, (t.width_px, t.height_px)) for n, t in own if (t.width_px, t.height_px) != size]
         if other:
-            found = ", ".join(f"{w} × {h}" for w, h in sorted({s for _, s in other}, key=str))
+            sizes = ", ".join(f"{w} × {h}" for w, h in sorted({s for _, s in other}, key=str))
             text = (
-                f"{len(other)} of {things(len(own), 'photograph')} ({some([n for n, _ in other])}) have {found} px, "
+                f"{len(other)} of {things(len(own), 'photograph')} ({some([n for n, _ in other])}) have {sizes} px, "
                 f"the camera {size[0]} × {size[1]} px"
             )
             remedy = "give these photographs the camera that took them, or use the originals"

@@ -1,6 +1,6 @@
 """Whether the positions in the photographs' tags come into the datum of the map as well as they can.
 
-Positions of a file are looked at where the file is read (photogram.project.heights.in_map).
+Positions of a file are looked at where the file is read (photogram.project.heights.ProjectMap).
 """
 
 from collections.abc import Sequence

@@ -43,7 +43,8 @@ NO_BASE, NO_BASE_M = 0.02, 0.5
 SMALL_ANGLE_DEG = 20.0
 """Gimbals and compasses err by so much, before their stated sigma is added."""
 
-LEAST_ANGLE_DEG, TIMES_TYPICAL, FEWEST_JUDGED = 5.0, 4.0, 12
+LEAST_ANGLE_DEG, TIMES_TYPICAL = 5.0, 4.0
+FEWEST_JUDGED = 12
 """They err by less where most marks show it: by so many times the median of so many marks, but never by less than
 this."""
 
@@ -310,7 +311,7 @@ def _deviations_deg(project: Project, survey: MeasuredSurvey) -> tuple[FloatArra
     picture, and the accepted limit; NaN where it cannot be known. Raises ImageError as unproject does."""
     points = survey.control
     count = len(points.mark_photograph)
-    angle, outside, limit = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    angle, outside, limit = (np.full(count, np.nan) for _ in range(3))
     known = survey.positioned & np.isfinite(survey.rotation).all(axis=(1, 2))
     for i in np.unique(points.mark_photograph):
         if not known[i]:

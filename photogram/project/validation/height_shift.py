@@ -29,7 +29,8 @@ MODEL_SHARE = 0.02
 """Of the flying height: what the focal length may be off by where its sigma says less."""
 
 _LARGEST_FOCAL_SHARE = 0.1
-_COARSE_M, _FINE_M, _LOSS = 2.0, 0.05, 2.0
+_COARSE_M, _FINE_M = 2.0, 0.05
+_LOSS = 2.0
 _MOST_PHOTOGRAPHS = 400
 _FEWEST_MARKS, _FEWEST_POINTS = 4, 2
 

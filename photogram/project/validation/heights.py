@@ -16,7 +16,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import LocalFrame
 from photogram.geodesy.height_systems import Geoid, HeightSystem
 from photogram.project.findings import Finding, Severity
-from photogram.project.measured.measured_block import PhotographNote
+from photogram.project.measured.measured_block import PhotographNote, measured_arrays
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
 from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
@@ -54,17 +54,11 @@ def _evidence_of_survey(project: Project, survey: MeasuredSurvey, role: Role) ->
 
 
 def _evidence_of_block(block: Block, role: Role) -> HeightEvidence:
-    nowhere, turned = np.full(3, np.nan), np.full((3, 3), np.nan)
-    photographs = block.photographs
     return HeightEvidence(
         block.cameras,
-        np.array([p.camera for p in photographs], dtype=np.int64),
-        np.array([nowhere if p.gnss_world_m is None else p.gnss_world_m for p in photographs]).reshape(-1, 3),
-        np.array([nowhere if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]).reshape(-1, 3),
-        np.array(
-            [turned if p.attitude_world_from_camera is None else p.attitude_world_from_camera for p in photographs]
-        ).reshape(-1, 3, 3),
-        np.array([np.nan if p.attitude_sigma_rad is None else p.attitude_sigma_rad for p in photographs]),
+        block.camera_of,
+        *measured_arrays(block.photographs),
+        np.array([np.nan if p.attitude_sigma_rad is None else p.attitude_sigma_rad for p in block.photographs]),
         block.control_points.with_role(role),
     )
 
@@ -83,13 +77,13 @@ def _shift(project: Project, evidence: HeightEvidence) -> HeightShift | None:
     if not known.any() or not len(sure.points.mark_photograph):
         return None
     try:
-        found = height_shift(sure)
+        shift = height_shift(sure)
     except ImageError:
         return None  # a lens that cannot be undone at a mark: the marks' own check says so
-    if found is None:
+    if shift is None:
         return None
     spread_m = float(np.hypot(project.gnss_offset_sigma_m[2], np.median(sure.gnss_sigma_m[known, 2])))
-    return replace(found, sigma_m=float(np.hypot(found.sigma_m, spread_m)))
+    return replace(shift, sigma_m=float(np.hypot(shift.sigma_m, spread_m)))
 
 
 def _limit_m(shift: HeightShift) -> float:
@@ -117,13 +111,14 @@ def _suspects(
 ) -> list[tuple[_Who, HeightSystem | None, HeightSystem, int]]:
     """Return who may be of another system than declared: who, declared as, looking like, and how many geoid heights
     control points then seem to lie too low."""
-    found: list[tuple[_Who, HeightSystem | None, HeightSystem, int]] = []
-    found.append(("control", control, "ellipsoidal", -1) if control == "orthometric" else
-                 ("control", control, "orthometric", 1))  # fmt: skip
-    if not gnss_is_proved:
-        found.append(("GNSS", gnss, "ellipsoidal", 1) if gnss == "orthometric" else
-                     ("GNSS", gnss, "orthometric", -1))  # fmt: skip
-    return found
+    suspects: list[tuple[_Who, HeightSystem | None, HeightSystem, int]] = []
+    parties: tuple[tuple[_Who, HeightSystem | None, int], ...] = (("control", control, 1), ("GNSS", gnss, -1))
+    for who, declared, geoid_heights in parties if not gnss_is_proved else parties[:1]:
+        if declared == "orthometric":
+            suspects.append((who, declared, "ellipsoidal", -geoid_heights))
+        else:
+            suspects.append((who, declared, "orthometric", geoid_heights))
+    return suspects
 
 
 def _contradiction(
@@ -255,9 +250,9 @@ def stop_at_contradictions(project: Project, block: Block, tags: Sequence[Photog
     ``tags`` are what the first stage has noted of the photographs, ``block`` what it has measured.
     """
     project, block = project.surveyed, block.surveyed
-    said = [t["height_is_ellipsoidal"] for t in tags]
+    ellipsoidal = [t["height_is_ellipsoidal"] for t in tags]
     evidence = {role: _evidence_of_block(block, role) for role in _ROLES}
-    for finding in _of_both_roles(project, evidence, block.frame, said)[1]:
+    for finding in _of_both_roles(project, evidence, block.frame, ellipsoidal)[1]:
         if finding.severity == "error":
             raise ProjectError(f"{project.path}: {finding}")
 
@@ -331,9 +326,9 @@ def height_system_findings(project: Project, tags: Sequence[PhotographTags | Non
         return []  # the geometry's own check says so
     if survey is None:
         return []
-    said = [None if t is None else t.height_is_ellipsoidal for t in tags]
+    ellipsoidal = [None if t is None else t.height_is_ellipsoidal for t in tags]
     evidence = {role: _evidence_of_survey(project, survey, role) for role in _ROLES}
-    shift, findings = _of_both_roles(project, evidence, survey.frame, said)
+    shift, findings = _of_both_roles(project, evidence, survey.frame, ellipsoidal)
     if not findings:
-        findings += _declaration_findings(project, survey, said, shift)
-    return [*findings, *_against_tags(project, said)]
+        findings += _declaration_findings(project, survey, ellipsoidal, shift)
+    return [*findings, *_against_tags(project, ellipsoidal)]

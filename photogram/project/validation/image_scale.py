@@ -107,12 +107,12 @@ def fit_scales(evidence: HeightEvidence, shifts_m: FloatArray) -> list[ScaleFit]
     without, fits = cost_of(rays), []
     if len(shifts_m) == 1:
         low, high = 1.0 / (1.0 + LARGEST_FOCAL_ERROR), 1.0 / (1.0 - LARGEST_FOCAL_ERROR)
-        found = _best(lambda s: cost_of(_scaled_axis(rays, s)), low, high)
+        best = _best(lambda s: cost_of(_scaled_axis(rays, s)), low, high)
         share = max(min(c.sigmas[0] / c.focal_px, 0.1) for c in evidence.cameras)
-        if low < found[0] < high:  # at an end of the range the error is larger than plausible
-            fits.append(ScaleFit("focal length", *found, without, max(LEAST_ERROR, 3.0 * share)))
+        if low < best[0] < high:  # at an end of the range the error is larger than plausible
+            fits.append(ScaleFit("focal length", *best, without, max(LEAST_ERROR, 3.0 * share)))
     low = _smallest_picture(evidence, rays)
     if low < 1.0 - LEAST_ERROR:
-        found = _best(lambda s: cost_of(_scaled_pictures(evidence, rays, s)), low, 1.0)
-        fits.append(ScaleFit("picture size", *found, without, LEAST_ERROR))
+        best = _best(lambda s: cost_of(_scaled_pictures(evidence, rays, s)), low, 1.0)
+        fits.append(ScaleFit("picture size", *best, without, LEAST_ERROR))
     return sorted(fits, key=lambda fit: fit.cost)

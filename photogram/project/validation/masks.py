@@ -20,7 +20,7 @@ def marks_in_masks(project: Project, mask_of: Callable[[int], BoolArray | None])
         for point in project.control_points
         for photograph, pixel in zip(point.mark_photograph, point.mark_pixel, strict=True)
     ]
-    found = []
+    masked = []
     for photograph in sorted({i for _, i, _ in marks}):
         used = mask_of(photograph)
         if used is None:
@@ -29,8 +29,8 @@ def marks_in_masks(project: Project, mask_of: Callable[[int], BoolArray | None])
             column, row = np.rint(pixel).astype(np.int64).tolist()
             inside = 0 <= row < used.shape[0] and 0 <= column < used.shape[1]
             if i == photograph and inside and not used[row, column]:
-                found.append(f"{name} in {project.photographs[photograph].name}")
-    return found
+                masked.append(f"{name} in {project.photographs[photograph].name}")
+    return masked
 
 
 def mask_findings(errors: Sequence[str], masked_marks: Sequence[str]) -> list[Finding]:

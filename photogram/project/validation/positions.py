@@ -134,25 +134,31 @@ def lever_arm_findings(known: Sequence[Pair]) -> list[Finding]:
     findings = []
     unturned = [pair for pair in known if source_of(*pair) is not None and needs_attitude(*pair)]
     if unturned:
-        text = (
-            f"the lever arm of {things(len(unturned), 'photograph')} cannot be applied: the aircraft's yaw, pitch and "
-        )
+        count = things(len(unturned), "photograph")
+        text = f"the lever arm of {count} cannot be applied: the aircraft's attitude, yaw, pitch and roll, is missing"
         remedy = "give them in a file of positions, or, for a camera fixed to look down, gnss.lever_arm_axes: camera"
-        findings.append(Finding("error", _names(unturned), text + "yaw, pitch and roll, is missing", remedy))
+        findings.append(Finding("error", _names(unturned), text, remedy))
     without = [
-        (p, t) for p, t in known
-        if p.gnss_map_m is None and p.file_position is not None and p.file_position.position_of == "antenna"
-        and p.file_position.lever_arm_m is None and p.lever_arm_m is None
-    ]  # fmt: skip
+        (p, t)
+        for p, t in known
+        if p.gnss_map_m is None
+        and p.file_position is not None
+        and p.file_position.position_of == "antenna"
+        and p.file_position.lever_arm_m is None
+        and p.lever_arm_m is None
+    ]
     if without:
         text = f"{things(len(without), 'position')} of the antenna, and no lever arm to the camera"
         remedy = "give lever_arms: FILE.MRK with the file, or gnss.lever_arm_m: [forward, right, down]"
         findings.append(Finding("warning", _names(without), text, remedy))
     twice = [
-        (p, t) for p, t in known
-        if source_of(p, t) == FROM_TAGS and p.lever_arm_m is not None and t.rtk_flag is not None
+        (p, t)
+        for p, t in known
+        if source_of(p, t) == FROM_TAGS
+        and p.lever_arm_m is not None
+        and t.rtk_flag is not None
         and (t.make or "").upper() == "DJI"
-    ]  # fmt: skip
+    ]
     if twice:
         text = "DJI's RTK aircraft write the camera's position into the tags: gnss.lever_arm_m would apply it twice"
         findings.append(Finding("warning", _names(twice), text, "remove it, unless the residuals say otherwise"))

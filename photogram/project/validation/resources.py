@@ -95,9 +95,9 @@ def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: BoolArray) ->
     count = np.zeros((rows, columns), np.int32)
     for corner in np.rint((corners - low) / node_m).astype(np.int32):
         first, last = corner.min(axis=0), corner.max(axis=0) + 1
-        shown = np.zeros((last - first)[::-1], np.uint8)
-        cv2.fillConvexPoly(shown, cv2.convexHull(corner - first), (1,))
-        count[first[1] : last[1], first[0] : last[0]] += shown
+        footprint = np.zeros((last - first)[::-1], np.uint8)
+        cv2.fillConvexPoly(footprint, cv2.convexHull(corner - first), (1,))
+        count[first[1] : last[1], first[0] : last[0]] += footprint
     row, column = np.nonzero(count >= MINIMUM_RAYS)
     if not len(row):
         return 0.0, 1.0

@@ -34,12 +34,12 @@ def rig_findings(
         )
         for p, t in zip(project.photographs, tags, strict=True)
     ]
-    found = grouped(project.rigs, tagged, {i for group in duplicates for i in group[1:]})
+    rigs = grouped(project.rigs, tagged, {i for group in duplicates for i in group[1:]})
     findings = []
-    for error in found.errors:
+    for error in rigs.errors:
         where, _, text = error.partition(": ")
         findings.append(Finding("error", where, text))
-    for companion, alone in zip(found.companions, found.alone, strict=True):
+    for companion, alone in zip(rigs.companions, rigs.alone, strict=True):
         where = f"rig of {companion.master}"
         if companion.exposures:
             counts = f"{things(len(companion.exposures), 'exposure')} with camera {companion.name}"
