@@ -10,6 +10,7 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera
 from photogram.errors import ProjectError
+from photogram.exchange.formats.assembly import sentences
 from photogram.files.solutions.solution import ForeignSolution, with_checks
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.geodesy.crs import NO_CRS, is_geographic, short_name
@@ -90,22 +91,22 @@ class ImportedDraft:
 
 def draft_import(
     solution: ForeignSolution,
-    found: Mapping[str, TaggedPhotograph],
+    there: Mapping[str, TaggedPhotograph],
     left_out: Sequence[LeftOut],
     crs: str | None = None,
     checks: Sequence[str] = (),
 ) -> ImportedDraft:
-    """Return the draft of a project of the photographs of a solution that are ``found``, by their names in it.
+    """Return the draft of a project of the photographs of a solution that are ``there``, by their names in it.
 
     ``crs`` is that of its ground points and measured positions, where its files do not say it; points of the names
     ``checks`` are check points. Raises ProjectError where no photograph is left or the CRS is not known, ExchangeError
     where a point is not there, FrameError where PROJ does not know the CRS.
     """
     solution = with_checks(solution, checks)
-    index = [i for i, p in enumerate(solution.photographs) if p.name in found]
+    index = [i for i, p in enumerate(solution.photographs) if p.name in there]
     if not index:
         raise ProjectError(f"none of the {len(solution.photographs)} photographs of the solution is there")
-    tagged = [found[solution.photographs[i].name] for i in index]
+    tagged = [there[solution.photographs[i].name] for i in index]
     names = {solution.photographs[i].name: t.name for i, t in zip(index, tagged, strict=True)}
     points, marks, notes = _ground(solution, names)
     measured = {
@@ -204,7 +205,9 @@ def _merged(solution: ForeignSolution, index: Sequence[int]) -> _Cameras:
     for i in index:
         camera = solution.cameras[solution.photographs[i].camera]
         groups.setdefault((camera.model, camera.width_px, camera.height_px), []).append(i)
-    cameras, of, reasons = list[Camera](), dict[int, int](), list[str]()
+    cameras: list[Camera] = []
+    reasons: list[str] = []
+    of: dict[int, int] = {}
     for k, ((_, width, height), members) in enumerate(groups.items()):
         own = [solution.cameras[solution.photographs[i].camera] for i in members]
         middle = own[0].with_parameters(np.median([camera.parameters for camera in own], axis=0))
@@ -250,7 +253,8 @@ def _ground(
         return (), (), []
     surveyed: BoolArray = np.asarray(np.isfinite(ground.position_world_m).all(axis=1))
     points = tuple(_point(ground, g) for g in np.flatnonzero(surveyed).tolist())
-    notes, marks, strange, rejected = list[str](), list[Mark](), 0, 0
+    marks: list[Mark] = []
+    strange = rejected = 0
     for i, g, (u, v), (sigma_px, rho) in zip(
         ground.mark_photograph.tolist(),
         ground.mark_point.tolist(),
@@ -265,13 +269,12 @@ def _ground(
             rejected += 1
         else:
             marks.append(Mark(ground.name[g], photograph, (u, v), sigma_px, rho, IMPORTED))
-    if not surveyed.all():
-        bare = [name for name, known in zip(ground.name, surveyed, strict=True) if not known]
-        notes.append(f"{things(len(bare), 'point')} without coordinates and their marks: {some(bare)}")
-    if rejected:
-        notes.append(f"{things(rejected, 'mark')} that {solution.program} does not use")
-    if strange:
-        notes.append(f"{things(strange, 'mark')} in photographs that are not there")
+    bare = [name for name, known in zip(ground.name, surveyed, strict=True) if not known]
+    notes = sentences(
+        (bare, f"{things(len(bare), 'point')} without coordinates and their marks: {some(bare)}"),
+        (rejected, f"{things(rejected, 'mark')} that {solution.program} does not use"),
+        (strange, f"{things(strange, 'mark')} in photographs that are not there"),
+    )
     return points, tuple(marks), notes
 
 

@@ -2,35 +2,33 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from photogram.camera import Camera
-from photogram.exchange.draft import ImportedDraft, ImportedPhotograph
+from photogram.exchange.draft import ImportedDraft
 from photogram.geodesy.crs import NO_CRS
 from photogram.gnss import Sigma3
-from photogram.project.draft.text import DEFAULT_CONTROL_SIGMA_M, DEFAULT_MARK_SIGMA_PX
+from photogram.project.draft.text import (
+    ASSUMED,
+    CALIBRATION,
+    CONTROL_EXAMPLE,
+    DEFAULT_CONTROL_SIGMA_M,
+    DEFAULT_MARK_SIGMA_PX,
+    flights_comment,
+    gnss_lines,
+    list_item,
+)
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.wording import things
 
 SOLUTION, POSITIONS, POINTS, MARKS = "solution.npz", "positions.csv", "ground_points.csv", "ground_marks.csv"
+"""The files beside a project that it names: the solution, and tables of positions, points and marks."""
+
 _RADIAL, _TANGENTIAL = "k1, k2, k3", "p1, p2"
 
 
-@dataclass(frozen=True)
-class ImportedFiles:
-    """The files that a project names, as it names them: the folder of the photographs, the solution, and tables of
-    positions, points and marks."""
-
-    photographs: str
-    solution: str = SOLUTION
-    positions: str = POSITIONS
-    points: str = POINTS
-    marks: str = MARKS
-
-
-def imported_text(draft: ImportedDraft, files: ImportedFiles) -> str:
-    """Return the text of project.yaml."""
+def imported_text(draft: ImportedDraft, folder: str) -> str:
+    """Return the text of project.yaml; ``folder`` is that of the photographs, as the file is to name it."""
     members = Counter(p.camera for p in draft.photographs)
     head = f"Written by photogram import from {things(len(draft.photographs), 'photograph')} of {draft.program}"
     lines = [
@@ -42,7 +40,7 @@ def imported_text(draft: ImportedDraft, files: ImportedFiles) -> str:
         "",
         *_heights(draft),
         "start:",
-        f"  solution: {scalar(files.solution)} # as the other program left it, in photogram's form",
+        f"  solution: {SOLUTION} # as the other program left it, in photogram's form",
         f"  tie_points: {draft.tie_points} # own: key points and matches are photogram's",
         f"  poses: {draft.poses} # own: the orientation is photogram's",
         "",
@@ -50,15 +48,9 @@ def imported_text(draft: ImportedDraft, files: ImportedFiles) -> str:
     ]
     for number, (camera, reason) in enumerate(zip(draft.cameras, draft.camera_reasons, strict=True)):
         lines += _camera(camera, reason, draft.program) if members[number] else []
-    lines += ["", *_photographs(draft, files), ""]
-    if any(g is not None for g in draft.gnss):
-        lines += [
-            "gnss:",
-            *comment(draft.offset_reason, 2),
-            f"  offset_sigma_m: {sigma3(draft.offset_sigma_m)} # easting, northing, height",
-            "",
-        ]
-    return "\n".join([*lines, *_control(draft, files), ""])
+    lines += ["", *_photographs(draft, folder), ""]
+    lines += gnss_lines(draft.gnss, draft.offset_sigma_m, draft.offset_reason)
+    return "\n".join([*lines, *_control(draft), ""])
 
 
 def _heights(draft: ImportedDraft) -> list[str]:
@@ -96,13 +88,13 @@ def _camera(camera: Camera, reason: str, program: str) -> list[str]:
         *([] if fisheye else [f"    tangential: {numbers(camera.tangential.tolist(), '.12g')} # {_TANGENTIAL}"]),
         *([f"    affinity: {numbers(camera.affinity.tolist(), '.12g')} # b1, b2"] if camera.affinity.any() else []),
         f"    source: {scalar(f'estimated by {program}')}",
-        "    calibration: auto # parameters that the image geometry determines are estimated, the others stay fixed",
+        CALIBRATION,
         *flow("    sigmas", [f"{key}: free" for key in free]),
     ]
 
 
-def _photographs(draft: ImportedDraft, files: ImportedFiles) -> list[str]:
-    lines = ["photographs:", f"  folder: {scalar(files.photographs)} # relative to this file"]
+def _photographs(draft: ImportedDraft, folder: str) -> list[str]:
+    lines = ["photographs:", f"  folder: {scalar(folder)} # relative to this file"]
     one_camera = len(draft.cameras) == 1
     if one_camera:
         lines.append(f"  camera: {scalar(draft.cameras[0].name)}")
@@ -113,7 +105,7 @@ def _photographs(draft: ImportedDraft, files: ImportedFiles) -> list[str]:
         lines += [
             *comment(f"Positions as {draft.program} was given them; the tags give those of other photographs.", 2),
             "  positions:",
-            f"    - path: {scalar(files.positions)} # {things(len(draft.measured), 'photograph')}",
+            f"    - path: {POSITIONS} # {things(len(draft.measured), 'photograph')}",
             "      position_of: camera # or antenna, where no lever arm was applied",
             *([f"      crs: {scalar(draft.measured_crs)}"] if draft.measured_crs is not None else []),
         ]
@@ -124,16 +116,14 @@ def _photographs(draft: ImportedDraft, files: ImportedFiles) -> list[str]:
     if common is not None:
         lines.append(f"  gnss_sigma_m: {sigma3(common)}")
         if all(g is None or g.assumed for g in draft.gnss):
-            lines.append("  gnss_sigma_assumed: true # nobody states it: estimated from the residuals of each flight")
+            lines.append(ASSUMED)
     if draft.has_attitude:
         lines.append(f"  attitude_sigma_deg: 2.0 # of yaw, pitch and roll in the tags of {draft.has_attitude}")
-    if draft.flights > 1:
-        text = f"{draft.flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
-        lines += comment(text, 2)
-    lines.append("  list:")
+    lines += [*flights_comment(draft.flights), "  list:"]
     for photograph in draft.photographs:
-        camera = None if one_camera else draft.cameras[photograph.camera].name
-        lines.append(_item(photograph, camera, draft.flights > 1))
+        camera = None if one_camera else scalar(draft.cameras[photograph.camera].name)
+        flight = f'"{photograph.flight}"' if draft.flights > 1 else None
+        lines.append(list_item(name=scalar(photograph.name), camera=camera, flight=flight))
     for missing in draft.left_out:
         lines += [*comment(f"Not there: {missing.reason}", 4), f"    # - {{name: {scalar(missing.name)}}}"]
     return lines
@@ -149,39 +139,22 @@ def _common_sigma(draft: ImportedDraft) -> Sigma3 | None:
     return sigmas.most_common(1)[0][0] if sigmas else None
 
 
-def _item(photograph: ImportedPhotograph, camera: str | None, several_flights: bool) -> str:
-    parts = [f"name: {scalar(photograph.name)}"]
-    if camera is not None:
-        parts.append(f"camera: {scalar(camera)}")
-    if several_flights:
-        parts.append(f'flight: "{photograph.flight}"')
-    return f"    - {{{', '.join(parts)}}}"
-
-
-def _control(draft: ImportedDraft, files: ImportedFiles) -> Sequence[str]:
+def _control(draft: ImportedDraft) -> Sequence[str]:
     if not draft.points:
-        return [
-            "# Ground points are given like this:",
-            "#",
-            "# control_points:",
-            "#   files:",
-            "#     - {path: gcp_list.txt, role: control, sigma_m: [0.03, 0.03, 0.05], mark_sigma_px: 1.0}",
+        return CONTROL_EXAMPLE
+    assumed = []
+    if any(None in p.sigma_m for p in draft.points):
+        assumed = [
+            *comment("The solution gives no accuracy of some; these are assumed; enter those of your survey:", 6),
+            f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}",
         ]
-    whole = all(None not in p.sigma_m for p in draft.points)
     return [
         "control_points:",
         "  files:",
-        f"    - path: {scalar(files.points)} # {things(len(draft.points), 'point')}, each with its role",
+        f"    - path: {POINTS} # {things(len(draft.points), 'point')}, each with its role",
         "      role: control",
         *([f"      crs: {scalar(draft.measured_crs)}"] if draft.measured_crs is not None else []),
-        *([f"      marks: {scalar(files.marks)}"] if draft.marks else []),
-        *(
-            []
-            if whole
-            else [
-                *comment("The solution gives no accuracy of some; these are assumed; enter those of your survey:", 6),
-                f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}",
-            ]
-        ),
+        *([f"      marks: {MARKS}"] if draft.marks else []),
+        *assumed,
         f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the table gives none",
     ]

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from photogram import __version__
 from photogram.exchange.audit.audit import audited
-from photogram.exchange.audit.beside import check_shared, checks_of
 from photogram.exchange.audit.foreign_block import foreign_block
+from photogram.exchange.audit.further_solutions import check_shared, checks_of
 from photogram.exchange.audit.page import AuditTables, audit_page
 from photogram.exchange.audit.tables import tables
 from photogram.exchange.formats.recognition import read_solution
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder, write_whole
 from photogram.files.npz_json import write_json
 from photogram.files.solutions.solution import with_checks
 from photogram.wording import Progress, silent
@@ -52,6 +52,5 @@ def write_audit(folder: Path | str, result: AuditTables) -> tuple[Path, Path]:
     page, figures = Path(folder) / PAGE, Path(folder) / FIGURES
     make_folder(Path(folder))
     write_json(figures, {"photogram": __version__, **asdict(result)})
-    with replacing(page) as temporary:
-        temporary.write_text(audit_page(result, __version__), encoding="utf-8")
+    write_whole(page, audit_page(result, __version__))
     return page, figures

@@ -44,9 +44,9 @@ def export_solution(
     solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
     if form == "undistorted":
         make_folder(target)
-        said = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
-        said = (*shutters, *said, *WRITERS[form].write(target, solution))
-        return tuple(dict.fromkeys(said))  # each once, though photographs and model both miss it
+        of_images = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
+        left_out = (*shutters, *of_images, *WRITERS[form].write(target, solution))
+        return tuple(dict.fromkeys(left_out))  # each once, though photographs and model both miss it
     return (*shutters, *_written(form, target, solution))
 
 
@@ -62,11 +62,11 @@ def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
 def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> tuple[str, ...]:
     solution, fields = without_fields(solution)
     writer = WRITERS[form]
-    solution, said = with_nearest_cameras(solution, writer.terms)
+    solution, terms = with_nearest_cameras(solution, writer.terms)
     if writer.is_folder:
         make_folder(target)
     try:
-        return (*fields, *said, *writer.write(target, solution))
+        return (*fields, *terms, *writer.write(target, solution))
     except ExchangeError as error:
         if writer.is_folder and not any(target.iterdir()):
             target.rmdir()

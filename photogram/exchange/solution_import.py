@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError, ImageError, ProjectError, WorkspaceError
 from photogram.exchange.draft import ImportedDraft, draft_import
-from photogram.exchange.draft_text import MARKS, POINTS, POSITIONS, SOLUTION, ImportedFiles, imported_text
+from photogram.exchange.draft_text import MARKS, POINTS, POSITIONS, SOLUTION, imported_text
+from photogram.exchange.formats.assembly import sentences
 from photogram.exchange.formats.colmap.database import is_database, read_colmap_database
 from photogram.exchange.formats.recognition import read_solution
-from photogram.files.atomic import replacing, unwritable
+from photogram.files.atomic import unwritable, write_whole
 from photogram.files.marks.mark_table import write_marks
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
@@ -89,28 +91,27 @@ def import_solution(
     know the CRS; WorkspaceError where a file cannot be written.
     """
     path, source = Path(project), Path(solution)
-    beside = {name: path.parent / name for name in (SOLUTION, POSITIONS, POINTS, MARKS)}
-    _check_targets((path, *beside.values()), force=force)
-    found = _read(source)
-    folder, files = _photographs(source, found, None if photographs is None else Path(photographs))
-    tagged, left_out = _inspected(folder, found, files, progress)
-    draft = draft_import(found, tagged, left_out, crs, check)
-    written = [beside[SOLUTION]]
-    write_stored(beside[SOLUTION], found)
+    targets = {name: path.parent / name for name in (SOLUTION, POSITIONS, POINTS, MARKS)}
+    _check_targets((path, *targets.values()), force=force)
+    foreign = _of_database(source) if is_database(source) else read_solution(source)
+    folder, files = _photographs(source, foreign, None if photographs is None else Path(photographs))
+    tagged, left_out = _inspected(folder, foreign, files, progress)
+    draft = draft_import(foreign, tagged, left_out, crs, check)
+    written = [targets[SOLUTION]]
+    write_stored(targets[SOLUTION], foreign)
     geographic = draft.measured_crs is not None and is_geographic(draft.measured_crs)
     if draft.measured and draft.crs != NO_CRS:
-        write_positions(beside[POSITIONS], draft.measured, geographic=geographic)
-        written.append(beside[POSITIONS])
+        write_positions(targets[POSITIONS], draft.measured, geographic=geographic)
+        written.append(targets[POSITIONS])
     if draft.points:
-        write_point_table(beside[POINTS], draft.points, geographic=geographic)
-        written.append(beside[POINTS])
+        write_point_table(targets[POINTS], draft.points, geographic=geographic)
+        written.append(targets[POINTS])
     if draft.points and draft.marks:
-        write_marks(beside[MARKS], draft.marks)
-        written.append(beside[MARKS])
-    named = ImportedFiles(Path(os.path.relpath(folder.absolute(), path.absolute().parent)).as_posix())
-    with replacing(path) as partial:
-        partial.write_text(imported_text(draft, named), encoding="utf-8")
-    return ImportedProject(path, draft, tuple(written), read_back(path), (*found.left_out, *draft.notes))
+        write_marks(targets[MARKS], draft.marks)
+        written.append(targets[MARKS])
+    folder_name = Path(os.path.relpath(folder.absolute(), path.absolute().parent)).as_posix()
+    write_whole(path, imported_text(draft, folder_name))
+    return ImportedProject(path, draft, tuple(written), read_back(path), (*foreign.left_out, *draft.notes))
 
 
 def _check_targets(files: Sequence[Path], *, force: bool) -> None:
@@ -132,30 +133,29 @@ def _check_targets(files: Sequence[Path], *, force: bool) -> None:
 # ---- the solution ----------------------------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> ForeignSolution:
-    return _of_database(path) if is_database(path) else read_solution(path)
-
-
 def _of_database(path: Path) -> ForeignSolution:
     """Return the photographs and cameras of a database of COLMAP, and its verified matches joined to tie points."""
-    held = read_colmap_database(path)
-    features = [
-        Features(
-            pixel, np.zeros(len(pixel)), np.zeros(len(pixel)), np.zeros((len(pixel), 0), dtype=np.uint8),
-            np.zeros((len(pixel), 3), dtype=np.uint8),
-        )
-        for pixel in held.pixels
-    ]  # fmt: skip
-    joined = join_matches(features, held.matches, [np.ones(len(pixel)) for pixel in held.pixels])
+    database = read_colmap_database(path)
+    features = [_features(pixel) for pixel in database.pixels]
+    joined = join_matches(features, database.matches, [np.ones(len(pixel)) for pixel in database.pixels])
     if not len(joined.tie_points):
         raise ExchangeError(f"{path}: has no verified matches: run one of COLMAP's matchers, and its verification")
     conflicts = things(joined.conflicts, "set of matches", "sets of matches")
-    left_out = [*held.left_out, *([f"{conflicts} with two key points of a photograph."] if joined.conflicts else [])]
+    lost = sentences((joined.conflicts, f"{conflicts} with two key points of a photograph."))
     photographs = tuple(
-        ForeignPhotograph(name, camera, None, file)
-        for name, camera, file in zip(held.names, held.camera_of, held.files, strict=True)
+        ForeignPhotograph(file.name, camera, None, file)
+        for camera, file in zip(database.camera_of, database.files, strict=True)
     )
-    return ForeignSolution("COLMAP (database)", held.cameras, photographs, joined.tie_points, left_out=tuple(left_out))
+    return ForeignSolution(
+        "COLMAP (database)", database.cameras, photographs, joined.tie_points, left_out=(*database.left_out, *lost)
+    )
+
+
+def _features(pixel: FloatArray) -> Features:
+    """Return key points (N, 2) without size, angle, descriptor and colour."""
+    count = len(pixel)
+    no_descriptor, black = np.zeros((count, 0), dtype=np.uint8), np.zeros((count, 3), dtype=np.uint8)
+    return Features(pixel, np.zeros(count), np.zeros(count), no_descriptor, black)
 
 
 # ---- the photographs -------------------------------------------------------------------------------------------------
@@ -166,14 +166,17 @@ def _photographs(source: Path, solution: ForeignSolution, given: Path | None) ->
     if given is not None:
         if not isdir(given):
             raise ImageError(f"{given}: folder not found: give the folder of the photographs")
-        found = _within(given, solution)
-        if not found:
+        names = _within(given, solution)
+        if not names:
             raise ImageError(
                 f"{given}: has none of the photographs of the solution: these are "
                 f"{some([p.name for p in solution.photographs])}"
             )
-        return given, found
-    counted = [(folder, _in(folder, solution)) for folder in _folders(source, solution)]
+        return given, names
+    counted = [
+        (folder, {p.name: p.name for p in solution.photographs if isfile(folder / p.name)})
+        for folder in _folders(source, solution)
+    ]
     best = max(counted, key=lambda each: len(each[1]), default=None)
     if best is None or not best[1]:
         raise ImageError(
@@ -193,23 +196,19 @@ def _folders(source: Path, solution: ForeignSolution) -> Iterable[Path]:
             yield folder.resolve()
 
 
-def _in(folder: Path, solution: ForeignSolution) -> dict[str, str]:
-    return {p.name: p.name for p in solution.photographs if isfile(folder / p.name)}
-
-
 def _within(folder: Path, solution: ForeignSolution) -> dict[str, str]:
     """Return the photographs of a folder and those within."""
-    wanted, found = {p.name for p in solution.photographs}, dict[str, str]()
+    wanted, names = {p.name for p in solution.photographs}, dict[str, str]()
     for path in sorted(folder.rglob("*")):
         if path.name not in wanted or not path.is_file():
             continue
         name = path.relative_to(folder).as_posix()
-        if path.name in found:
+        if path.name in names:
             raise ImageError(
-                f"{folder}: {found[path.name]} and {name} have the same file name: give the folder of the right one"
+                f"{folder}: {names[path.name]} and {name} have the same file name: give the folder of the right one"
             )
-        found[path.name] = name
-    return found
+        names[path.name] = name
+    return names
 
 
 def _inspected(
@@ -221,11 +220,11 @@ def _inspected(
         read = executor.map(
             lambda p: _tagged(folder, solution.cameras[p.camera], p.name, files.get(p.name)), solution.photographs
         )
-        for done, (photograph, found) in enumerate(zip(solution.photographs, read, strict=True), 1):
-            if isinstance(found, LeftOut):
-                left_out.append(found)
+        for done, (photograph, tagged) in enumerate(zip(solution.photographs, read, strict=True), 1):
+            if isinstance(tagged, LeftOut):
+                left_out.append(tagged)
             else:
-                usable[photograph.name] = found
+                usable[photograph.name] = tagged
             progress(done, len(solution.photographs), photograph.name)
     return usable, left_out
 

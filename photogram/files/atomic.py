@@ -93,6 +93,12 @@ def replacing(path: Path) -> Iterator[Path]:
         _at_work.discard(partial)
 
 
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, a text in UTF-8, by ``replacing``: it holds all of the content or is as it was."""
+    with replacing(path) as partial:
+        partial.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
 @contextmanager
 def scratch_folder(partial: Path) -> Iterator[Path]:
     """Give an empty folder beside the partial file of ``replacing``, or a ``temporary_name``, for what is only needed

@@ -10,7 +10,7 @@ from foreign import small_solution
 from photogram.camera import Camera
 from photogram.errors import ExchangeError, ProjectError
 from photogram.exchange.draft import ImportedDraft, draft_import, freed
-from photogram.exchange.draft_text import ImportedFiles, imported_text
+from photogram.exchange.draft_text import imported_text
 from photogram.files.photographs.tags import PhotographTags
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.measures.mark_covariances import isotropic_px2
@@ -31,7 +31,7 @@ def there(solution: ForeignSolution, *missing: str, **tags: object) -> dict[str,
 
 
 def values(draft: ImportedDraft) -> dict[str, object]:
-    return dict(yaml.safe_load(imported_text(draft, ImportedFiles("photographs"))))
+    return dict(yaml.safe_load(imported_text(draft, "photographs")))
 
 
 def placed(solution: ForeignSolution, crs: str | None = UTM) -> ForeignSolution:
@@ -79,7 +79,7 @@ def test_a_file_that_yaml_reads_says_it_all() -> None:
         ("A", "flight 1/IMG_000.JPG"), ("A", "flight 1/IMG_001.JPG"),
     ]  # fmt: skip
     assert draft.notes == ("1 point without coordinates and their marks: C",)
-    assert "IMG_004.JPG" in imported_text(draft, ImportedFiles("photographs"))
+    assert "IMG_004.JPG" in imported_text(draft, "photographs")
 
 
 def test_the_map_grid_is_the_solutions_or_the_zone_of_its_degrees() -> None:
@@ -170,5 +170,5 @@ def test_no_photograph_is_an_error() -> None:
 def test_sigma_keys_are_those_of_the_schema() -> None:
     camera = replace(small_solution().cameras[0], sigmas=np.zeros(len(PARAMETER_NAMES)))
     made = replace(small_solution(), cameras=(freed(camera), freed(camera)), ground_points=None)
-    text = imported_text(draft_import(made, there(small_solution()), []), ImportedFiles("photographs"))
+    text = imported_text(draft_import(made, there(small_solution()), []), "photographs")
     assert "sigmas: {focal_px: free, principal_point_px: free, k1: free" in text

@@ -15,10 +15,10 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
-from photogram.exchange.audit.beside import Beside, check_shared, laid_beside
 from photogram.exchange.audit.differences import PoseDifference, brought, calibration_differences, pose_differences
 from photogram.exchange.audit.fits import Fit, fit_of_adjustment, fit_of_solution, known_rows
 from photogram.exchange.audit.foreign_block import ForeignBlock, with_their_model
+from photogram.exchange.audit.further_solutions import FurtherSolution, check_shared, further_solution
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.measures.mark_covariances import scaled
 from photogram.quality.deformation import DOME, height_modes
@@ -78,23 +78,32 @@ class Audit:
     """None with too few tie points to tell."""
     mark_factor: float
     """By what the stated sigmas of marks were multiplied for ours."""
-    beside: tuple[Beside, ...] = ()
+    further: tuple[FurtherSolution, ...] = ()
     """Further solutions of the photographs, by other programs."""
+
+    @property
+    def solutions(self) -> list[ForeignSolution]:
+        """Return the audited solution and the further ones."""
+        return [self.solution, *(each.solution for each in self.further)]
+
+    @property
+    def blocks(self) -> list[Block]:
+        """Return the measurements of each of them."""
+        return [self.start.block, *(each.start.block for each in self.further)]
 
 
 def audited(
     solution: ForeignSolution,
     start: ForeignBlock,
     progress: Progress = silent,
-    beside: Sequence[tuple[ForeignSolution, ForeignBlock]] = (),
+    others: Sequence[tuple[ForeignSolution, ForeignBlock]] = (),
 ) -> Audit:
-    """Adjust the measurements of a foreign solution anew and compare, with further solutions of its photographs
-    ``beside`` it.
+    """Adjust the measurements of a foreign solution anew and compare, with ``others`` of its photographs too.
 
     Raises AdjustmentError where the measurements do not determine the block even without what contradicts the rest,
     ExchangeError where a further solution shares no photograph with it.
     """
-    for other, _ in beside:
+    for other, _ in others:
         check_shared(solution, other)
     block = start.block
     progress(0, 0, "their result")
@@ -128,7 +137,7 @@ def audited(
         parameter_sigmas=sigmas,
         bend=_bend(moved, result),
         mark_factor=mark_factor,
-        beside=tuple(laid_beside(other, placed, solution, result) for other, placed in beside),
+        further=tuple(further_solution(other, placed, solution, result) for other, placed in others),
     )
 
 

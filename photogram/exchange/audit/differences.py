@@ -12,7 +12,7 @@ import numpy as np
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import OrientationError
-from photogram.exchange.audit.foreign_block import ForeignBlock, similarity_of_poses
+from photogram.exchange.audit.foreign_block import ForeignBlock, moved_by, similarity_of_poses
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.geodesy.frames import LocalFrame
 from photogram.projection import PARAMETERS
@@ -48,12 +48,7 @@ def brought(start: ForeignBlock, of: IntArray, result: Adjustment, *, is_same_ma
         fit = similarity_of_poses(poses_of(theirs, of), result.block.poses)
     except OrientationError:
         return _in_frame(theirs, frame) if is_same_map else None
-    ties = theirs.tie_points
-    return replace(
-        theirs,
-        poses=tuple(None if pose is None else fit.pose(pose) for pose in theirs.poses),
-        tie_points=replace(ties, position_world_m=fit.points(ties.position_world_m)),
-    )
+    return moved_by(fit, theirs)
 
 
 def _in_frame(block: Block, frame: LocalFrame) -> Block:
@@ -81,7 +76,7 @@ def poses_of(block: Block, of: IntArray) -> list[Pose | None]:
 
 def pose_differences(poses: Sequence[Pose | None], result: Adjustment) -> list[PoseDifference]:
     """Return the differences of poses, one of each photograph of the adjustment, from the adjusted ones."""
-    found = []
+    differences = []
     for i, (a, b) in enumerate(zip(poses, result.block.poses, strict=True)):
         if a is None or b is None:
             continue
@@ -91,23 +86,24 @@ def pose_differences(poses: Sequence[Pose | None], result: Adjustment) -> list[P
         squares = position @ np.linalg.pinv(result.covariances.position_m2[i]) @ position
         squares += rotation @ np.linalg.pinv(result.covariances.rotation_rad2[i]) @ rotation
         name = result.block.photographs[i].name
-        found.append(PoseDifference(name, position, rotation, float(np.sqrt(squares / 6.0))))
-    return found
+        differences.append(PoseDifference(name, position, rotation, float(np.sqrt(squares / 6.0))))
+    return differences
 
 
 def cameras_of(solution: ForeignSolution, of: IntArray, block: Block) -> list[Camera | None]:
     """Return for each camera of a block the solution's: the one of most of its photographs; None where it has another
     size or model, or no photograph of it."""
-    found: list[Camera | None] = []
+    cameras: list[Camera | None] = []
     for c, camera in enumerate(block.cameras):
         shared = [i for i, own in zip(of.tolist(), block.camera_of.tolist(), strict=True) if own == c and i >= 0]
         votes = Counter(solution.photographs[i].camera for i in shared)
         theirs = solution.cameras[votes.most_common(1)[0][0]] if votes else None
-        same = theirs is not None and (theirs.width_px, theirs.height_px, theirs.model) == (
-            camera.width_px, camera.height_px, camera.model,
-        )  # fmt: skip
-        found.append(theirs if same else None)
-    return found
+        cameras.append(theirs if theirs is not None and _kind(theirs) == _kind(camera) else None)
+    return cameras
+
+
+def _kind(camera: Camera) -> tuple[int, int, str]:
+    return camera.width_px, camera.height_px, camera.model
 
 
 def calibration_differences(cameras: Sequence[Camera | None], result: Adjustment) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogram.adjustment.ground_points import intersect_weighted
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.factors.elimination.reprojection import Observations, observed_marks, residuals
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
@@ -37,15 +37,16 @@ def fit_of_solution(solution: ForeignSolution, theirs: Block) -> Fit:
     Its ground points are those that it states, where its files have them, else intersected from the marks by least
     squares; tie points whose positions the files leave out are intersected too.
     """
-    held = replace(theirs, cameras=solution.cameras)
-    given = held.tie_points.position_world_m
-    tie_world_m = np.where(np.isfinite(given), given, intersect(held))
-    ground_world_m, points, stated = _intersected(held), solution.ground_points, solution.stated.ground_m
+    block = replace(theirs, cameras=solution.cameras)
+    given = block.tie_points.position_world_m
+    tie_world_m = np.where(np.isfinite(given), given, intersect(block))
+    ground_world_m = _intersected(block)
+    points, stated = solution.ground_points, solution.stated.ground_m
     if points is not None and stated is not None:
         stated = stated[np.isfinite(points.position_world_m).all(axis=1)]
-        said = known_rows(stated)
-        ground_world_m[said] = theirs.frame.world_from_map(stated[said])
-    return _fit(held, tie_world_m, ground_world_m)
+        is_stated = known_rows(stated)
+        ground_world_m[is_stated] = theirs.frame.world_from_map(stated[is_stated])
+    return _fit(block, tie_world_m, ground_world_m)
 
 
 def _intersected(block: Block) -> FloatArray:
@@ -79,11 +80,8 @@ def _rms(residual_px: FloatArray) -> float:
 
 
 def _differences(block: Block, ground_world_m: FloatArray) -> FloatArray:
-    points, frame = block.control_points, block.frame
-    off = np.full((len(points), 3), np.nan)
-    known = known_rows(ground_world_m)
-    off[known] = frame.map_from_world(ground_world_m[known]) - frame.map_from_world(points.position_world_m[known])
-    return off
+    to_map = block.frame.map_from_world
+    return to_map(ground_world_m) - to_map(block.control_points.position_world_m)
 
 
 def _accuracies(block: Block, off_m: FloatArray) -> tuple[CheckAccuracy, CheckAccuracy]:
@@ -93,16 +91,16 @@ def _accuracies(block: Block, off_m: FloatArray) -> tuple[CheckAccuracy, CheckAc
 
 
 def _fit(block: Block, tie_world_m: FloatArray, ground_world_m: FloatArray) -> Fit:
-    ties, points, cameras = block.tie_points, block.control_points, block.oriented_cameras()
-    unit = np.ones(len(ties.photograph)), np.ones(len(points.mark_point))
-    seen = known_rows(cameras.position)
-    of_ties, of_marks = seen[ties.photograph], seen[points.mark_photograph]
-    tie = residuals(Observations(ties.photograph, ties.point, ties.pixel, unit[0]), cameras, np.nan_to_num(tie_world_m))
-    mark = residuals(
-        Observations(points.mark_photograph, points.mark_point, points.mark_pixel, unit[1]),
-        cameras, np.nan_to_num(ground_world_m),
-    )  # fmt: skip
-    of_ties &= known_rows(tie_world_m)[ties.point]
-    of_marks &= known_rows(ground_world_m)[points.mark_point]
+    ties, points = block.tie_points, block.control_points
+    cameras = block.oriented_cameras()
+    oriented = known_rows(cameras.position)
+
+    def rms_px(photograph: IntArray, point: IntArray, pixel: FloatArray, world_m: FloatArray) -> float:
+        observed = Observations(photograph, point, pixel, np.ones(len(point)))
+        residual_px = residuals(observed, cameras, np.nan_to_num(world_m))
+        return _rms(residual_px[oriented[photograph] & known_rows(world_m)[point]])
+
+    tie_rms_px = rms_px(ties.photograph, ties.point, ties.pixel, tie_world_m)
+    mark_rms_px = rms_px(points.mark_photograph, points.mark_point, points.mark_pixel, ground_world_m)
     off = _differences(block, ground_world_m)
-    return Fit(_rms(tie[of_ties]), _rms(mark[of_marks]), off, *_accuracies(block, off))
+    return Fit(tie_rms_px, mark_rms_px, off, *_accuracies(block, off))

@@ -23,6 +23,7 @@ from photogram.geodesy.frames import (
 )
 from photogram.project.draft.positions import AUTONOMOUS_M
 from photogram.project.draft.sites import utm_crs
+from photogram.project.project import in_world
 from photogram.sfm.orientation import OrientationSettings, georeference
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
@@ -80,8 +81,8 @@ def with_their_model(start: ForeignBlock, solution: ForeignSolution) -> Block:
         block = replace(
             block,
             cameras=tuple(
-                replace(camera, sigmas=np.where(held, 0.0, camera.sigmas))
-                for camera, held in zip(block.cameras, stated.held, strict=True)
+                replace(camera, sigmas=np.where(fixed, 0.0, camera.sigmas))
+                for camera, fixed in zip(block.cameras, stated.held, strict=True)
             ),
         )
     return _with_check_marks(block) if stated.uses_check_marks else block
@@ -194,9 +195,8 @@ def _measured(solution: ForeignSolution, crs: str | None) -> Block:
             )
         )
     points = solution.ground_points or NOBODY
-    surveyed: BoolArray = np.asarray(np.isfinite(ground).all(axis=1))
-    world = np.full(ground.shape, np.nan)
-    world[surveyed] = frame.world_from_map(ground[surveyed])
+    ground_world_m = in_world(frame, ground)
+    surveyed: BoolArray = np.asarray(np.isfinite(ground_world_m).all(axis=1))
     ties = solution.tie_points
     stated_px = solution.stated_tie_sigma_px
     if stated_px is not None:
@@ -207,7 +207,7 @@ def _measured(solution: ForeignSolution, crs: str | None) -> Block:
         tuple(photographs),
         tuple(photograph.pose for photograph in solution.photographs),
         ties.select(ties.rays >= 2),
-        replace(points, position_world_m=world).select(surveyed),
+        replace(points, position_world_m=ground_world_m).select(surveyed),
     )
 
 
@@ -220,14 +220,11 @@ def _placed(block: Block, solution: ForeignSolution) -> ForeignBlock:
             [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
         )
         there = block.frame.world_from_map(map_from_geodetic(block.frame.crs, _geodetic(solution, corners)))
-        return _as_it_is(_moved(block, fit_similarity(corners, there)), is_placed=True)
+        return _as_it_is(moved_by(fit_similarity(corners, there), block), is_placed=True)
     if solution.frame == "map":
         poses = tuple(None if pose is None else _from_map(block.frame, pose) for pose in block.poses)
-        ties = block.tie_points
-        moved = block.frame.world_from_map(np.nan_to_num(ties.position_world_m))
-        moved[~np.isfinite(ties.position_world_m).all(axis=1)] = np.nan
-        moved_block = replace(block, poses=poses, tie_points=replace(ties, position_world_m=moved))
-        return _as_it_is(moved_block, is_placed=True)
+        ties = replace(block.tie_points, position_world_m=in_world(block.frame, block.tie_points.position_world_m))
+        return _as_it_is(replace(block, poses=poses, tie_points=ties), is_placed=True)
     if block.is_free:
         return _as_it_is(block, is_placed=False)
     structure = Structure.oriented(block.tie_points, block.cameras, block.camera_of, OrientationSettings(), block.poses)
@@ -240,10 +237,11 @@ def _placed(block: Block, solution: ForeignSolution) -> ForeignBlock:
         structure = Structure.oriented(
             block.tie_points, unbent.cameras, block.camera_of, OrientationSettings(), unbent.poses
         )
-        start = _moved(replace(block, poses=poses), georeference(structure, replace(block, poses=poses)))
-        theirs = _moved(block, similarity_of_poses(block.poses, start.poses))
+        start = replace(block, poses=poses)
+        start = moved_by(georeference(structure, start), start)
+        theirs = moved_by(similarity_of_poses(block.poses, start.poses), block)
         return ForeignBlock(start, theirs, is_placed=False, parameters=parameters)
-    return _as_it_is(_moved(block, fit), is_placed=False)
+    return _as_it_is(moved_by(fit, block), is_placed=False)
 
 
 def _as_it_is(block: Block, *, is_placed: bool) -> ForeignBlock:
@@ -276,7 +274,8 @@ def _from_map(frame: LocalFrame, pose: Pose) -> Pose:
     return Pose(frame.rotation_world_from_map(position) @ pose.rotation_world_from_camera, position)
 
 
-def _moved(block: Block, fit: Similarity) -> Block:
+def moved_by(fit: Similarity, block: Block) -> Block:
+    """Return a block whose poses and tie points are moved by a similarity."""
     ties = block.tie_points
     return replace(
         block,

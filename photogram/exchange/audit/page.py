@@ -104,12 +104,11 @@ def audit_page(tables: AuditTables, version: str) -> str:
     environment = templates(StrictUndefined)
     environment.globals.update(page_font=PAGE_FONT)
     template = environment.get_template("audit.html.jinja")
-    shown = dict.fromkeys(dict.fromkeys(row.photograph for row in tables.poses))
-    most = set(list(shown)[:MOST_POSES])
+    names = list(dict.fromkeys(row.photograph for row in tables.poses))
     return template.render(
-        found=tables,
-        poses=[(name, [row for row in tables.poses if row.photograph == name]) for name in shown if name in most],
-        photographs=len(shown),
+        audit=tables,
+        poses=[(name, [row for row in tables.poses if row.photograph == name]) for name in names[:MOST_POSES]],
+        photographs=len(names),
         precision=tables.precision[: 2 * MOST_POSES],
         version=version,
     )

@@ -1,13 +1,15 @@
 """The figures of an audit as the rows of its tables, for terminal, page and audit.json."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.exchange.audit.audit import Audit
-from photogram.exchange.audit.beside import Beside
 from photogram.exchange.audit.differences import PoseDifference
 from photogram.exchange.audit.findings import contradictions, left_out
 from photogram.exchange.audit.fits import Fit
+from photogram.exchange.audit.further_solutions import FurtherSolution
 from photogram.exchange.audit.page import AuditTables, CalibrationRow, FigureRow, PoseRow
 from photogram.exchange.audit.precision import exterior_sigmas, ground_sigmas
 from photogram.files.solutions.solution import ForeignSolution, StatedAdjustment
@@ -44,10 +46,10 @@ def tables(audit: Audit) -> AuditTables:
 def _names(audit: Audit) -> list[str]:
     """Return the names of further programs, each its own."""
     names: list[str] = [audit.solution.program]
-    for each in audit.beside:
-        program, number = each.solution.program, 2
+    for solution in audit.solutions[1:]:
+        program, number = solution.program, 2
         while program in names:
-            program, number = f"{each.solution.program} ({number})", number + 1
+            program, number = f"{solution.program} ({number})", number + 1
         names.append(program)
     return names[1:]
 
@@ -62,39 +64,41 @@ def _about(audit: Audit) -> str:
         if block.frame.is_local
         else f"Coordinates are in {crs_label(block.frame.crs)}."
     )
-    placed = "" if audit.start.is_placed or block.is_free else (
-        " The files do not say where the solution lies: a similarity brought it to its control points or positions."
-    )  # fmt: skip
+    placed = ""
+    if not audit.start.is_placed and not block.is_free:
+        placed = (
+            " The files do not say where the solution lies: a similarity brought it to its control points or positions."
+        )
     ties, marks = len(block.tie_points), len(block.control_points.mark_point)
-    beside = "".join(_about_beside(each, name) for each, name in zip(audit.beside, _names(audit), strict=True))
+    others = "".join(_about_other(each, name) for each, name in zip(audit.further, _names(audit), strict=True))
     return (
         f"{oriented} of {len(solution.photographs)} photographs oriented by {solution.program}; {ties} tie points with "
         f"{len(block.tie_points.photograph)} observations, {len(block.control_points)} ground points with {marks} "
-        f"marks. {where}{placed}{_model(solution.stated)}{beside}"
+        f"marks. {where}{placed}{_model(solution.stated)}{others}"
     )
 
 
 def _model(stated: StatedAdjustment) -> str:
     """Return what the column of their weights takes over of their adjustment, as a sentence."""
-    held = stated.held
+    has_fixed = stated.held is not None and stated.held.any()
     parts = [
-        "what they held of the calibration is held" if held is not None and held.any() else "",
+        "what they held of the calibration is held" if has_fixed else "",
         "the marks of check points are measurements of points without a survey" if stated.uses_check_marks else "",
         "nothing is rejected" if stated.is_least_squares else "",
     ]
-    said = ", ".join(part for part in parts if part)
-    return f" With their weights, as in their adjustment, {said}." if said else ""
+    words = ", ".join(part for part in parts if part)
+    return f" With their weights, as in their adjustment, {words}." if words else ""
 
 
-def _about_beside(beside: Beside, name: str) -> str:
-    shared = int((beside.photograph_of >= 0).sum())
-    points = int((beside.point_of >= 0).sum())
-    ties = beside.start.block.tie_points
+def _about_other(other: FurtherSolution, name: str) -> str:
+    shared = int((other.photograph_of >= 0).sum())
+    points = int((other.point_of >= 0).sum())
+    ties = other.start.block.tie_points
     where = (
         "its poses are compared where its files place them"
-        if beside.is_in_the_same_map
+        if other.is_in_the_same_map
         else "its poses are compared after a similarity of the projection centres"
-        if beside.poses
+        if other.poses
         else "its poses cannot be compared: too few photographs in common"
     )
     return (
@@ -103,8 +107,8 @@ def _about_beside(beside: Beside, name: str) -> str:
     )
 
 
-def _number(value: float | None, digits: int) -> str:
-    return NOTHING if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+def _number(value: float | None, digits: int, unit: str = "") -> str:
+    return NOTHING if value is None or not np.isfinite(value) else f"{value:.{digits}f}{unit}"
 
 
 def _accuracy(accuracy: CheckAccuracy | None) -> str:
@@ -113,52 +117,37 @@ def _accuracy(accuracy: CheckAccuracy | None) -> str:
     return f"{accuracy.rmse_h_m:.3f}, {accuracy.rmse_v_m:.3f} m ({accuracy.n})"
 
 
-def _row(name: str, theirs: str, beside: list[str], same: str, ours: str) -> FigureRow:
-    return FigureRow(name, theirs, same, ours, tuple(beside))
+def _row(name: str, cells: Sequence[str]) -> FigureRow:
+    """Return a row of the cells of theirs, of further programs, of the same weights and of ours."""
+    return FigureRow(name, cells[0], cells[-2], cells[-1], tuple(cells[1:-2]))
 
 
 def _figures(audit: Audit) -> list[FigureRow]:
-    same, ours, further = audit.same, audit.ours.result, [each.fit for each in audit.beside]
-    fits: list[Fit | None] = [audit.theirs, *further, audit.same_fit, audit.ours_fit]
-    programs = [audit.solution, *(each.solution for each in audit.beside)]
-    blocks = [audit.start.block, *(each.start.block for each in audit.beside)]
-    fitted = {k for k, each in enumerate(zip(programs, blocks, strict=True)) if _checks_fitted(*each)}
-
-    def of_all(name: str, cells: list[str]) -> FigureRow:
-        return _row(name, cells[0], cells[1:-2], cells[-2], cells[-1])
-
-    def rms(name: str, what: str) -> FigureRow:
-        shown = [_number(None if fit is None else float(getattr(fit, what)), 3) for fit in fits]
-        return of_all(name, [s if s == NOTHING else f"{s} px" for s in shown])
-
-    def accuracy(name: str, of: str) -> FigureRow:
-        cells = [_accuracy(None if fit is None else _part(fit, of)) for fit in fits]
-        if of == "check":
-            cells = [cell + FITTED if k in fitted else cell for k, cell in enumerate(cells)]
-        return of_all(name, cells)
-
-    sigma0 = [_number(program.stated.sigma0, 4) for program in programs]
-    redundancy = [NOTHING if (r := program.stated.redundancy) is None else str(r) for program in programs]
-    same_sigma0, same_redundancy = (_number(None, 0),) * 2 if same is None else (
-        _number(same.sigma0, 4), str(same.redundancy)
-    )  # fmt: skip
+    fits: list[Fit | None] = [audit.theirs, *(each.fit for each in audit.further), audit.same_fit, audit.ours_fit]
+    tie_px = [None if fit is None else fit.tie_rms_px for fit in fits]
+    mark_px = [None if fit is None else fit.mark_rms_px for fit in fits]
+    control = [_accuracy(None if fit is None else fit.control) for fit in fits]
+    check = [_accuracy(None if fit is None else fit.check) for fit in fits]
+    for k, each in enumerate(zip(audit.solutions, audit.blocks, strict=True)):
+        check[k] += FITTED if _checks_fitted(*each) else ""
+    same, ours = audit.same, audit.ours.result
+    sigma0 = [solution.stated.sigma0 for solution in audit.solutions]
+    redundancy = [solution.stated.redundancy for solution in audit.solutions]
+    sigma0 += [None if same is None else same.sigma0, ours.sigma0]
+    redundancy += [None if same is None else same.redundancy, ours.redundancy]
     rows = [
-        rms("Tie points: RMS of a residual", "tie_rms_px"),
-        rms("Marks: RMS of a residual", "mark_rms_px"),
-        of_all("sigma0", [*sigma0, same_sigma0, _number(ours.sigma0, 4)]),
-        of_all("Redundancy", [*redundancy, same_redundancy, str(ours.redundancy)]),
-        accuracy("Control points as fitted: RMSE in plan, height", "control"),
-        accuracy("Check points: RMSE in plan, height", "check"),
+        _row("Tie points: RMS of a residual", [_number(value, 3, " px") for value in tie_px]),
+        _row("Marks: RMS of a residual", [_number(value, 3, " px") for value in mark_px]),
+        _row("sigma0", [_number(value, 4) for value in sigma0]),
+        _row("Redundancy", [_number(value, 0) for value in redundancy]),
+        _row("Control points as fitted: RMSE in plan, height", control),
+        _row("Check points: RMSE in plan, height", check),
     ]
-    stated = [program.reprojection_rms_px for program in programs]
-    if any(value is not None for value in stated):
-        shown = [NOTHING if value is None else f"{value:.3f} px" for value in stated]
-        rows.insert(1, of_all("The same as the program states it", [*shown, NOTHING, NOTHING]))
+    stated_px = [solution.reprojection_rms_px for solution in audit.solutions]
+    if any(value is not None for value in stated_px):
+        cells = [_number(value, 3, " px") for value in (*stated_px, None, None)]
+        rows.insert(1, _row("The same as the program states it", cells))
     return rows
-
-
-def _part(fit: Fit, of: str) -> CheckAccuracy:
-    return fit.control if of == "control" else fit.check
 
 
 def _checks(audit: Audit) -> list[FigureRow]:
@@ -168,7 +157,7 @@ def _checks(audit: Audit) -> list[FigureRow]:
     rows = []
     for g in np.flatnonzero(~points.controlled.any(axis=1)).tolist():
         further, names = [], [points.name[g]]
-        for each in audit.beside:
+        for each in audit.further:
             other = int(each.point_of[g])
             was = "" if other < 0 or not _fitted(each.solution, each.start.block)[other] else FITTED
             further.append(NOTHING if other < 0 else _triple(each.fit.off_m[other]) + was)
@@ -177,7 +166,7 @@ def _checks(audit: Audit) -> list[FigureRow]:
         same = NOTHING if audit.same_fit is None else _triple(audit.same_fit.off_m[g])
         ours = _triple(audit.ours_fit.off_m[g])
         theirs = _triple(audit.theirs.off_m[g]) + (FITTED if fitted[g] else "")
-        rows.append(_row(" = ".join(names), theirs, further, same, ours))
+        rows.append(_row(" = ".join(names), [theirs, *further, same, ours]))
     return rows
 
 
@@ -201,15 +190,14 @@ def _triple(off_m: FloatArray) -> str:
 def _scaled(audit: Audit) -> str:
     """Return what standard deviations are multiplied by, as a sentence; nothing where no program states any."""
     names = [audit.solution.program, *_names(audit)]
-    programs = [audit.solution, *(each.solution for each in audit.beside)]
-    stating = [(name, p.stated) for name, p in zip(names, programs, strict=True) if _states(p.stated)]
+    stating = [(name, s.stated) for name, s in zip(names, audit.solutions, strict=True) if _states(s.stated)]
     if not stating:
         return ""
     scaled = [name for name, stated in stating if stated.sigmas_are_scaled]
     own = audit.solution.stated.sigmas_are_scaled
-    said = f"Those of {' and '.join(scaled)} are multiplied by sigma0" if scaled else "None is multiplied by sigma0"
+    theirs = f"Those of {' and '.join(scaled)} are multiplied by sigma0" if scaled else "None is multiplied by sigma0"
     also = ", and so are those with their weights" if own else ", ours are not" if scaled else ""
-    return f"{said}{also}."
+    return f"{theirs}{also}."
 
 
 def _states(stated: StatedAdjustment) -> bool:
@@ -230,10 +218,10 @@ def _precision(audit: Audit) -> list[FigureRow]:
         for k, (what, name) in enumerate(
             (("omega, phi, kappa, degrees", "angle_sigma_deg"), ("projection centre, m", "position_sigma_m"))
         ):
-            further = [_stated(each.solution.stated, name, int(each.photograph_of[i])) for each in audit.beside]
+            further = [_stated(each.solution.stated, name, int(each.photograph_of[i])) for each in audit.further]
             theirs = _stated(audit.solution.stated, name, i)
-            cells = _sigmas(factor * of_same[k][i]), _sigmas(of_ours[k][i])
-            rows.append(_row(f"{photograph.name}: {what}", theirs, further, *cells))
+            cells = [theirs, *further, _sigmas(factor * of_same[k][i]), _sigmas(of_ours[k][i])]
+            rows.append(_row(f"{photograph.name}: {what}", cells))
     return rows + _ground_precision(audit, factor)
 
 
@@ -244,12 +232,13 @@ def _ground_precision(audit: Audit, factor: float) -> list[FigureRow]:
     rows = []
     for g, name in enumerate(points.name):
         further = []
-        for each in audit.beside:
+        for each in audit.further:
             other = int(each.point_of[g])
             own = np.flatnonzero(_surveyed(each.solution.ground_points))
             further.append(NOTHING if other < 0 else _stated(each.solution.stated, "ground_sigma_m", int(own[other])))
         theirs = _stated(audit.solution.stated, "ground_sigma_m", int(surveyed[g]))
-        rows.append(_row(f"{points.role[g]} point {name}, m", theirs, further, _sigmas(same[g]), _sigmas(ours[g])))
+        cells = [theirs, *further, _sigmas(same[g]), _sigmas(ours[g])]
+        rows.append(_row(f"{points.role[g]} point {name}, m", cells))
     return rows
 
 
@@ -286,7 +275,7 @@ def _calibrations(audit: Audit) -> list[CalibrationRow]:
                 continue
             others = [n for n in known.tolist() if n != k and abs(correlation[k, n]) >= CORRELATED]
             with_others = ", ".join(f"{CAMERA_PARAMETERS[n].words} {correlation[k, n]:+.2f}" for n in others)
-            further = [each.cameras[c] for each in audit.beside]
+            further = [each.cameras[c] for each in audit.further]
             rows.append(
                 CalibrationRow(
                     camera.name,
@@ -297,7 +286,7 @@ def _calibrations(audit: Audit) -> list[CalibrationRow]:
                     _number(float(audit.parameter_sigmas[c, k]), 1),
                     with_others,
                     tuple(NOTHING if other is None else _parameter(p, float(other.parameters[k])) for other in further),
-                    tuple(_number(float(each.parameter_sigmas[c, k]), 1) for each in audit.beside),
+                    tuple(_number(float(each.parameter_sigmas[c, k]), 1) for each in audit.further),
                 )
             )
     return rows
@@ -309,12 +298,12 @@ def _parameter(parameter: CameraParameter, value: float) -> str:
 
 def _poses(audit: Audit) -> list[PoseRow]:
     """Return the differences, each photograph's together, the one in which the audited program differs most first."""
-    further = [{pose.photograph: pose for pose in each.poses} for each in audit.beside]
+    further = [{pose.photograph: pose for pose in each.poses} for each in audit.further]
     rows = []
     for pose in sorted(audit.poses, key=lambda p: -p.sigmas):
         rows.append(_pose(audit.solution.program, pose))
-        beside = zip(_names(audit), further, strict=True)
-        rows += [_pose(name, poses[pose.photograph]) for name, poses in beside if pose.photograph in poses]
+        others = zip(_names(audit), further, strict=True)
+        rows += [_pose(name, poses[pose.photograph]) for name, poses in others if pose.photograph in poses]
     return rows
 
 

@@ -11,7 +11,7 @@ from photogram.arrays import FloatArray
 from photogram.camera import gimbal_from_rotation, omega_phi_kappa_deg
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.writing import check_writable, unoriented_photographs
-from photogram.files.atomic import replacing
+from photogram.files.atomic import write_whole
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.wording import printable
 
@@ -63,8 +63,7 @@ def _write(
             )
         values = (*photograph.pose.position_world_m, *angles(photograph.pose.rotation_world_from_camera))
         lines.append(" ".join([photograph.name, *(f"{float(value):.{_DIGITS}f}" for value in values)]))
-    with replacing(path) as partial:
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
     return (
         *unoriented_photographs(solution),
         "Cameras, tie points and ground points: the table is of orientations.",

@@ -20,7 +20,7 @@ from photogram.camera import Camera
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import camera_of, check_names, pose_of, sizes_of, tie_points_of
 from photogram.exchange.formats.writing import check_writable, oriented_tie_points, path_to_write, without_place
-from photogram.files.atomic import replacing
+from photogram.files.atomic import write_whole
 from photogram.files.solutions.parsing import check_finite, counted_rows, file_of, number_rows, text_of, whole_numbers
 from photogram.files.solutions.picture_sizes import Sizes, centre_px, size_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
@@ -189,9 +189,8 @@ def write_bundler(path: Path, solution: ForeignSolution) -> tuple[str, ...]:
     first = chosen.first_observation.tolist()
     for i, (place, (r, g, b)) in enumerate(zip(chosen.position_world_m, chosen.colour.tolist(), strict=True)):
         lines += [_row(place), f"{r} {g} {b}", f"{first[i + 1] - first[i]}{''.join(views[first[i] : first[i + 1]])}"]
-    for place, text in ((path, "\n".join(lines)), (path.with_name("list.txt"), "\n".join(names))):
-        with replacing(place) as partial:
-            partial.write_text(text + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
+    write_whole(path.with_name("list.txt"), "\n".join(names) + "\n")
     return (*_not_written(solution), *others, *without_place(solution))
 
 

@@ -38,6 +38,11 @@ class NearestCamera:
     largest_px: float
     """The largest of these distances."""
 
+    @property
+    def misfit(self) -> str:
+        """Return in words how far it is from the given camera."""
+        return f"{self.rms_px:.2g} px from it (RMS over the picture), {self.largest_px:.2g} px at most"
+
     def turned(self, pose: Pose) -> Pose:
         """Return the pose of ``camera`` where that of the given one is ``pose``."""
         return Pose(pose.rotation_world_from_camera @ self.turn.T, pose.position_world_m)
@@ -46,29 +51,29 @@ class NearestCamera:
 def nearest_camera(camera: Camera, terms: Set[str]) -> NearestCamera:
     """Return the nearest camera of the same model that has no other parameters than ``terms``, names of
     PARAMETER_NAMES: the others are zero, the principal point in the middle of the picture. It has no lens field."""
-    held: BoolArray = np.array([name in terms for name in PARAMETER_NAMES])
-    start = np.where(held, camera.parameters, 0.0)
+    free: BoolArray = np.array([name in terms for name in PARAMETER_NAMES])
+    start = np.where(free, camera.parameters, 0.0)
     middle = np.array([(camera.width_px - 1) / 2, (camera.height_px - 1) / 2])
-    start[CENTRE] = np.where(held[CENTRE], start[CENTRE], middle)
+    start[CENTRE] = np.where(free[CENTRE], start[CENTRE], middle)
     if np.array_equal(start, camera.parameters) and camera.field is None:
         return NearestCamera(camera, np.eye(3), 0.0, 0.0)
     pixel, ray = _rays(camera)
     bare = replace(camera, field=None)
-    size = np.maximum(np.abs(camera.parameters), 1e-3)[held]
+    size = np.maximum(np.abs(camera.parameters), 1e-3)[free]
 
     def moved(x: FloatArray) -> tuple[Camera, FloatArray]:
         q = start.copy()
-        q[held] += size * x[3:]
+        q[free] += size * x[3:]
         return bare.with_parameters(q), np.asarray(Rotation.from_rotvec(x[:3]).as_matrix())
 
     def away(x: FloatArray) -> FloatArray:
-        found, turn = moved(x)
-        return np.asarray((_pixels(found, ray @ turn.T) - pixel).ravel())
+        nearest, turn = moved(x)
+        return np.asarray((_pixels(nearest, ray @ turn.T) - pixel).ravel())
 
-    fit = least_squares(away, np.zeros(3 + int(held.sum())), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    found, turn = moved(fit.x)
-    distance = np.linalg.norm(_pixels(found, ray @ turn.T) - pixel, axis=1)
-    return NearestCamera(found, turn, float(np.sqrt(np.mean(distance**2))), float(distance.max()))
+    fit = least_squares(away, np.zeros(3 + int(free.sum())), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    nearest, turn = moved(fit.x)
+    distance = np.linalg.norm(_pixels(nearest, ray @ turn.T) - pixel, axis=1)
+    return NearestCamera(nearest, turn, float(np.sqrt(np.mean(distance**2))), float(distance.max()))
 
 
 def _rays(camera: Camera) -> tuple[FloatArray, FloatArray]:
@@ -89,24 +94,18 @@ def _pixels(camera: Camera, ray: FloatArray) -> FloatArray:
 def without_fields(solution: ForeignSolution) -> tuple[ForeignSolution, tuple[str, ...]]:
     """Return a solution whose cameras have no lens fields, which no format holds: in their place the nearest cameras
     without, of the terms that they have, and a sentence on each."""
-    lacking = {
+    nearest = {
         c: nearest_camera(camera, {n for n, q in zip(PARAMETER_NAMES, camera.parameters, strict=True) if q != 0.0})
         for c, camera in enumerate(solution.cameras)
         if camera.field is not None
     }
-    if not lacking:
+    if not nearest:
         return solution, ()
-    photographs = tuple(
-        replace(p, pose=lacking[p.camera].turned(p.pose)) if p.pose is not None and p.camera in lacking else p
-        for p in solution.photographs
+    return _with_cameras(solution, nearest), tuple(
+        f"The lens field of camera {near.camera.name}; the nearest camera without is written, {near.misfit}; "
+        "--to undistorted holds it whole."
+        for near in nearest.values()
     )
-    cameras = tuple(lacking[c].camera if c in lacking else camera for c, camera in enumerate(solution.cameras))
-    said = tuple(
-        f"The lens field of camera {found.camera.name}; the nearest camera without is written, {found.rms_px:.2g} px "
-        f"from it (RMS over the picture), {found.largest_px:.2g} px at most; --to undistorted holds it whole."
-        for found in lacking.values()
-    )
-    return replace(solution, cameras=cameras, photographs=photographs), said
 
 
 def with_nearest_cameras(
@@ -117,25 +116,31 @@ def with_nearest_cameras(
 
     Raises ExchangeError where a camera would be more than LARGEST_MISFIT_PX from the survey's.
     """
-    nearest = [nearest_camera(c, terms.get(c.model, frozenset(PARAMETER_NAMES))) for c in solution.cameras]
-    said = []
-    for found, camera in zip(nearest, solution.cameras, strict=True):
-        lost = _lost(camera, terms.get(camera.model, frozenset(PARAMETER_NAMES)))
-        if not lost:
-            continue
-        away = f"{found.rms_px:.2g} px from it (RMS over the picture), {found.largest_px:.2g} px at most"
-        if found.largest_px > LARGEST_MISFIT_PX:
+    nearest, sentences = {}, []
+    for c, camera in enumerate(solution.cameras):
+        own_terms = terms.get(camera.model, frozenset(PARAMETER_NAMES))
+        near, lost = nearest_camera(camera, own_terms), _lost(camera, own_terms)
+        nearest[c] = near
+        if lost and near.largest_px > LARGEST_MISFIT_PX:
             raise ExchangeError(
                 f"camera {camera.name}: has {lost}, for which the format has no place, and the nearest camera without "
-                f"is {away}"
+                f"is {near.misfit}"
             )
-        said.append(f"{lost} of camera {camera.name}; the nearest camera without is written, {away}.")
-    photographs = tuple(
-        p if p.pose is None else replace(p, pose=nearest[p.camera].turned(p.pose)) for p in solution.photographs
+        if lost:
+            sentences.append(f"{lost} of camera {camera.name}; the nearest camera without is written, {near.misfit}.")
+    return _with_cameras(solution, nearest), tuple(sentences)
+
+
+def _with_cameras(solution: ForeignSolution, nearest: Mapping[int, NearestCamera]) -> ForeignSolution:
+    """Return a solution with other cameras in place of those of these numbers, its poses turned with them."""
+    return replace(
+        solution,
+        cameras=tuple(nearest[c].camera if c in nearest else camera for c, camera in enumerate(solution.cameras)),
+        photographs=tuple(
+            replace(p, pose=nearest[p.camera].turned(p.pose)) if p.pose is not None and p.camera in nearest else p
+            for p in solution.photographs
+        ),
     )
-    cameras = tuple(replace(found.camera, sigmas=camera.sigmas)
-                    for found, camera in zip(nearest, solution.cameras, strict=True))  # fmt: skip
-    return replace(solution, cameras=cameras, photographs=photographs), tuple(said)
 
 
 def _lost(camera: Camera, terms: Set[str]) -> str:

@@ -17,16 +17,16 @@ def read_solution(path: Path) -> ForeignSolution:
     A folder that is none itself may have one in a folder below it. Raises ExchangeError where nothing is recognised or
     several solutions are there, and as the readers do.
     """
-    found = recognised(path)
-    if not found:
+    solutions = recognised(path)
+    if not solutions:
         names = ", ".join(each.name for each in FORMATS)
         raise ExchangeError(
             f"{path}: holds no solution that photogram knows: name the file or folder of one of {names}"
         )
-    if len(found) > 1:
-        places = ", ".join(f"{place} ({each.name})" for each, place in found)
+    if len(solutions) > 1:
+        places = ", ".join(f"{place} ({each.name})" for each, place in solutions)
         raise ExchangeError(f"{path}: holds several solutions: name one of {places}")
-    (each, place) = found[0]
+    (each, place) = solutions[0]
     return each.read(place)
 
 
@@ -40,9 +40,9 @@ def recognised(path: Path) -> list[tuple[Format, Path]]:
             return _of_file(path)
         level = [path]
         for _ in range(_DEPTH):
-            found = [one for folder in level for one in _of_folder(folder)]
-            if found:
-                return found
+            solutions = [one for folder in level for one in _of_folder(folder)]
+            if solutions:
+                return solutions
             level = [below for folder in level for below in sorted(folder.iterdir()) if below.is_dir()]
     except (OSError, ValueError) as error:
         raise ExchangeError(f"{path}: cannot be read ({error}): check the name and its permissions") from error

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from photogram.exchange.formats.angle_tables import write_omega_phi_kappa, write_yaw_pitch_roll
 from photogram.exchange.formats.blocks_exchange import read_blocks_exchange
 from photogram.exchange.formats.bundler import read_bundler, write_bundler
-from photogram.exchange.formats.colmap.sparse_models import read_colmap, write_colmap, write_colmap_text
+from photogram.exchange.formats.colmap.sparse_models import read_colmap, write_colmap
 from photogram.exchange.formats.dbat.dbat import read_dbat
 from photogram.exchange.formats.dbat.dbat_report import FIRST_LINE
 from photogram.exchange.formats.meshroom.meshroom import read_meshroom
@@ -73,12 +74,8 @@ def _is_colmap(folder: Path) -> bool:
     return any(all((folder / f"{name}.{suffix}").is_file() for name in names) for suffix in ("bin", "txt"))
 
 
-def _is_micmac(folder: Path) -> bool:
-    return any(folder.glob("Orientation-*.xml"))
-
-
-def _is_pix4d(folder: Path) -> bool:
-    return any(folder.glob(f"*{PARAMETERS}"))
+def _has_any(pattern: str) -> Callable[[Path], bool]:
+    return lambda folder: any(folder.glob(pattern))
 
 
 def _is_metashape_project(path: Path, head: bytes) -> bool:
@@ -91,21 +88,13 @@ def _is_reconstruction(_path: Path, head: bytes) -> bool:
     return head.lstrip().startswith(b"[") and b'"cameras"' in head
 
 
-def _is_opf(_path: Path, head: bytes) -> bool:
-    return b"application/opf-project+json" in head
-
-
 def _is_baf(path: Path, head: bytes) -> bool:
     first = head.split(b"\n", 3)[:3]
     return path.suffix.lower() == ".baf" and len(first) == 3 and all(line.strip().isdigit() for line in first)
 
 
-def _is_stored(_path: Path, head: bytes) -> bool:
-    return is_stored(head)
-
-
 FORMATS = (
-    Format("photogram's own", _is_stored, _never, read_stored),
+    Format("photogram's own", lambda _path, head: is_stored(head), _never, read_stored),
     Format("COLMAP", _never, _is_colmap, read_colmap),
     Format("OpenSfM and OpenDroneMap", _is_reconstruction, _has("reconstruction.json"), read_opensfm),
     Format("Metashape (project)", _is_metashape_project, _never, read_metashape_project),
@@ -114,9 +103,9 @@ FORMATS = (
     Format("Bundler", _starts(b"# Bundle file"), _never, read_bundler),
     Format("VisualSFM", _starts(b"NVM_V3"), _never, read_visualsfm),
     Format("DBAT", _starts(FIRST_LINE.encode()), _never, read_dbat),
-    Format("OPF", _is_opf, _has("project.opf"), read_opf),
-    Format("PIX4Dmapper", _starts(b"fileName imageWidth imageHeight"), _is_pix4d, read_pix4d_params),
-    Format("MicMac", _never, _is_micmac, read_micmac),
+    Format("OPF", _holds(b"application/opf-project+json"), _has("project.opf"), read_opf),
+    Format("PIX4Dmapper", _starts(b"fileName imageWidth imageHeight"), _has_any(f"*{PARAMETERS}"), read_pix4d_params),
+    Format("MicMac", _never, _has_any("Orientation-*.xml"), read_micmac),
     Format("Meshroom", _holds(b'"intrinsics"', b'"version"'), _never, read_meshroom),
     Format("Meshroom (bundle adjustment)", _is_baf, _never, read_meshroom_baf),
 )
@@ -128,7 +117,7 @@ _COLMAP: Mapping[Model, frozenset[str]] = {"brown": _BROWN | {"b1"}, "fisheye": 
 
 WRITERS: dict[SolutionFormat, Writer] = {
     "colmap": Writer(write_colmap, terms=_COLMAP, is_folder=True),
-    "colmap-text": Writer(write_colmap_text, terms=_COLMAP, is_folder=True),
+    "colmap-text": Writer(partial(write_colmap, form="text"), terms=_COLMAP, is_folder=True),
     "opensfm": Writer(write_opensfm, "topocentric", _COLMAP, is_folder=True),
     "bundler": Writer(write_bundler, terms={"brown": frozenset({"focal_px", "k1", "k2"})}),
     "metashape": Writer(write_metashape_cameras, "geocentric"),

@@ -61,14 +61,14 @@ def pinhole_solution(solution: ForeignSolution) -> ForeignSolution:
             mark_pixel=mark[marked],
             mark_covariance_px2=ground.mark_covariance_px2[marked],
         )
-    said = (f"{things(lost, 'observation')} where the distortion cannot be undone.",) if lost else ()
+    left_out = (f"{things(lost, 'observation')} where the distortion cannot be undone.",) if lost else ()
     return replace(
         solution,
         cameras=tuple(_pinhole(camera) for camera in solution.cameras),
         photographs=tuple(photographs),
         tie_points=tie,
         ground_points=ground,
-        left_out=(*solution.left_out, *said),
+        left_out=(*solution.left_out, *left_out),
     )
 
 

@@ -5,7 +5,7 @@ The sentences name what is missing and no more: they stand below the words "Not 
 
 import re
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
@@ -36,11 +36,9 @@ def check_writable(path: Path, solution: ForeignSolution) -> None:
 def path_to_write(photograph: ForeignPhotograph) -> str:
     """Return the path that another program shall find a photograph by: the one it was read with where that leads into a
     folder, else its name."""
-    return photograph.name if _leads_away(photograph.file) else str(photograph.file)
-
-
-def _leads_away(file: PurePosixPath) -> bool:
-    return file.is_absolute() or ".." in file.parts or re.match(r"[A-Za-z]:", file.parts[0]) is not None
+    file = photograph.file
+    leads_away = file.is_absolute() or ".." in file.parts or re.match(r"[A-Za-z]:", file.parts[0])
+    return photograph.name if leads_away else str(file)
 
 
 def oriented_tie_points(solution: ForeignSolution) -> tuple[TiePoints, list[str]]:
@@ -51,12 +49,12 @@ def oriented_tie_points(solution: ForeignSolution) -> tuple[TiePoints, list[str]
     oriented = np.array([photograph.pose is not None for photograph in solution.photographs], dtype=bool)
     kept: BoolArray = np.asarray(known[tie.point] & oriented[tie.photograph])
     unknown, lost = int((~known).sum()), int((~kept).sum())
-    said = [f"{things(unknown, 'tie point')} without a position."] if unknown else []
+    left_out = [f"{things(unknown, 'tie point')} without a position."] if unknown else []
     if lost:
-        said.append(
+        left_out.append(
             f"{things(lost, 'observation')} of tie points without a position or in photographs without an orientation."
         )
-    return tie.select(known, kept), said
+    return tie.select(known, kept), left_out
 
 
 def unoriented_photographs(solution: ForeignSolution) -> Iterator[str]:

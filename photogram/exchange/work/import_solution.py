@@ -18,19 +18,19 @@ def run(
     """Write the project and the files beside it, and show what is in it."""
     with steps("Import") as progress:
         progress(0, 0, f"reading {solution.name}")
-        found = import_solution(
+        imported = import_solution(
             solution, photographs=photographs, project=project, crs=crs, check=checks, force=force, progress=progress
         )
-    _show(found)
-    for finding in found.warnings:
+    _show(imported)
+    for finding in imported.warnings:
         console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
     name = escape(str(project))
     console.print(f"Next: photogram check {name}, then photogram adjust {name}")
 
 
-def _show(found: ImportedProject) -> None:
-    draft = found.draft
-    table = Table(title=escape(str(found.path)), show_header=False)
+def _show(imported: ImportedProject) -> None:
+    draft = imported.draft
+    table = Table(title=escape(str(imported.path)), show_header=False)
     missing = f", {things(len(draft.left_out), 'photograph')} of the solution left out" if draft.left_out else ""
     table.add_row("photographs", f"{len(draft.photographs)} in {things(draft.flights, 'flight')}{missing}")
     for camera, reason in zip(draft.cameras, draft.camera_reasons, strict=True):
@@ -51,7 +51,7 @@ def _show(found: ImportedProject) -> None:
     for photograph in draft.left_out[:10]:
         table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
     if len(draft.left_out) > 10:
-        table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(found.path))}")
+        table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(imported.path))}")
     console.print(table)
-    for sentence in found.left_out:
+    for sentence in imported.left_out:
         console.print(f"Left out: {escape(sentence)}", soft_wrap=True, highlight=False)

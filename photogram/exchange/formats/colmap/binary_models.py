@@ -39,7 +39,8 @@ class _Bytes:
     """The content of a file, and how far it has been read."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.data, self.place = path, bytes_of(path), 0
+        self.path, self.data = path, bytes_of(path)
+        self.place = 0
 
     def take(self, record: Struct) -> tuple[int | float, ...]:
         """Return the next record."""
@@ -142,7 +143,8 @@ def _images(path: Path) -> tuple[ColmapImage, ...]:
 def _points(path: Path) -> ColmapPoints:
     file = _Bytes(path)
     count = file.count(_POINT.itemsize)
-    data, starts, place = file.data, np.empty(count, dtype=np.int64), file.place
+    data, place = file.data, file.place
+    starts = np.empty(count, dtype=np.int64)
     track, size = _POINT.fields["track"][1] if _POINT.fields else 0, _POINT.itemsize
     unpack = _COUNT.unpack_from
     for i in range(count):
@@ -157,11 +159,12 @@ def _points(path: Path) -> ColmapPoints:
     file.place = place
     file.end()
     everything: ByteArray = np.frombuffer(data, np.uint8)
-    heads = _gathered(everything, starts, size).view(_POINT).reshape(-1)
+    of_heads = starts[:, None] + np.arange(size)
+    heads = np.ascontiguousarray(everything[of_heads]).view(_POINT).reshape(-1)
     lengths = heads["track"].astype(np.int64)
     tracked = np.ones(len(data), dtype=bool)
     tracked[: _COUNT.size] = False
-    tracked[(starts[:, None] + np.arange(size)).ravel()] = False
+    tracked[of_heads.ravel()] = False
     observations = everything[tracked].view(_OBSERVATION)
     numbers = _numbers(path, heads["number"])
     if (numbers < 0).any():
@@ -175,10 +178,6 @@ def _points(path: Path) -> ColmapPoints:
         observations["image"].astype(np.int64),
         observations["feature"].astype(np.int64),
     )
-
-
-def _gathered(data: ByteArray, starts: IntArray, size: int) -> ByteArray:
-    return np.ascontiguousarray(data[starts[:, None] + np.arange(size)])
 
 
 def sensors_of_rigs(path: Path) -> list[int]:
@@ -230,8 +229,11 @@ def _points_written(points: ColmapPoints) -> bytes:
     count = len(points.number)
     lengths = np.bincount(points.track_point, minlength=count).astype(np.int64)
     heads = np.empty(count, dtype=_POINT)
-    heads["number"], heads["position"], heads["colour"] = points.number, points.position, points.colour
-    heads["error"], heads["track"] = points.error_px, lengths
+    heads["number"] = points.number
+    heads["position"] = points.position
+    heads["colour"] = points.colour
+    heads["error"] = points.error_px
+    heads["track"] = lengths
     observations = np.empty(len(points.track_point), dtype=_OBSERVATION)
     observations["image"], observations["feature"] = points.track_image, points.track_feature
     # the tracks lie in order, so each head is put before the first of its own

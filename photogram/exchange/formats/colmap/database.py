@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.assembly import HALF_PIXEL, check_names
+from photogram.exchange.formats.assembly import HALF_PIXEL, check_names, sentences
 from photogram.exchange.formats.colmap.records import ColmapCamera, from_colmap, model_of
 from photogram.files.reading import check_size
 from photogram.files.solutions.parsing import MOST_BYTES, check_finite, file_of
@@ -44,8 +44,6 @@ _STEPS, _MOST_CALLS = 10_000, 1_000_000
 class ColmapDatabase:
     """What a database holds of photographs (F)."""
 
-    names: tuple[str, ...]
-    """File names without folders."""
     files: tuple[PurePosixPath, ...]
     """The files as COLMAP names them, relative to its folder of images."""
     cameras: tuple[Camera, ...]
@@ -62,7 +60,7 @@ class ColmapDatabase:
     def __repr__(self) -> str:
         keys = sum(len(pixel) for pixel in self.pixels)
         matched = sum(len(matches) for matches in self.matches)
-        counts = f"{things(len(self.names), 'photograph')}, {things(keys, 'key point')}"
+        counts = f"{things(len(self.files), 'photograph')}, {things(keys, 'key point')}"
         return f"<ColmapDatabase: {counts}, {things(matched, 'verified match', 'verified matches')}>"
 
 
@@ -75,10 +73,10 @@ class _Tables:
     def rows(self, table: str) -> Iterator[tuple[int | bytes | str | None, ...]]:
         """Give the rows of a table, each with a key of its own."""
         columns = _COLUMNS[table]
-        found = self._connection.execute(f"SELECT {', '.join(columns)} FROM {table}")
+        rows = self._connection.execute(f"SELECT {', '.join(columns)} FROM {table}")
         # a damaged tree of pages can lead to the same row again and again, which a key would else forbid
         keys: set[int | bytes | str | None] = set()
-        for row in found:
+        for row in rows:
             if row[0] in keys:
                 raise ExchangeError(f"{self.path}: {table} has the key {str(row[0])[:40]} twice: it is damaged")
             keys.add(row[0])
@@ -87,11 +85,11 @@ class _Tables:
     def check(self) -> None:
         """Raise ExchangeError unless the tables are there, and are tables."""
         for table, columns in _COLUMNS.items():
-            held = self._connection.execute(
+            entries = self._connection.execute(
                 "SELECT type, sql FROM sqlite_master WHERE name = ? COLLATE NOCASE", (table,)
             ).fetchall()
-            sql = str(held[0][1]).upper() if held else ""
-            if len(held) != 1 or held[0][0] != "table" or "VIRTUAL" in sql or " AS " in sql or "GENERATED" in sql:
+            sql = str(entries[0][1]).upper() if entries else ""
+            if len(entries) != 1 or entries[0][0] != "table" or "VIRTUAL" in sql or " AS " in sql or "GENERATED" in sql:
                 raise ExchangeError(
                     f"{self.path}: has no plain table {table}: name the database.db that COLMAP's feature_extractor "
                     "and matcher have written"
@@ -139,13 +137,11 @@ def read_colmap_database(path: Path) -> ColmapDatabase:
 def _checked_size(path: Path) -> int:
     try:
         size = check_size(path, 100 * MOST_BYTES)
-        with path.open("rb") as stream:
-            is_database = stream.read(len(_HEADER)) == _HEADER
         log = path.with_name(f"{path.name}-wal")
         has_log = log.exists() and log.stat().st_size > 0
     except OSError as error:
         raise ExchangeError(f"{path}: cannot be read ({error.strerror}): check its name and folder") from error
-    if not is_database:
+    if not is_database(path):
         raise ExchangeError(f"{path}: is no SQLite database: name the database.db of a project of COLMAP")
     if has_log:
         raise ExchangeError(
@@ -175,34 +171,36 @@ def _read(tables: _Tables) -> ColmapDatabase:
     cameras: dict[int, Camera] = {}
     for row in tables.rows("cameras"):
         number, model, width, height = (_whole(path, "cameras", value) for value in row[:4])
-        where = f"{path}: cameras: {number}"
-        data = _blob(path, "cameras", row[4])
+        where, data = f"{path}: cameras: {number}", row[4]
+        if not isinstance(data, bytes):
+            raise ExchangeError(f"{path}: cameras: a camera has no parameters: it is damaged")
         parameters = len(model_of(where, model).parameters)
         if len(data) != 8 * parameters:
             raise ExchangeError(
                 f"{where}: has {len(data)} bytes of parameters, expected {8 * parameters}: it is damaged"
             )
-        held = ColmapCamera(number, model, (width, height), np.frombuffer(data, "<f8").astype(np.float64))
-        cameras[number] = from_colmap(where, held)
+        camera = ColmapCamera(number, model, (width, height), np.frombuffer(data, "<f8").astype(np.float64))
+        cameras[number] = from_colmap(where, camera)
     images: dict[int, tuple[PurePosixPath, int]] = {}
     for row in sorted(tables.rows("images"), key=lambda row: _whole(path, "images", row[0])):
-        number, camera = _whole(path, "images", row[0]), _whole(path, "images", row[2])
-        if camera not in cameras:
-            raise ExchangeError(f"{path}: images: {number} names camera {camera}, which is not there: it is damaged")
-        images[number] = (file_of(f"{path}: images: {number}", str(row[1])), camera)
+        number, camera_id = _whole(path, "images", row[0]), _whole(path, "images", row[2])
+        if camera_id not in cameras:
+            raise ExchangeError(f"{path}: images: {number} names camera {camera_id}, which is not there: it is damaged")
+        images[number] = (file_of(f"{path}: images: {number}", str(row[1])), camera_id)
     check_names(str(path), [file for file, _ in images.values()])
     index = {number: i for i, number in enumerate(images)}
     camera_index = {number: i for i, number in enumerate(cameras)}
     pixels, more = _key_points(tables, index)
     matches, unnamed = _matches(tables, index, [len(pixel) for pixel in pixels])
-    left_out = ["Descriptors of key points, and matches that were not verified."]
-    left_out += ["Scales and orientations of key points."] if more else []
-    left_out += [f"{things(unnamed, 'two-view geometry', 'two-view geometries')} without a match."] if unnamed else []
+    left_out = sentences(
+        (True, "Descriptors of key points, and matches that were not verified."),
+        (more, "Scales and orientations of key points."),
+        (unnamed, f"{things(unnamed, 'two-view geometry', 'two-view geometries')} without a match."),
+    )
     return ColmapDatabase(
-        tuple(file.name for file, _ in images.values()),
         tuple(file for file, _ in images.values()),
         tuple(cameras.values()),
-        tuple(camera_index[camera] for _, camera in images.values()),
+        tuple(camera_index[camera_id] for _, camera_id in images.values()),
         pixels,
         matches,
         tuple(left_out),
@@ -229,7 +227,8 @@ def _key_points(tables: _Tables, index: dict[int, int]) -> tuple[tuple[FloatArra
 
 def _matches(tables: _Tables, index: dict[int, int], keys: list[int]) -> tuple[tuple[Matches, ...], int]:
     """Return the verified matches, and the number of pairs that have none."""
-    path, found, empty = tables.path, [], 0
+    path, empty = tables.path, 0
+    matches = []
     for row in tables.rows("two_view_geometries"):
         pair, rows, columns = (_whole(path, "two_view_geometries", value) for value in row[:3])
         where = f"{path}: two_view_geometries: {pair}"
@@ -243,8 +242,8 @@ def _matches(tables: _Tables, index: dict[int, int], keys: list[int]) -> tuple[t
         a, b = index[first], index[second]
         if columns != 2 or (values >= np.array([keys[a], keys[b]])).any():
             raise ExchangeError(f"{where}: names key points that are not there: it is damaged")
-        found.append(Matches(a, b, values))
-    return tuple(found), empty
+        matches.append(Matches(a, b, values))
+    return tuple(matches), empty
 
 
 def _table(where: str, value: int | bytes | str | None, rows: int, columns: int, kind: str) -> NDArray[Any]:
@@ -256,12 +255,6 @@ def _table(where: str, value: int | bytes | str | None, rows: int, columns: int,
 
 def _whole(path: Path, table: str, value: int | bytes | str | None) -> int:
     if not isinstance(value, int):
-        shown = printable(repr(value))[:60]
-        raise ExchangeError(f"{path}: {table}: holds {shown} where a whole number belongs: it is damaged")
-    return value
-
-
-def _blob(path: Path, table: str, value: int | bytes | str | None) -> bytes:
-    if not isinstance(value, bytes):
-        raise ExchangeError(f"{path}: {table}: a camera has no parameters: it is damaged")
+        text = printable(repr(value))[:60]
+        raise ExchangeError(f"{path}: {table}: holds {text} where a whole number belongs: it is damaged")
     return value

@@ -19,6 +19,7 @@ from photogram.exchange.formats.assembly import (
     index_in,
     pose_of,
     rotation_of_quaternion,
+    sentences,
     tie_points_of,
 )
 from photogram.exchange.formats.colmap.binary_models import binary_files, read_binary, sensors_of_rigs
@@ -31,7 +32,7 @@ from photogram.exchange.formats.writing import (
     unoriented_photographs,
     without_place,
 )
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder, write_whole
 from photogram.files.solutions.parsing import check_distinct, file_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.survey import TiePoints
@@ -51,9 +52,7 @@ def read_colmap(folder: Path) -> ForeignSolution:
         raise ExchangeError(
             f"{folder}: holds no model of COLMAP: name the folder with cameras, images and points3D, as .bin or .txt"
         )
-    model = read_binary(folder) if binary else read_text(folder)
-    suffix = "bin" if binary else "txt"
-    return _solution(folder, suffix, model)
+    return _solution(folder, "bin", read_binary(folder)) if binary else _solution(folder, "txt", read_text(folder))
 
 
 def _solution(folder: Path, suffix: str, model: SparseModel) -> ForeignSolution:
@@ -68,14 +67,13 @@ def _solution(folder: Path, suffix: str, model: SparseModel) -> ForeignSolution:
     tie_points = _tie_points(where, model)
     keys = sum(len(image.point) for image in model.images)
     spare = keys - len(tie_points.photograph)
-    left_out = []
-    if spare:
-        left_out.append(f"{things(spare, 'key point')} that observe no tie point.")
-    if len(tie_points):
-        left_out.append("The mean reprojection error of each tie point.")
-    rigs = folder / "rigs.bin"
-    if suffix == "bin" and rigs.exists() and (more := sum(n > 1 for n in sensors_of_rigs(rigs))):
-        left_out.append(f"{things(more, 'rig')} of several cameras: their photographs stand on their own.")
+    rigs_file = folder / "rigs.bin"
+    rigs = sum(n > 1 for n in sensors_of_rigs(rigs_file)) if suffix == "bin" and rigs_file.exists() else 0
+    left_out = sentences(
+        (spare, f"{things(spare, 'key point')} that observe no tie point."),
+        (len(tie_points), "The mean reprojection error of each tie point."),
+        (rigs, f"{things(rigs, 'rig')} of several cameras: their photographs stand on their own."),
+    )
     return ForeignSolution("COLMAP", cameras, photographs, tie_points, left_out=tuple(left_out))
 
 
@@ -179,15 +177,9 @@ def write_colmap(
     model = SparseModel(cameras, tuple(images), points)
     make_folder(folder)
     for name, content in (binary_files(model) if form == "binary" else text_files(model)).items():
-        with replacing(folder / name) as partial:
-            partial.write_bytes(content)
-    renumbered = ["The numbers of key points: they are numbered anew."] if len(tie.feature) else []
+        write_whole(folder / name, content)
+    renumbered = sentences((len(tie.feature), "The numbers of key points: they are numbered anew."))
     return (*unoriented_photographs(solution), *others, *renumbered, *without_place(solution))
-
-
-def write_colmap_text(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
-    """Write a sparse model for COLMAP as text, as ``write_colmap`` does."""
-    return write_colmap(folder, solution, "text")
 
 
 def _name_to_write(photograph: ForeignPhotograph, form: str) -> str:

@@ -52,8 +52,8 @@ def _cameras(path: Path) -> tuple[ColmapCamera, ...]:
             continue
         where, parts = f"{path}:{line}", text.split()
         if len(parts) < 4 or parts[1] not in NUMBERS:
-            found = shortened(printable(parts[1] if len(parts) > 1 else text))
-            raise ExchangeError(f"{where}: COLMAP has no camera model {found!r}: check the file")
+            name = shortened(printable(parts[1] if len(parts) > 1 else text))
+            raise ExchangeError(f"{where}: COLMAP has no camera model {name!r}: check the file")
         model = NUMBERS[parts[1]]
         expected = len(MODELS[model].parameters)
         if len(parts) != 4 + expected:

@@ -47,12 +47,13 @@ def read_meshroom(path: Path) -> ForeignSolution:
     scene = read_json(path, numbers_are_text=True)
     version = tuple(scene.get("version").numbers(3).astype(int).tolist())
     cameras, index = [], {}
-    for i, held in enumerate(scene.get("intrinsics", []).items()):
-        number = _id(held, "intrinsicId")
+    for i, intrinsic in enumerate(scene.get("intrinsics", []).items()):
+        number = _id(intrinsic, "intrinsicId")
         index[number] = i
-        cameras.append(_camera(held, str(number), version))
+        cameras.append(_camera(intrinsic, str(number), version))
     poses = {_id(owner, "poseId"): _pose(owner.get("pose")) for owner in scene.get("poses", []).items()}
-    photographs, views, of_rigs = [], [], 0
+    photographs, views = [], []
+    of_rigs = 0
     for view in scene.get("views", []).items():
         file = file_of(view.place, view.get("path").text())
         camera_id = _id(view, "intrinsicId")
@@ -80,10 +81,10 @@ def _id(owner: Node, key: str) -> int:
     return owner.get(key).whole(_NONE)
 
 
-def _camera(held: Node, number: str, version: tuple[int, ...]) -> Camera:
-    kind = held.get("type").text()
-    distortion = held.get("distortionType", _DISTORTIONS.get(kind, kind)).text().lower()
-    undistortion = held.get("undistortionType", "none").text().lower()
+def _camera(intrinsic: Node, number: str, version: tuple[int, ...]) -> Camera:
+    kind = intrinsic.get("type").text()
+    distortion = intrinsic.get("distortionType", _DISTORTIONS.get(kind, kind)).text().lower()
+    undistortion = intrinsic.get("undistortionType", "none").text().lower()
     for name, is_known in (
         (kind, kind in _DISTORTIONS),
         (distortion, distortion in _PARAMETERS),
@@ -91,21 +92,21 @@ def _camera(held: Node, number: str, version: tuple[int, ...]) -> Camera:
     ):
         if not is_known:
             raise ExchangeError(
-                f"{held.place}: photogram has no camera model {shortened(printable(name))!r}: choose pinhole with "
+                f"{intrinsic.place}: photogram has no camera model {shortened(printable(name))!r}: choose pinhole with "
                 "brown, radialk3 or fisheye4 in Meshroom"
             )
-    width, height = (held.get(key).number() for key in ("width", "height"))
-    k = [value.number() for value in held.get("distortionParams", []).items()]
+    width, height = (intrinsic.get(key).number() for key in ("width", "height"))
+    k = [value.number() for value in intrinsic.get("distortionParams", []).items()]
     if len(k) != _PARAMETERS[distortion] and not (distortion == "none" and not any(k)):
         raise ExchangeError(
-            f"{held.place}: has {len(k)} parameters of distortion, {distortion} has {_PARAMETERS[distortion]}: it is "
-            "damaged"
+            f"{intrinsic.place}: has {len(k)} parameters of distortion, {distortion} has {_PARAMETERS[distortion]}: it "
+            "is damaged"
         )
-    fx, fy = _focal_px(held, version, width)
-    offset = held.get("principalPoint").numbers(2)
+    fx, fy = _focal_px(intrinsic, version, width)
+    offset = intrinsic.get("principalPoint").numbers(2)
     centre = offset if version < (1, 2, 1) else offset + np.array([width / 2, height / 2])
     return camera_of(
-        held.place,
+        intrinsic.place,
         number,
         (width, height),
         fy,
@@ -117,38 +118,38 @@ def _camera(held: Node, number: str, version: tuple[int, ...]) -> Camera:
     )
 
 
-def _focal_px(held: Node, version: tuple[int, ...], width: float) -> tuple[float, float]:
+def _focal_px(intrinsic: Node, version: tuple[int, ...], width: float) -> tuple[float, float]:
     """Return the focal lengths fx and fy, which four versions of the file hold in four ways."""
     if version < (1, 2, 0):
-        focal = held.get("pxFocalLength").number()
+        focal = intrinsic.get("pxFocalLength").number()
         return focal, focal
     if version < (1, 2, 2):
-        fx, fy = held.get("pxFocalLength").numbers(2).tolist()
+        fx, fy = intrinsic.get("pxFocalLength").numbers(2).tolist()
         return fx, fy
-    focal = held.get("focalLength").number()
-    sensor = held.get("sensorWidth", _SENSOR_WIDTH_MM).number()
-    ratio = held.get("pixelRatio", 1.0).number()
+    focal = intrinsic.get("focalLength").number()
+    sensor = intrinsic.get("sensorWidth", _SENSOR_WIDTH_MM).number()
+    ratio = intrinsic.get("pixelRatio", 1.0).number()
     if not (sensor > 0 and ratio > 0):
-        raise ExchangeError(f"{held.place}: sensorWidth and pixelRatio must be positive: it is damaged")
+        raise ExchangeError(f"{intrinsic.place}: sensorWidth and pixelRatio must be positive: it is damaged")
     fx = focal / sensor * width
     return fx, fx / ratio if version < (1, 2, 5) else fx * ratio
 
 
-def _pose(held: Node) -> Pose | None:
-    if not held.get("valid", True).flag():
+def _pose(node: Node) -> Pose | None:
+    if not node.get("valid", True).flag():
         return None
-    transform = held.get("transform")
+    transform = node.get("transform")
     rotation = transform.get("rotation").numbers(9).reshape(3, 3)
-    return pose_of(held.place, rotation, transform.get("center").numbers(3))
+    return pose_of(node.place, rotation, transform.get("center").numbers(3))
 
 
 def _tie_points(structure: Node, views: IntArray) -> tuple[TiePoints, bool]:
     """Return the tie points, and whether their observations have pixels; ``views`` (F,) are the photographs' ids."""
     where = structure.place
     position, colour = structure.table("X", 3), structure.table("color", 3, [0, 0, 0])
-    found = [landmark.get("observations", []).elements() for landmark in structure.items()]
-    seen = Node([observation for observations in found for observation in observations], f"{where}: observations")
-    point = np.repeat(np.arange(len(found)), [len(observations) for observations in found])
+    tracks = [landmark.get("observations", []).elements() for landmark in structure.items()]
+    seen = Node([observation for track in tracks for observation in track], f"{where}: observations")
+    point = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
     has_features = len(point) > 0 and seen.item(0).find("x") is not None
     if not has_features:
         seen, point = Node([], seen.place), point[:0]

@@ -79,13 +79,13 @@ def read_meshroom_baf(path: Path, sizes_px: Sizes | None = None) -> ForeignSolut
         )
     camera_index = np.searchsorted(kinds, camera_ids)
     observed = np.bincount(photograph, minlength=views) > 0
-    held, photographs = _oriented(
+    distinct, photographs = _oriented(
         path, interior, camera_index, poses.reshape(-1, _POSE), files, observed, sizes_px or {}
     )
     check_names(str(path), files)
     tie_points = tie_points_of(str(path), photograph, point, pixel, position)
     left_out = () if _list_of(path).exists() else ("The names of the photographs: there is no list of them beside it.",)
-    return ForeignSolution("Meshroom", held, photographs, tie_points, left_out=left_out)
+    return ForeignSolution("Meshroom", distinct, photographs, tie_points, left_out=left_out)
 
 
 def _points(path: Path, lines: list[tuple[int, str]]) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
@@ -102,26 +102,26 @@ def _list_of(path: Path) -> Path:
 
 def _photographs_listed(path: Path, views: int, table: IntArray) -> tuple[list[PurePosixPath], IntArray, IntArray]:
     """Return the file, the pose and the camera of every photograph."""
-    beside = _list_of(path)
-    if not beside.exists():
+    list_path = _list_of(path)
+    if not list_path.exists():
         pose_ids, first = np.unique(table[:, 1], return_index=True)
         if len(pose_ids) != views:
             raise ExchangeError(
                 f"{path}: has {things(views, 'photograph')}, of which {len(pose_ids)} observe points, and no "
-                f"{beside.name} beside it that tells which: put it there"
+                f"{list_path.name} beside it that tells which: put it there"
             )
         return [PurePosixPath(str(number)) for number in pose_ids], pose_ids, table[first, 0]
     files, ids = [], []
-    for n, line in enumerate(text_of(beside).split("\n"), 1):
+    for n, line in enumerate(text_of(list_path).split("\n"), 1):
         words = line.rsplit(maxsplit=2)
         if not words:
             continue
         if len(words) != 3:
-            raise ExchangeError(f"{beside}:{n}: must have a file, a camera and a pose: it is damaged")
-        files.append(file_of(f"{beside}:{n}", words[0]))
-        ids += [whole_number(f"{beside}:{n}", "a number of a camera or pose", word) for word in words[1:]]
+            raise ExchangeError(f"{list_path}:{n}: must have a file, a camera and a pose: it is damaged")
+        files.append(file_of(f"{list_path}:{n}", words[0]))
+        ids += [whole_number(f"{list_path}:{n}", "a number of a camera or pose", word) for word in words[1:]]
     if len(files) != views:
-        raise ExchangeError(f"{beside}: names {things(len(files), 'photograph')}, but {path.name} has {views}")
+        raise ExchangeError(f"{list_path}: names {things(len(files), 'photograph')}, but {path.name} has {views}")
     pairs = np.array(ids, dtype=np.int64).reshape(-1, 2)
     return files, pairs[:, 1], pairs[:, 0]
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.assembly import camera_of, check_names, pose_of, sizes_of, tie_points_of
+from photogram.exchange.formats.assembly import camera_of, check_names, pose_of, sentences, sizes_of, tie_points_of
 from photogram.exchange.formats.json_nodes import Node, read_json
 from photogram.exchange.formats.opensfm.ground_control import FILE as CONTROL
 from photogram.exchange.formats.opensfm.ground_control import (
@@ -39,7 +39,7 @@ from photogram.exchange.formats.writing import (
     unoriented_photographs,
     without_place,
 )
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder, write_whole
 from photogram.files.solutions.parsing import file_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.geodesy.frames import geodetic_from_topocentric, topocentric_from_geodetic
@@ -77,32 +77,30 @@ def read_opensfm(path: Path) -> ForeignSolution:
     if not parts:
         raise ExchangeError(f"{path}: holds no reconstruction: run OpenSfM's reconstruct first")
     largest = max(parts, key=lambda part: len(part.get("shots").keys()))
-    left_out = []
-    if len(parts) > 1:
-        left_out.append(f"{things(len(parts) - 1, 'smaller reconstruction')} of the file.")
-    return _solution(path, largest, left_out)
+    others = len(parts) - 1
+    return _solution(path, largest, sentences((others, f"{things(others, 'smaller reconstruction')} of the file.")))
 
 
 def _solution(path: Path, part: Node, left_out: list[str]) -> ForeignSolution:
     shots = part.get("shots")
     index = {key: i for i, key in enumerate(part.get("cameras").keys())}
-    cameras = tuple(_camera(key, held) for key, held in part.get("cameras").entries())
+    cameras = tuple(_camera(key, node) for key, node in part.get("cameras").entries())
     lla = _origin(path, part)
     origin = lla if lla != (0.0, 0.0, 0.0) else None
-    photographs = tuple(_photograph(key, held, index, origin) for key, held in shots.entries())
+    photographs = tuple(_photograph(key, shot, index, origin) for key, shot in shots.entries())
     check_names(shots.place, (photograph.file for photograph in photographs))
     tie_points, others = _tie_points(path, photographs, cameras, shots.keys(), part.get("points", {}))
-    tracks = path.with_name("tracks.csv")
-    if not tracks.exists():
-        left_out.append("The observations of tie points: there is no tracks.csv beside the reconstruction.")
-    if others:
-        left_out.append(f"{things(others, 'observation')} of tie points or photographs without a position.")
-    if any(part.find(key) is not None for key in ("rig_cameras", "rig_instances")):
-        left_out.append("Rigs: their photographs stand on their own.")
-    if any(shot.find("vertices") is not None for _, shot in shots.entries()):
-        left_out.append("Meshes of the photographs.")
-    if part.get("pano_shots", {}).keys():
-        left_out.append("Panoramas.")
+    has_rigs = any(part.find(key) is not None for key in ("rig_cameras", "rig_instances"))
+    left_out += sentences(
+        (
+            not path.with_name("tracks.csv").exists(),
+            "The observations of tie points: there is no tracks.csv beside the reconstruction.",
+        ),
+        (others, f"{things(others, 'observation')} of tie points or photographs without a position."),
+        (has_rigs, "Rigs: their photographs stand on their own."),
+        (any(shot.find("vertices") is not None for _, shot in shots.entries()), "Meshes of the photographs."),
+        (part.get("pano_shots", {}).keys(), "Panoramas."),
+    )
     crs = GEODETIC if any(photograph.measured is not None for photograph in photographs) else None
     ground, control = None, path.with_name(CONTROL)
     if control.exists():
@@ -123,34 +121,36 @@ def _solution(path: Path, part: Node, left_out: list[str]) -> ForeignSolution:
 
 
 def _origin(path: Path, part: Node) -> tuple[float, float, float] | None:
-    held, beside = part.find("reference_lla"), path.with_name("reference_lla.json")
-    if held is None:
-        if not beside.exists():
+    origin, file = part.find("reference_lla"), path.with_name("reference_lla.json")
+    if origin is None:
+        if not file.exists():
             return None
-        held = read_json(beside)
-    latitude, longitude, height = (held.get(key).number() for key in ("latitude", "longitude", "altitude"))
+        origin = read_json(file)
+    latitude, longitude, height = (origin.get(key).number() for key in ("latitude", "longitude", "altitude"))
     if not (abs(latitude) <= 90 and abs(longitude) <= 360 and abs(height) < 1e6):
-        raise ExchangeError(f"{held.place}: the origin ({latitude:g}, {longitude:g}, {height:g}) is no place on Earth")
+        raise ExchangeError(
+            f"{origin.place}: the origin ({latitude:g}, {longitude:g}, {height:g}) is no place on Earth"
+        )
     return latitude, longitude, height
 
 
-def _camera(key: str, held: Node) -> Camera:
-    kind = held.get("projection_type", "perspective").text()
+def _camera(key: str, node: Node) -> Camera:
+    kind = node.get("projection_type", "perspective").text()
     if kind not in _KINDS:
         raise ExchangeError(
-            f"{held.place}: photogram has no camera model {shortened(printable(kind))!r}: set camera_projection_type "
+            f"{node.place}: photogram has no camera model {shortened(printable(kind))!r}: set camera_projection_type "
             "of OpenSfM to BROWN or FISHEYE_OPENCV"
         )
 
     def number(name: str) -> float:
-        return held.get(name, 0.0).number()
+        return node.get(name, 0.0).number()
 
-    width, height = (held.get(name).number() for name in ("width", "height"))
+    width, height = (node.get(name).number() for name in ("width", "height"))
     size = max(width, height)
-    names = ("focal_x", "focal_y") if held.find("focal") is None else ("focal", "focal")
-    focal_x, focal_y = (held.get(name).number() for name in names)
+    names = ("focal_x", "focal_y") if node.find("focal") is None else ("focal", "focal")
+    focal_x, focal_y = (node.get(name).number() for name in names)
     return camera_of(
-        held.place,
+        node.place,
         key,
         (width, height),
         focal_y * size,
@@ -163,19 +163,19 @@ def _camera(key: str, held: Node) -> Camera:
 
 
 def _photograph(
-    key: str, held: Node, index: Mapping[str, int], origin: tuple[float, float, float] | None
+    key: str, shot: Node, index: Mapping[str, int], origin: tuple[float, float, float] | None
 ) -> ForeignPhotograph:
-    file = file_of(held.place, key)
-    camera = held.get("camera").text()
+    file = file_of(shot.place, key)
+    camera = shot.get("camera").text()
     if camera not in index:
-        raise ExchangeError(f"{held.place}: there is no camera {shortened(printable(camera))!r}: it is damaged")
-    vector = held.get("rotation").numbers(3)
+        raise ExchangeError(f"{shot.place}: there is no camera {shortened(printable(camera))!r}: it is damaged")
+    vector = shot.get("rotation").numbers(3)
     if np.abs(vector).max() > 1e3:
-        raise ExchangeError(f"{held.place}: its rotation vector is none: export it again")
+        raise ExchangeError(f"{shot.place}: its rotation vector is none: export it again")
     R = Rotation.from_rotvec(vector).as_matrix().T
-    pose = pose_of(held.place, R, -R @ held.get("translation").numbers(3))
+    pose = pose_of(shot.place, R, -R @ shot.get("translation").numbers(3))
     measured = sigma = None
-    position, accuracy = held.find("gps_position"), held.find("gps_dop")
+    position, accuracy = shot.find("gps_position"), shot.find("gps_dop")
     if origin is not None and position is not None and accuracy is not None:
         accuracy_m = accuracy.number()
         if 0 < accuracy_m < _NO_ACCURACY_M:
@@ -193,14 +193,14 @@ def _tie_points(
         raise ExchangeError(f"{points.place}: a color lies outside of 0 to 255: it is damaged")
     none = np.zeros(0, dtype=np.int64)
     tracks = Tracks(none, none, none, np.zeros((0, 2)), 0)
-    beside = path.with_name("tracks.csv")
-    if beside.exists():
+    file = path.with_name("tracks.csv")
+    if file.exists():
         tracks = read_tracks(
-            beside, {key: i for i, key in enumerate(keys)}, {key: i for i, key in enumerate(points.keys())}
+            file, {key: i for i, key in enumerate(keys)}, {key: i for i, key in enumerate(points.keys())}
         )
     pixel = pixel_of_normalised(sizes_of(cameras, photographs)[tracks.photograph], tracks.normalised)
     tie = tie_points_of(
-        str(beside),
+        str(file),
         tracks.photograph,
         tracks.point,
         pixel,
@@ -252,8 +252,7 @@ def write_opensfm(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
     files["tracks.csv"] = tracks_text([p.name for p in solution.photographs], tracks, chosen.colour[chosen.point])
     make_folder(folder)
     for name, text in files.items():
-        with replacing(folder / name) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     control = write_ground_control(folder, solution)
     return (*unoriented_photographs(solution), *others, *control, *_not_written(solution, bool(enu)))
 

@@ -18,15 +18,23 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, omega_phi_kappa_deg, rotation_from_omega_phi_kappa
 from photogram.errors import ExchangeError
-from photogram.exchange.formats.assembly import HALF_PIXEL, camera_of, check_names, no_tie_points, pose_of
+from photogram.exchange.formats.assembly import (
+    HALF_PIXEL,
+    camera_of,
+    check_names,
+    ground_points_of,
+    no_tie_points,
+    pose_of,
+    sentences,
+)
 from photogram.exchange.formats.json_nodes import Node, read_json
 from photogram.exchange.formats.pix4d.opf_tracks import MOST_JSON_BYTES, read_tracks, write_tracks
 from photogram.exchange.formats.writing import check_writable
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder, write_whole
 from photogram.files.solutions.parsing import file_of, part_of
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.geodesy.crs import crs_of_wkt
-from photogram.measures.mark_covariances import is_isotropic, isotropic_px2
+from photogram.measures.mark_covariances import is_isotropic
 from photogram.survey import ControlPoints, Role
 from photogram.wording import printable, shortened, things
 
@@ -76,17 +84,17 @@ def read_opf(path: Path) -> ForeignSolution:
         if _format(name) not in resources:
             raise ExchangeError(f"{file}: names no {_format(name)}: export a project that is calibrated")
     files = {
-        kind: read_json(where[0], MOST_JSON_BYTES)
+        kind.removeprefix("application/opf-").removesuffix("+json"): read_json(where[0], MOST_JSON_BYTES)
         for kind, where in resources.items()
         if kind.endswith("+json") and kind.startswith("application/opf-")
     }
-    scene = _scene(files.get(_format("scene-reference-frame")))
+    scene = _scene(files.get("scene-reference-frame"))
     cameras, photographs, number = _photographs(files, scene)
     check_names(str(file), (photograph.file for photograph in photographs))
     tracks = [read_tracks(where, number) for where in resources.get(_TRACKS, [])[:1]]
-    tie_points, sentences = tracks[0] if tracks else (no_tie_points(), ())
+    tie_points, of_tracks = tracks[0] if tracks else (no_tie_points(), ())
     tie_points = replace(tie_points, position_world_m=tie_points.position_world_m - scene.shift)
-    ground, said = _ground_points(files, scene, number)
+    ground, of_ground = _ground_points(files, scene, number)
     generator = root.find("generator")
     program = "OPF" if generator is None else f"{generator.get('name').text()} {generator.get('version').text()}"
     return ForeignSolution(
@@ -97,21 +105,21 @@ def read_opf(path: Path) -> ForeignSolution:
         ground_points=ground,
         frame=scene.frame,
         crs=scene.crs,
-        left_out=(*scene.left_out, *sentences, *said, *_not_held(files)),
+        left_out=(*scene.left_out, *of_tracks, *of_ground, *_left_out(files)),
     )
 
 
 def _resources(file: Path, root: Node) -> Iterator[tuple[str, list[Path]]]:
     """Give the files of each format; those of items but the sparse ones, such as dense clouds, are not among them."""
-    found: dict[str, list[Path]] = {}
+    files: dict[str, list[Path]] = {}
     for item in root.get("items").items():
         if item.get("type").text() == "point_cloud":
             continue
         for resource in item.get("resources").items():
             format_, uri = resource.get("format").text(), resource.get("uri")
             if format_.startswith("application/opf-") or format_ == _TRACKS:
-                found.setdefault(format_, []).append(part_of(uri.place, file.parent, unquote(uri.text())))
-    yield from found.items()
+                files.setdefault(format_, []).append(part_of(uri.place, file.parent, unquote(uri.text())))
+    yield from files.items()
 
 
 def _scene(root: Node | None) -> _Scene:
@@ -155,7 +163,7 @@ def _photographs(
     files: Mapping[str, Node], scene: _Scene
 ) -> tuple[tuple[Camera, ...], tuple[ForeignPhotograph, ...], dict[int, int]]:
     """Return cameras, photographs, and their numbers by those of OPF's cameras."""
-    inputs, calibrated = files[_format("input-cameras")], files[_format("calibrated-cameras")]
+    inputs, calibrated = files["input-cameras"], files["calibrated-cameras"]
     estimated = {s.get("id").whole(): s.get("internals") for s in calibrated.get("sensors").items()}
     cameras: list[Camera] = []
     sensor_of: dict[int, int] = {}
@@ -164,11 +172,11 @@ def _photographs(
         sensor_of[key] = len(cameras)
         internals = estimated.get(key, sensor.get("internals"))
         cameras.append(_internals(internals, sensor.get("name").text(), sensor.get("image_size_px").numbers(2)))
-    uris = {c.get("id").whole(): c.get("uri") for c in files[_format("camera-list")].get("cameras").items()}
+    uris = {c.get("id").whole(): c.get("uri") for c in files["camera-list"].get("cameras").items()}
     oriented = {c.get("id").whole(): c for c in calibrated.get("cameras").items()}
-    projected = files.get(_format("projected-input-cameras"))
-    places = {} if projected is None else {c.get("id").whole(): c.find("geolocation")
-                                           for c in projected.get("captures").items()}  # fmt: skip
+    projected = files.get("projected-input-cameras")
+    captures = () if projected is None else projected.get("captures").items()
+    places = {capture.get("id").whole(): capture.find("geolocation") for capture in captures}
     photographs: list[ForeignPhotograph] = []
     number: dict[int, int] = {}
     for capture in inputs.get("captures").items():
@@ -201,12 +209,12 @@ def _photograph(
 
 def _ground_points(
     files: Mapping[str, Node], scene: _Scene, number: Mapping[int, int]
-) -> tuple[ControlPoints | None, tuple[str, ...]]:
-    """Return ground points and manual tie points, these without a position."""
-    root = files.get(_format("input-control-points"))
+) -> tuple[ControlPoints | None, list[str]]:
+    """Return ground points and manual tie points, these without a position, and sentences on what is left out."""
+    root = files.get("input-control-points")
     if root is None:
-        return None, ()
-    projected = files.get(_format("projected-control-points"))
+        return None, []
+    projected = files.get("projected-control-points")
     known = {} if projected is None else {g.get("id").text(): g for g in projected.get("projected_gcps").items()}
     names: list[str] = []
     roles: list[Role] = []
@@ -225,39 +233,37 @@ def _ground_points(
                     elsewhere += 1
                     continue
                 pixel, accuracy = mark.get("position_px").numbers(2), mark.get("accuracy").number()
-                marks.append((float(photograph), float(len(names)), *pixel, accuracy))
+                marks.append((photograph, len(names), *pixel, accuracy))
             names.append(name)
             roles.append("check" if check or place is None else "control")
             positions.append(np.full(3, np.nan) if place is None else place.get("coordinates").numbers(3) - scene.shift)
             sigmas.append(np.full(3, np.nan) if place is None else place.get("sigmas").numbers(3))
-    M = np.array(marks).reshape(-1, 5)
-    ground = ControlPoints(
-        tuple(names), tuple(roles), np.array(positions).reshape(-1, 3), np.array(sigmas).reshape(-1, 3),
-        M[:, 0].astype(np.int64), M[:, 1].astype(np.int64), M[:, 2:4], isotropic_px2(M[:, 4]),
-    )  # fmt: skip
-    said = [
-        *([f"The positions of {things(unplaced, 'ground point')} in another CRS."] if unplaced else []),
-        *([f"{things(elsewhere, 'mark')} in photographs that are not read."] if elsewhere else []),
-    ]
-    return ground, tuple(said)
+    ground = ground_points_of(names, roles, positions, sigmas, marks)
+    return ground, sentences(
+        (unplaced, f"The positions of {things(unplaced, 'ground point')} in another CRS."),
+        (elsewhere, f"{things(elsewhere, 'mark')} in photographs that are not read."),
+    )
 
 
-def _not_held(files: Mapping[str, Node]) -> Iterator[str]:
+def _left_out(files: Mapping[str, Node]) -> Iterator[str]:
     """Give sentences about what the project holds and the form has no place for."""
-    inputs, calibrated = files[_format("input-cameras")], files[_format("calibrated-cameras")]
+    inputs, calibrated = files["input-cameras"], files["calibrated-cameras"]
     captures = list(inputs.get("captures").items())
     attitudes = sum(capture.find("orientation") is not None for capture in captures)
     rolling = sum(camera.find("rolling_shutter") is not None for camera in calibrated.get("cameras").items())
-    if _format("projected-input-cameras") not in files and any(c.find("geolocation") for c in captures):
+    if "projected-input-cameras" not in files and any(c.find("geolocation") for c in captures):
         yield "Measured positions in the CRS of the photographs."
     if attitudes:
         yield f"{things(attitudes, 'measured attitude')}."
     if rolling:
         yield f"The rolling shutter of {things(rolling, 'photograph')}."
-    words = {"gps-bias": "The bias of GNSS", "constraints": "Constraints",
-             "calibrated-control-points": "Adjusted positions of ground points"}  # fmt: skip
+    words = {
+        "gps-bias": "The bias of GNSS",
+        "constraints": "Constraints",
+        "calibrated-control-points": "Adjusted positions of ground points",
+    }
     for name, what in words.items():
-        if _format(name) in files:
+        if name in files:
             yield f"{what}."
 
 
@@ -285,28 +291,28 @@ def write_opf(folder: Path, solution: ForeignSolution) -> tuple[str, ...]:
     left_out = list(_not_written(solution))
     make_folder(folder)
     writer = _Writer(folder)
-    uids = list(range(1, len(solution.photographs) + 1))
-    writer.put("camera-list", {"cameras": [{"id": uid, "uri": quote(str(photograph.file))} for uid, photograph
-                                           in zip(uids, solution.photographs, strict=True)]})  # fmt: skip
-    writer.put("input-cameras", _input_cameras(solution, uids), "camera-list")
+    # cameras and captures of OPF are the photographs, counted from 1
+    cameras = [{"id": uid, "uri": quote(str(p.file))} for uid, p in enumerate(solution.photographs, 1)]
+    writer.put("camera-list", {"cameras": cameras})
+    writer.put("input-cameras", _input_cameras(solution), "camera-list")
     definition = _LOCAL if solution.crs is None or solution.frame != "map" else solution.crs
     canonical = {"scale": [1.0, 1.0, 1.0], "shift": shift.tolist(), "swap_xy": False}
     writer.put("scene-reference-frame", {"crs": {"definition": definition}, "base_to_canonical": canonical})
-    measured = _projected_cameras(solution, uids, shift)
+    measured = _projected_cameras(solution, shift)
     if solution.frame != "topocentric":
         sources = "input-cameras", "scene-reference-frame"
         writer.put("projected-input-cameras", {"captures": measured, "sensors": []}, *sources)
     if solution.ground_points is not None:
-        control, projected = _control_points(solution.ground_points, uids, shift, definition)
+        control, projected = _control_points(solution.ground_points, shift, definition)
         writer.put("input-control-points", control, "camera-list")
         writer.put("projected-control-points", projected, "input-control-points", "scene-reference-frame")
-    calibrated = _calibrated_cameras(solution, uids, shift)
+    calibrated = _calibrated_cameras(solution, shift)
     resources = [writer.file("calibrated-cameras", calibrated)]
     if len(solution.tie_points):
         make_folder(folder / "tracks")
         moved = replace(solution.tie_points, position_world_m=solution.tie_points.position_world_m + shift)
-        names, said = write_tracks(folder / "tracks" / "tracks.gltf", moved, uids)
-        left_out += said
+        names, more = write_tracks(folder / "tracks" / "tracks.gltf", moved, len(solution.photographs))
+        left_out += more
         resources.append({"format": _TRACKS, "uri": "tracks/tracks.gltf"})
         resources += [{"format": _BUFFER, "uri": f"tracks/{name}"} for name in names]
     writer.item("calibration", resources, "input-cameras", "scene-reference-frame")
@@ -322,8 +328,7 @@ class _Writer:
         self._items: list[dict[str, object]] = []
 
     def _write(self, name: str, value: Mapping[str, object]) -> None:
-        with replacing(self._folder / name) as partial:
-            partial.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_whole(self._folder / name, json.dumps(value, indent=1, allow_nan=False) + "\n")
 
     def file(self, name: str, value: Mapping[str, object]) -> dict[str, str]:
         """Write a file of one of OPF's formats; returns it as a resource."""
@@ -363,8 +368,8 @@ def _id(name: str) -> str:
 
 
 def _check_camera(folder: Path, camera: Camera) -> None:
-    more = [name for name, value in (("k4", camera.radial[3]), ("b1", camera.affinity[0]), ("b2", camera.affinity[1]))
-            if value != 0]  # fmt: skip
+    terms = {"k4": camera.radial[3], "b1": camera.affinity[0], "b2": camera.affinity[1]}
+    more = [name for name, value in terms.items() if value != 0]
     if camera.model != "brown" or more:
         what = "a fisheye" if camera.model != "brown" else f"with {' and '.join(more)}"
         raise ExchangeError(f"{folder}: camera {camera.name} is {what}, which OPF's perspective model has not")
@@ -380,7 +385,7 @@ def _internals_of(camera: Camera) -> dict[str, object]:
     }
 
 
-def _input_cameras(solution: ForeignSolution, uids: list[int]) -> dict[str, object]:
+def _input_cameras(solution: ForeignSolution) -> dict[str, object]:
     sensors = [
         {
             "id": i + 1,
@@ -409,12 +414,12 @@ def _input_cameras(solution: ForeignSolution, uids: list[int]) -> dict[str, obje
             ],
             "time": _UNKNOWN_TIME,
         }
-        for uid, photograph in zip(uids, solution.photographs, strict=True)
+        for uid, photograph in enumerate(solution.photographs, 1)
     ]
     return {"sensors": sensors, "captures": captures}
 
 
-def _projected_cameras(solution: ForeignSolution, uids: list[int], shift: FloatArray) -> list[dict[str, object]]:
+def _projected_cameras(solution: ForeignSolution, shift: FloatArray) -> list[dict[str, object]]:
     return [
         {
             "id": uid,
@@ -423,14 +428,14 @@ def _projected_cameras(solution: ForeignSolution, uids: list[int], shift: FloatA
                 "sigmas": photograph.measured_sigma_m.tolist(),
             },
         }
-        for uid, photograph in zip(uids, solution.photographs, strict=True)
+        for uid, photograph in enumerate(solution.photographs, 1)
         if photograph.measured is not None
         and photograph.measured_sigma_m is not None
         and np.isfinite([photograph.measured, photograph.measured_sigma_m]).all()
     ]
 
 
-def _calibrated_cameras(solution: ForeignSolution, uids: list[int], shift: FloatArray) -> dict[str, object]:
+def _calibrated_cameras(solution: ForeignSolution, shift: FloatArray) -> dict[str, object]:
     sensors = [{"id": i + 1, "internals": _internals_of(camera)} for i, camera in enumerate(solution.cameras)]
     cameras = [
         {
@@ -439,14 +444,14 @@ def _calibrated_cameras(solution: ForeignSolution, uids: list[int], shift: Float
             "orientation_deg": omega_phi_kappa_deg(photograph.pose.rotation_world_from_camera).tolist(),
             "position": (photograph.pose.position_world_m + shift).tolist(),
         }
-        for uid, photograph in zip(uids, solution.photographs, strict=True)
+        for uid, photograph in enumerate(solution.photographs, 1)
         if photograph.pose is not None
     ]
     return {"sensors": sensors, "cameras": cameras}
 
 
 def _control_points(
-    ground: ControlPoints, uids: list[int], shift: FloatArray, definition: str
+    ground: ControlPoints, shift: FloatArray, definition: str
 ) -> tuple[dict[str, object], dict[str, object]]:
     """Return the ground points as they were given, and in the processing CRS; those without a position as manual tie
     points."""
@@ -454,7 +459,7 @@ def _control_points(
     for g, name in enumerate(ground.name):
         marks = [
             {
-                "camera_id": uids[ground.mark_photograph[m]],
+                "camera_id": int(ground.mark_photograph[m]) + 1,
                 "position_px": ground.mark_pixel[m].tolist(),
                 "accuracy": float(ground.mark_sigma_px[m]),
             }

@@ -6,7 +6,7 @@ top-left one at (0.5, 0.5). Those of a point are a range of the list of matches:
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
@@ -18,15 +18,13 @@ from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int
 from photogram.errors import ExchangeError
 from photogram.exchange.formats.assembly import HALF_PIXEL, no_tie_points, tie_points_of
 from photogram.exchange.formats.json_nodes import Node, read_json
-from photogram.files.atomic import replacing
+from photogram.files.atomic import write_whole
 from photogram.files.solutions.parsing import bytes_of, check_finite, part_of
 from photogram.survey import TRANSFERRED, TiePoints
 from photogram.wording import things
 
-_TYPES = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _CODES = {np.dtype("<u1"): 5121, np.dtype("<u4"): 5125, np.dtype("<f4"): 5126}
-_NAMES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+_SHAPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _NO_FEATURE = np.uint64(2**64 - 1)
 _LARGEST_FLOAT = 3e38
@@ -56,9 +54,10 @@ class _Arrays:
         buffer ends before it."""
         accessor = self._root.get("accessors").item(number)
         code, shape = accessor.get("componentType").whole(), accessor.get("type").text()
-        if _TYPES.get(code) != kind or _WIDTHS.get(shape) != width or accessor.find("sparse") is not None:
+        expected = (_CODES[np.dtype(kind)], _SHAPES[width])
+        if (code, shape) != expected or accessor.find("sparse") is not None:
             raise ExchangeError(
-                f"{accessor.place}: is of type {shape} {code}, expected {_NAMES[width]} of {kind[1:]}: "
+                f"{accessor.place}: is of type {shape} {code}, expected {_SHAPES[width]} of {kind[1:]}: "
                 "export the project again"
             )
         view = self._root.get("bufferViews").item(accessor.get("bufferView").whole())
@@ -116,9 +115,14 @@ def read_tracks(path: Path, photograph_of: Mapping[int, int]) -> tuple[TiePoints
         return no_tie_points(), tuple(left_out)
     whole = _Part(*map(np.concatenate, zip(*parts, strict=True)))
     points = tie_points_of(
-        str(path), whole.photograph, whole.point, whole.pixel, whole.position, feature=whole.feature,
+        str(path),
+        whole.photograph,
+        whole.point,
+        whole.pixel,
+        whole.position,
+        feature=whole.feature,
         colour=whole.colour,
-    )  # fmt: skip
+    )
     return points, (*left_out, "The scales of key points.")
 
 
@@ -180,9 +184,9 @@ def _matches(
     return photograph[known], point[known], pixel[known] - HALF_PIXEL, feature[known]
 
 
-def write_tracks(path: Path, tie_points: TiePoints, uids: Sequence[int]) -> tuple[list[str], tuple[str, ...]]:
+def write_tracks(path: Path, tie_points: TiePoints, photographs: int) -> tuple[list[str], tuple[str, ...]]:
     """Write tie points in the processing CRS as glTF, its buffers beside it; returns the names of these, and sentences
-    about what is left out. ``uids`` are the numbers of OPF's cameras by photograph.
+    about what is left out. OPF's cameras are the photographs, counted from 1.
 
     Raises ExchangeError where a coordinate is beyond single precision, WorkspaceError where a file cannot be written.
     """
@@ -206,28 +210,31 @@ def write_tracks(path: Path, tie_points: TiePoints, uids: Sequence[int]) -> tupl
         "matchScales.bin": np.zeros(n, "<f4"),
     }
     for name, array in arrays.items():
-        with replacing(path.parent / name) as partial:
-            partial.write_bytes(array.tobytes())
-    with replacing(path) as partial:
-        partial.write_text(json.dumps(_gltf(arrays, position, uids), indent=1), encoding="utf-8")
+        write_whole(path.parent / name, array.tobytes())
+    write_whole(path, json.dumps(_gltf(arrays, position, photographs), indent=1))
     return list(arrays), left_out
 
 
-def _gltf(arrays: Mapping[str, NDArray[np.generic]], position: Float32Array, uids: Sequence[int]) -> object:
+def _gltf(arrays: Mapping[str, NDArray[np.generic]], position: Float32Array, photographs: int) -> object:
     """Return the glTF document of the arrays, one to a buffer."""
     accessors: list[dict[str, object]] = [
         {
             "bufferView": i,
             "componentType": _CODES[array.dtype.newbyteorder("<")],
             "count": len(array),
-            "type": _NAMES[1 if array.ndim == 1 else array.shape[1]],
+            "type": _SHAPES[1 if array.ndim == 1 else array.shape[1]],
         }
         for i, array in enumerate(arrays.values())
     ]
     accessors[0] |= {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
     accessors[1] |= {"normalized": True}
     image_points = {"pixelCoordinates": 4, "featureIds": 5, "scales": 6}
-    matches = {"cameraUids": list(uids), "cameraIds": 2, "pointIndexRanges": 3, "imagePoints": image_points}
+    matches = {
+        "cameraUids": list(range(1, photographs + 1)),
+        "cameraIds": 2,
+        "pointIndexRanges": 3,
+        "imagePoints": image_points,
+    }
     y_up = np.eye(4)
     y_up[:3, :3] = _Z_UP_FROM_Y_UP.T
     return {

@@ -36,7 +36,7 @@ def read_pix4d_params(path: Path) -> ForeignSolution:
     Without an offset.xyz and a wkt.prj beside it the coordinates are local. Photographs with one calibration share a
     camera. Raises ExchangeError with the line where a file is damaged.
     """
-    file, stem = _found(path)
+    file, stem = _parameters_file(path)
     lines = [(n, line.strip()) for n, line in enumerate(text_of(file, _MOST_BYTES).splitlines(), 1) if line.strip()]
     starts = [i for i, (_, line) in enumerate(lines) if line.startswith("camera model m = K")]
     if not lines or not lines[0][1].startswith(_HEADER) or not starts:
@@ -98,7 +98,7 @@ def read_pix4d_cam(path: Path, size_px: tuple[int, int]) -> Camera:
     )
 
 
-def _found(path: Path) -> tuple[Path, str]:
+def _parameters_file(path: Path) -> tuple[Path, str]:
     """Return the file of parameters, and the path of its neighbours without their ending."""
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.name.endswith(PARAMETERS))
@@ -157,14 +157,14 @@ def _photograph(
 
 def _left_out(stem: str, cameras: Sequence[Camera]) -> list[str]:
     """Return sentences about what the folder holds beside the parameters of photographs."""
-    said = ["Tie points: the folder of parameters gives no positions for them."]
+    left_out = ["Tie points: the folder of parameters gives no positions for them."]
     cam = Path(f"{stem}_pix4d_calibrated_internal_camera_parameters.cam")
     if stem and cam.exists() and len(cameras) == 1:
         other = read_pix4d_cam(cam, (cameras[0].width_px, cameras[0].height_px))
         difference = float(np.abs(other.parameters[:3] - cameras[0].parameters[:3]).max())
         if difference > 0.5:
-            said.append(
+            left_out.append(
                 f"The calibration of the .cam beside it, which differs by {difference:.1f} px: photographs have that "
                 "of their own text."
             )
-    return said
+    return left_out

@@ -13,8 +13,14 @@ from photogram.arrays import FloatArray
 from photogram.camera import Similarity
 from photogram.errors import ExchangeError
 from photogram.exchange.audit.audit import Audit, audited
-from photogram.exchange.audit.beside import check_shared, checks_of, meant_by, same_points, shared_photographs
 from photogram.exchange.audit.foreign_block import foreign_block
+from photogram.exchange.audit.further_solutions import (
+    check_shared,
+    checks_of,
+    meant_by,
+    same_points,
+    shared_photographs,
+)
 from photogram.exchange.audit.page import audit_page
 from photogram.exchange.audit.tables import tables
 from photogram.exchange.formats.recognition import read_solution
@@ -41,16 +47,16 @@ def moved(solution: ForeignSolution, scale: float, shift: tuple[float, float, fl
 
 
 @cache
-def audit_beside() -> Audit:
+def audit_of_three() -> Audit:
     solution = solution_with("none")
     free = replace(moved(solution, 3.0, (5.0, 6.0, 7.0)), ground_points=None, crs=None)
     others = [moved(solution, 0.2, (1.0, 2.0, 3.0)), free, solution_with("principal point")]
-    return audited(solution, foreign_block(solution), beside=[(other, foreign_block(other)) for other in others])
+    return audited(solution, foreign_block(solution), others=[(other, foreign_block(other)) for other in others])
 
 
 def test_the_same_result_in_other_coordinates_has_the_same_figures() -> None:
-    audit = audit_beside()
-    same = audit.beside[0]
+    audit = audit_of_three()
+    same = audit.further[0]
     assert same.fit.tie_rms_px == pytest.approx(audit.theirs.tie_rms_px, rel=1e-9)
     assert same.fit.mark_rms_px == pytest.approx(audit.theirs.mark_rms_px, rel=1e-9)
     np.testing.assert_allclose(same.fit.off_m, audit.theirs.off_m, rtol=0, atol=1e-6)
@@ -65,8 +71,8 @@ def test_the_same_result_in_other_coordinates_has_the_same_figures() -> None:
 
 
 def test_a_free_network_is_brought_to_ours_by_its_projection_centres() -> None:
-    audit = audit_beside()
-    free = audit.beside[1]
+    audit = audit_of_three()
+    free = audit.further[1]
     assert not free.is_in_the_same_map
     assert (free.point_of == -1).all()
     assert len(free.poses) == 15
@@ -75,15 +81,15 @@ def test_a_free_network_is_brought_to_ours_by_its_projection_centres() -> None:
 
 
 def test_another_calibration_differs_by_what_it_is_wrong() -> None:
-    audit = audit_beside()
-    wrong = audit.beside[2]
+    audit = audit_of_three()
+    wrong = audit.further[2]
     assert wrong.cameras[0] is not None
     assert wrong.cameras[0].principal_point_px[0] - audit.solution.cameras[0].principal_point_px[0] == 30.0
     assert abs(wrong.parameter_sigmas[0, 1]) > 10.0
 
 
 def test_the_tables_have_a_column_for_each() -> None:
-    found = tables(audit_beside())
+    found = tables(audit_of_three())
     assert found.beside == ("Moved", "Moved (2)", "Another program (2)")
     assert len(found.columns) == 6
     assert {len(row.cells) for row in (*found.figures, *found.checks)} == {6}
@@ -107,7 +113,7 @@ def test_solutions_of_other_photographs_are_refused() -> None:
     with pytest.raises(ExchangeError, match="Elsewhere: shares no photograph with Another program: it has x"):
         check_shared(solution, other)
     with pytest.raises(ExchangeError, match="name solutions of the same photographs"):
-        audited(solution, foreign_block(solution), beside=[(other, foreign_block(other))])
+        audited(solution, foreign_block(solution), others=[(other, foreign_block(other))])
 
 
 def test_photographs_are_the_same_by_their_file_names_whatever_their_case() -> None:
@@ -155,10 +161,10 @@ def test_photoscan_dbat_and_photogram_side_by_side(shared_data: SharedData) -> N
     names = checks_of(solutions, ["351", "410"], None)
     assert names == [["406", "311"], ["351 (B4.6)", "410 (B3.11)"]]
     photoscan, dbat = (with_checks(*each) for each in zip(solutions, names, strict=True))
-    audit = audited(photoscan, foreign_block(photoscan), beside=[(dbat, foreign_block(dbat))])
-    (beside,) = audit.beside
-    assert beside.is_in_the_same_map
-    assert len(beside.poses) == 5
+    audit = audited(photoscan, foreign_block(photoscan), others=[(dbat, foreign_block(dbat))])
+    (other,) = audit.further
+    assert other.is_in_the_same_map
+    assert len(other.poses) == 5
     found = tables(audit)
     assert found.columns[:3] == (
         "Agisoft PhotoScan (.psz)",

@@ -34,8 +34,8 @@ MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """A further solution, beside photogram's adjustment of the one that is audited."""
+class FurtherSolution:
+    """A further solution, compared with photogram's adjustment of the one that is audited."""
 
     solution: ForeignSolution
     start: ForeignBlock
@@ -79,13 +79,13 @@ def shared_photographs(solution: ForeignSolution, other: ForeignSolution) -> Int
 
 def same_points(points_m: FloatArray, others_m: FloatArray) -> IntArray:
     """Return which of other surveyed points (K, 3) those of a survey (G, 3) are, −1 for none; NaN is nowhere."""
-    found = np.full(len(points_m), -1, dtype=np.int64)
+    same = np.full(len(points_m), -1, dtype=np.int64)
     known, there = (np.flatnonzero(np.isfinite(rows).all(axis=1)) for rows in (points_m, others_m))
     if len(known) and len(there):
         distance, nearest = (np.atleast_1d(a) for a in KDTree(others_m[there]).query(points_m[known], p=np.inf))
         near = distance <= SAME_M
-        found[known[near]] = there[nearest[near]]
-    return found
+        same[known[near]] = there[nearest[near]]
+    return same
 
 
 def checks_of(solutions: Sequence[ForeignSolution], names: Sequence[str], crs: str | None) -> list[list[str]]:
@@ -128,13 +128,15 @@ def _same_in(one: tuple[str | None, FloatArray], other: tuple[str | None, FloatA
     return int(same_points(one[1][g : g + 1], other[1])[0])
 
 
-def laid_beside(solution: ForeignSolution, start: ForeignBlock, audited: ForeignSolution, result: Adjustment) -> Beside:
-    """Return a further solution beside the adjustment of the audited one."""
+def further_solution(
+    solution: ForeignSolution, start: ForeignBlock, audited: ForeignSolution, result: Adjustment
+) -> FurtherSolution:
+    """Return a further solution compared with the adjustment of the audited one."""
     of, points = shared_photographs(audited, solution), _points_of(result, start)
     cameras = cameras_of(solution, of, result.block)
     is_same_map = _is_same_map(result.block, start.theirs, points)
     moved = brought(start, of, result, is_same_map=is_same_map)
-    return Beside(
+    return FurtherSolution(
         solution,
         start,
         fit_of_solution(solution, start.theirs),
