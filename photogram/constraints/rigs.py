@@ -170,9 +170,9 @@ def exposures(cameras: Sequence[str], keys: Sequence[Hashable | None], master: s
     alone: list[int] = []
     for photograph, (camera, key) in enumerate(zip(cameras, keys, strict=True)):
         if camera != master:
-            found = places.get((master, key)) if key is not None else None
-            if found is None:
+            of_master = places.get((master, key)) if key is not None else None
+            if of_master is None:
                 alone.append(photograph)
             else:
-                pairs.append((photograph, found))
+                pairs.append((photograph, of_master))
     return Exposures(tuple(pairs), tuple(alone))

@@ -186,12 +186,13 @@ def fit_plan(map_m: FloatArray, local_m: FloatArray, sigma_m: FloatArray, scale:
     centre = map_m.mean(axis=0)
     x, target = map_m - centre, local_m - local_m.mean(axis=0)
     rotation, free = _start(x, target)
-    k, shift, sigma = free if scale is None else scale, np.zeros(2), np.repeat(sigma_m, 2)
+    k = free if scale is None else scale
+    shift, sigma = np.zeros(2), np.repeat(sigma_m, 2)
     for _ in range(_MOST_ITERATIONS):
         A = _plan_design(x, rotation, k, scale is None)
         turned = k * x @ np.array([[np.cos(rotation), np.sin(rotation)], [-np.sin(rotation), np.cos(rotation)]])
-        found = fit(A, (target - turned - shift).ravel(), sigma)
-        step = found.parameter
+        fitted = fit(A, (target - turned - shift).ravel(), sigma)
+        step = fitted.parameter
         shift, rotation = shift + step[:2], rotation + float(step[2])
         if scale is None:
             k *= float(np.exp(step[3]))
@@ -200,21 +201,21 @@ def fit_plan(map_m: FloatArray, local_m: FloatArray, sigma_m: FloatArray, scale:
     at_centre = local_m.mean(axis=0) + shift
     c, s = k * np.cos(rotation), k * np.sin(rotation)
     origin = at_centre - np.array([c * centre[0] - s * centre[1], s * centre[0] + c * centre[1]])
-    sigmas = np.sqrt(np.diag(found.covariance))
+    sigmas = np.sqrt(np.diag(fitted.covariance))
     sigmas = np.append(sigmas[:3], sigmas[3] * k if scale is None else 0.0)
     rotation = float((rotation + np.pi) % (2.0 * np.pi) - np.pi)
-    return PlanFit(origin, rotation, k, centre, sigmas, found)
+    return PlanFit(origin, rotation, k, centre, sigmas, fitted)
 
 
 def fit_heights(pairs: SitePairs, middle_deg: FloatArray, radii: tuple[float, float], model: HeightModel) -> HeightFit:
     """Return the plane, or its offset alone, under the local heights of the pairs in height."""
     own = pairs.in_height
     A = slopes_design(pairs.place_deg[own], middle_deg, radii)[:, : HEIGHT_PARAMETERS[model]]
-    found = fit(A, pairs.local_m[own, 2] - pairs.height_m[own], pairs.sigma_m[own, 1])
-    parameter = np.pad(found.parameter, (0, 3 - len(found.parameter)))
-    sigma = np.pad(np.sqrt(np.diag(found.covariance)), (0, 3 - len(found.parameter)))
+    fitted = fit(A, pairs.local_m[own, 2] - pairs.height_m[own], pairs.sigma_m[own, 1])
+    parameter = np.pad(fitted.parameter, (0, 3 - len(fitted.parameter)))
+    sigma = np.pad(np.sqrt(np.diag(fitted.covariance)), (0, 3 - len(fitted.parameter)))
     offset, north, east = parameter.tolist()
-    return HeightFit(middle_deg, offset, north, east, sigma, found)
+    return HeightFit(middle_deg, offset, north, east, sigma, fitted)
 
 
 # ---- what can be fitted ----------------------------------------------------------------------------------------------
@@ -295,16 +296,16 @@ class _Candidate:
 
 
 def _candidates(pairs: SitePairs, plan: PlanFit, height: HeightFit | None) -> list[_Candidate]:
-    found = [
+    candidates = [
         _Candidate(int(i), "plan", np.array([2 * row, 2 * row + 1]), plan.fit)
         for row, i in enumerate(np.flatnonzero(pairs.in_plan))
     ]
     if height is not None:
-        found += [
+        candidates += [
             _Candidate(int(i), "height", np.array([row]), height.fit)
             for row, i in enumerate(np.flatnonzero(pairs.in_height))
         ]
-    return found
+    return candidates
 
 
 def _suspicion(candidates: list[_Candidate], level: float) -> Suspicion | None:
@@ -351,17 +352,18 @@ def calibrate(
     plan, height = _fits(used, map_m, middle_deg, radii, wanted)
     first = plan, height
     while True:
-        found = _suspicion(_candidates(used, plan, height), SIGNIFICANCE / (len(suspicions) + 1) ** 2)
-        if found is None:
+        suspicion = _suspicion(_candidates(used, plan, height), SIGNIFICANCE / (len(suspicions) + 1) ** 2)
+        if suspicion is None:
             break
-        suspicions.append(found)
-        if len(found.pairs) > 1 and found.explains:
+        suspicions.append(suspicion)
+        if len(suspicion.pairs) > 1 and suspicion.explains:
             break
-        if len(found.pairs) > 1 or len({s.pairs for s in suspicions}) > max(most, 1):
-            used, (plan, height), suspicions = pairs, first, []
+        if len(suspicion.pairs) > 1 or len({s.pairs for s in suspicions}) > max(most, 1):
+            used, suspicions = pairs, []
+            plan, height = first
             warnings = (*warnings, _all_contradict(plan, height))
             break
-        used = used.without(found.pairs[0], plan=found.part == "plan", height=found.part == "height")
+        used = used.without(suspicion.pairs[0], plan=suspicion.part == "plan", height=suspicion.part == "height")
         plan, height = _fits(used, map_m, middle_deg, radii, wanted)
     if len(suspicions) and used is not pairs:
         warnings = _check(used, map_m, wanted)
@@ -382,9 +384,9 @@ def _fits(
 
 def _all_contradict(plan: PlanFit, height: HeightFit | None) -> str:
     parts = []
-    for name, found in (("plan", plan.fit), ("height", None if height is None else height.fit)):
-        if found is not None and found.degrees_of_freedom > 0:
-            factor = np.sqrt(found.weighted_square / found.degrees_of_freedom)
+    for name, tested in (("plan", plan.fit), ("height", None if height is None else height.fit)):
+        if tested is not None and tested.degrees_of_freedom > 0:
+            factor = np.sqrt(tested.weighted_square / tested.degrees_of_freedom)
             parts.append(f"{factor:.1f} times in {name}")
     return (
         "so many pairs contradict each other that none is named: residuals are larger than the stated standard "
@@ -433,8 +435,8 @@ def predictions(
     parts = [(used.in_plan, calibration.plan.fit, slice(0, 2), 2)]
     if calibration.height is not None:
         parts.append((used.in_height, calibration.height.fit, slice(2, 3), 1))
-    for serving, found, axes, size in parts:
+    for serving, tested, axes, size in parts:
         for row, i in enumerate(np.flatnonzero(serving)):
-            difference[i, axes], covariance = found.left_out(np.arange(size * row, size * row + size))
+            difference[i, axes], covariance = tested.left_out(np.arange(size * row, size * row + size))
             sigma[i, axes] = np.sqrt(np.diag(covariance))
     return difference, np.where(np.isnan(difference), np.nan, sigma)

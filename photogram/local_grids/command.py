@@ -69,9 +69,21 @@ def calibrate_site(
 ) -> None:
     """Calibrate a site (localisation): fit a local grid to points known by GNSS, and write its CRS."""
     check_tables([pairs])
-    from photogram.local_grids.work import run
+    from photogram.local_grids.site_calibration import calibrate_site as calibrated
+    from photogram.local_grids.work import show
 
-    run(
-        pairs, output or pairs.with_suffix(".wkt2"), crs, projection, scale, heights.value,
-        (sigma_plan_m, sigma_height_m), unit.value, name, overwrite,
-    )  # fmt: skip
+    target = output or pairs.with_suffix(".wkt2")
+    site = calibrated(
+        pairs,
+        target,
+        crs=crs,
+        projection=projection,
+        scale=scale,
+        heights=heights.value,
+        sigma_plan_m=sigma_plan_m,
+        sigma_height_m=sigma_height_m,
+        unit=unit.value,
+        name=name,
+        overwrite=overwrite,
+    )
+    show(site, target)

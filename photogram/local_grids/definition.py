@@ -79,40 +79,50 @@ def _axes(units: MapUnits) -> dict[str, object]:
     return {"subtype": "Cartesian", "axis": [east, north]}
 
 
-def _parameter(name: str, code: int, value: float, unit: str) -> dict[str, object]:
-    return {"name": name, "value": value, "unit": unit, "id": {"authority": "EPSG", "code": code}}
+def _projected(
+    kind: str,
+    name: str,
+    base: dict[str, object],
+    method: tuple[str, int],
+    parameters: list[tuple[str, int, float, str]],
+    units: MapUnits,
+) -> CRS:
+    """Return a CRS of PROJ's JSON ``kind`` that a method of EPSG, its name and code, derives from ``base``; parameters
+    are name, code, value and unit."""
+    rows = [
+        {"name": parameter, "value": value, "unit": unit, "id": {"authority": "EPSG", "code": code}}
+        for parameter, code, value, unit in parameters
+    ]
+    return CRS.from_json_dict(
+        {
+            "type": kind,
+            "name": name,
+            "base_crs": {key: value for key, value in base.items() if key != "$schema"},
+            "conversion": {
+                "name": "site calibration",
+                "method": {"name": method[0], "id": {"authority": "EPSG", "code": method[1]}},
+                "parameters": rows,
+            },
+            "coordinate_system": _axes(units),
+        }
+    )
 
 
 def _oblique(name: str, base: str, middle_deg: FloatArray, plan: PlaneSimilarity, units: MapUnits) -> CRS:
     lon, lat = middle_deg.tolist()
     east, north = plan.origin_m.tolist()
     geographic = json.loads(geographic_crs(CRS.from_user_input(base)).to_json())
-    geographic.pop("$schema", None)
-    turn_deg = float(-np.rad2deg(plan.rotation_rad))
-    return CRS.from_json_dict(
-        {
-            "type": "ProjectedCRS",
-            "name": name,
-            "base_crs": geographic,
-            "conversion": {
-                "name": "site calibration",
-                "method": {
-                    "name": "Hotine Oblique Mercator (variant B)",
-                    "id": {"authority": "EPSG", "code": 9815},
-                },
-                "parameters": [
-                    _parameter("Latitude of projection centre", 8811, lat, "degree"),
-                    _parameter("Longitude of projection centre", 8812, lon, "degree"),
-                    _parameter("Azimuth at projection centre", 8813, 0.0, "degree"),
-                    _parameter("Angle from Rectified to Skew Grid", 8814, turn_deg, "degree"),
-                    _parameter("Scale factor at projection centre", 8815, plan.scale, "unity"),
-                    _parameter("Easting at projection centre", 8816, east, "metre"),
-                    _parameter("Northing at projection centre", 8817, north, "metre"),
-                ],
-            },
-            "coordinate_system": _axes(units),
-        }
-    )
+    parameters = [
+        ("Latitude of projection centre", 8811, lat, "degree"),
+        ("Longitude of projection centre", 8812, lon, "degree"),
+        ("Azimuth at projection centre", 8813, 0.0, "degree"),
+        ("Angle from Rectified to Skew Grid", 8814, float(-np.rad2deg(plan.rotation_rad)), "degree"),
+        ("Scale factor at projection centre", 8815, plan.scale, "unity"),
+        ("Easting at projection centre", 8816, east, "metre"),
+        ("Northing at projection centre", 8817, north, "metre"),
+    ]
+    method = ("Hotine Oblique Mercator (variant B)", 9815)
+    return _projected("ProjectedCRS", name, geographic, method, parameters, units)
 
 
 def _in_metres(parameter: dict[str, object]) -> dict[str, object]:
@@ -133,30 +143,18 @@ def _derived(name: str, given_map: str, plan: PlaneSimilarity, units: MapUnits) 
             "without a map, or give local coordinates in metres"
         )
     base = json.loads(metric_crs(given_map).to_json())
-    base.pop("$schema", None)
     base["conversion"]["parameters"] = [_in_metres(p) for p in base["conversion"]["parameters"]]
     c, s = float(plan.scale * np.cos(plan.rotation_rad)), float(plan.scale * np.sin(plan.rotation_rad))
     east, north = plan.origin_m.tolist()
-    return CRS.from_json_dict(
-        {
-            "type": "DerivedProjectedCRS",
-            "name": name,
-            "base_crs": base,
-            "conversion": {
-                "name": "site calibration",
-                "method": {"name": "Affine parametric transformation", "id": {"authority": "EPSG", "code": 9624}},
-                "parameters": [
-                    _parameter("A0", 8623, east, "metre"),
-                    _parameter("A1", 8624, c, "unity"),
-                    _parameter("A2", 8625, -s, "unity"),
-                    _parameter("B0", 8639, north, "metre"),
-                    _parameter("B1", 8640, s, "unity"),
-                    _parameter("B2", 8641, c, "unity"),
-                ],
-            },
-            "coordinate_system": _axes(units),
-        }
-    )
+    parameters = [
+        ("A0", 8623, east, "metre"),
+        ("A1", 8624, c, "unity"),
+        ("A2", 8625, -s, "unity"),
+        ("B0", 8639, north, "metre"),
+        ("B1", 8640, s, "unity"),
+        ("B2", 8641, c, "unity"),
+    ]
+    return _projected("DerivedProjectedCRS", name, base, ("Affine parametric transformation", 9624), parameters, units)
 
 
 def _heights(name: str, height: HeightFit, units: MapUnits) -> str:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from photogram.arrays import BoolArray, FloatArray, check_shape
 
 
@@ -49,13 +47,3 @@ class SitePairs:
         in_plan[index] &= not plan
         in_height[index] &= not height
         return replace(self, in_plan=in_plan, in_height=in_height)
-
-    @property
-    def known_plan(self) -> BoolArray:
-        """Which have easting and northing (N,)."""
-        return np.asarray(np.isfinite(self.local_m[:, :2]).all(axis=1))
-
-    @property
-    def known_height(self) -> BoolArray:
-        """Which have both heights (N,)."""
-        return np.asarray(np.isfinite(self.local_m[:, 2]) & np.isfinite(self.height_m))

@@ -7,6 +7,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import ControlPointError, FrameError, WorkspaceError
+from photogram.files.atomic import write_whole
 from photogram.geodesy.crs import WGS84, MapUnits, crs_label, height_system_of, is_on_gnss_ellipsoid, map_units, plan_of
 from photogram.geodesy.frames import CombinedScale, LocalFrame, degrees_of, geodetic_of, map_from_crs
 from photogram.local_grids.calibration import (
@@ -19,7 +20,7 @@ from photogram.local_grids.calibration import (
 )
 from photogram.local_grids.definition import UNITS, local_grid, site_map
 from photogram.local_grids.pairs import SitePairs
-from photogram.local_grids.site_pairs import PairFile, read_pairs, write_wkt
+from photogram.local_grids.site_pairs import PairFile, read_pairs
 from photogram.wording import some, things
 
 SUFFIX = ".wkt2"
@@ -102,23 +103,23 @@ def calibrate_site(
 
     radii = radii_m(float(middle[1]), _SEMI_MAJOR_M, _SEMI_MINOR_M)
     try:
-        found = calibrate(site, to_map, middle, radii, CalibrationSettings(scale, heights))
+        calibration = calibrate(site, to_map, middle, radii, CalibrationSettings(scale, heights))
     except ControlPointError as error:
         raise ControlPointError(f"{path}: {error}") from error
     title = name or (written or path).stem.replace("_", " ")
-    wkt = local_grid(title, crs, middle, found.plan, found.height, UNITS[unit], given_map)
-    difference, sigma = predictions(found, to_map(site.place_deg), radii)
-    closure = _closure_m(crs, wkt, found)
+    wkt = local_grid(title, crs, middle, calibration.plan, calibration.height, UNITS[unit], given_map)
+    difference, sigma = predictions(calibration, to_map(site.place_deg), radii)
+    closure = _closure_m(crs, wkt, calibration)
     if not closure <= _CLOSURE_M:
         raise FrameError(f"{path}: PROJ comes off by {closure:.3g} m through the local grid: it is too wide for one")
     if written is not None:
-        write_wkt(written, wkt)
+        write_whole(written, wkt.rstrip() + "\n")
     return CalibratedSite(
-        found,
+        calibration,
         difference,
         sigma,
-        _scale(wkt, found),
-        _height_m(found),
+        _scale(wkt, calibration),
+        _height_m(calibration),
         closure,
         UNITS[unit],
         wkt,

@@ -1,4 +1,4 @@
-"""Tables of points that are known twice, by GNSS or in a map and in a local grid; and the WKT of the grid, written."""
+"""Tables of points that are known twice, by GNSS or in a map and in a local grid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError
-from photogram.files.atomic import replacing
 from photogram.files.tables.control_files import Row, rows_of
 from photogram.files.text_lines import SIGMA_M, Errors, lines_of
 from photogram.wording import shortened
@@ -146,9 +145,3 @@ def _use(row: Row, line: int, errors: Errors) -> Use:
             return use
     errors.note(line, f"use must be one of {', '.join(USES)}, found {shortened(text)!r}")
     return "check"
-
-
-def write_wkt(path: Path, wkt: str) -> None:
-    """Write the WKT of a CRS; whole or not at all. Raises WorkspaceError where the file cannot be written."""
-    with replacing(path) as partial:
-        partial.write_text(wkt.rstrip() + "\n", encoding="utf-8")

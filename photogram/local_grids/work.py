@@ -1,4 +1,4 @@
-"""What `photogram calibrate-site` does."""
+"""What `photogram calibrate-site` shows of a calibrated site."""
 
 from pathlib import Path
 
@@ -7,11 +7,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from photogram.adjustment.reliability import minimal_detectable_blunder
-from photogram.arrays import FloatArray
-from photogram.geodesy.crs import MapUnits
-from photogram.local_grids.calibration import HeightModel, SiteCalibration, Suspicion
+from photogram.arrays import BoolArray, FloatArray
+from photogram.local_grids.calibration import SiteCalibration, Suspicion
 from photogram.local_grids.site_calibration import CalibratedSite
-from photogram.local_grids.site_calibration import calibrate_site as calibrated
 from photogram.local_grids.tested_fit import TestedFit
 from photogram.terminal.console import console
 from photogram.wording import some
@@ -19,42 +17,28 @@ from photogram.wording import some
 _DEGREE = np.rad2deg(1.0)
 
 
-def run(
-    pairs: Path,
-    output: Path,
-    crs: str,
-    projection: str | None,
-    scale: float | None,
-    heights: HeightModel,
-    sigma_m: tuple[float | None, float | None],
-    unit: str,
-    name: str | None,
-    overwrite: bool,
-) -> None:
-    """Calibrate a site; show residuals, tests, parameters and scale, and write the CRS."""
-    found = calibrated(
-        pairs,
-        output,
-        crs=crs,
-        projection=projection,
-        scale=scale,
-        heights=heights,
-        sigma_plan_m=sigma_m[0],
-        sigma_height_m=sigma_m[1],
-        unit=unit,
-        name=name,
-        overwrite=overwrite,
-    )
-    console.print(_residuals(found))
-    console.print(_left_out(found))
-    console.print(_parameters(found))
-    for suspicion in found.calibration.suspicions:
-        console.print(f"Contradicts: {_words(found.calibration, suspicion)}", markup=False, highlight=False)
-    for text in found.calibration.warnings:
+def show(site: CalibratedSite, target: Path) -> None:
+    """Show residuals, tests, parameters and scale of a calibrated site, and where its CRS was written."""
+    console.print(_residuals(site))
+    console.print(_left_out(site))
+    console.print(_parameters(site))
+    for suspicion in site.calibration.suspicions:
+        console.print(f"Contradicts: {_words(site.calibration, suspicion)}", markup=False, highlight=False)
+    for text in site.calibration.warnings:
         console.print(f"Warning: {text}", markup=False, highlight=False)
-    if not found.calibration.suspicions and not found.calibration.warnings:
+    if not site.calibration.suspicions and not site.calibration.warnings:
         console.print("Nothing contradicts the calibration.")
-    console.print(f"Written: {escape(str(found.path))}; in a project file: crs: {escape(output.name)}", soft_wrap=True)
+    console.print(f"Written: {escape(str(site.path))}; in a project file: crs: {escape(target.name)}", soft_wrap=True)
+
+
+def _table(title: str, texts: tuple[str, ...], numbers: tuple[str, ...]) -> Table:
+    """Return an empty table of columns of texts and, behind them, of numbers."""
+    table = Table(title=title)
+    for column in texts:
+        table.add_column(column)
+    for column in numbers:
+        table.add_column(column, justify="right")
+    return table
 
 
 def _m(value: float, decimals: int = 4) -> str:
@@ -70,15 +54,14 @@ def _rows(calibration: SiteCalibration) -> tuple[FloatArray, FloatArray, FloatAr
     used = calibration.used
     redundancy, w, mdb = (np.full((len(used), 3), np.nan) for _ in range(3))
 
-    def put(serving: FloatArray, axes: slice, fit: TestedFit, size: int) -> None:
-        rows = np.flatnonzero(serving)
+    def put(serving: BoolArray, axes: slice, fit: TestedFit) -> None:
         least = minimal_detectable_blunder(fit.sigma, fit.redundancy)
         for table, values in ((redundancy, fit.redundancy), (w, fit.w), (mdb, least)):
-            table[rows, axes] = values.reshape(-1, size)
+            table[serving, axes] = values.reshape(int(serving.sum()), -1)
 
-    put(np.asarray(used.in_plan, dtype=np.float64), slice(0, 2), calibration.plan.fit, 2)
+    put(used.in_plan, slice(0, 2), calibration.plan.fit)
     if calibration.height is not None:
-        put(np.asarray(used.in_height, dtype=np.float64), slice(2, 3), calibration.height.fit, 1)
+        put(used.in_height, slice(2, 3), calibration.height.fit)
     return redundancy, w, mdb
 
 
@@ -88,9 +71,9 @@ def _use(calibration: SiteCalibration, i: int) -> str:
 
 
 def _residuals(site: CalibratedSite) -> Table:
-    table = Table(title="Residuals, fitted minus given, m; redundancy r; w; least blunder found (MDB), m")
-    for title in ("pair", "use", "E", "N", "H", "r plan", "r H", "w E", "w N", "w H", "MDB plan", "MDB H"):
-        table.add_column(title, justify="left" if title in ("pair", "use") else "right")
+    columns = ("E", "N", "H", "r plan", "r H", "w E", "w N", "w H", "MDB plan", "MDB H")
+    title = "Residuals, fitted minus given, m; redundancy r; w; least blunder found (MDB), m"
+    table = _table(title, ("pair", "use"), columns)
     redundancy, w, mdb = _rows(site.calibration)
     for i, name in enumerate(site.calibration.pairs.name):
         table.add_row(
@@ -105,9 +88,8 @@ def _residuals(site: CalibratedSite) -> Table:
 
 
 def _left_out(site: CalibratedSite) -> Table:
-    table = Table(title="Each pair left out: predicted by the others minus given, m, with standard deviations")
-    for title in ("pair", "E", "N", "H", "sigma E", "sigma N", "sigma H"):
-        table.add_column(title, justify="left" if title == "pair" else "right")
+    title = "Each pair left out: predicted by the others minus given, m, with standard deviations"
+    table = _table(title, ("pair",), ("E", "N", "H", "sigma E", "sigma N", "sigma H"))
     for i, name in enumerate(site.calibration.pairs.name):
         values = (_m(value) for value in site.predicted_m[i])
         table.add_row(escape(name), *values, *(_plain(value) for value in site.predicted_sigma_m[i]))
@@ -115,18 +97,15 @@ def _left_out(site: CalibratedSite) -> Table:
 
 
 def _parameters(site: CalibratedSite) -> Table:
-    plan, height, units = site.calibration.plan, site.calibration.height, site.units
-    table = Table(title="Parameters")
-    for title in ("parameter", "value", "standard deviation"):
-        table.add_column(title, justify="left" if title == "parameter" else "right")
-    east, north = plan.origin_m / units.plan_m
+    plan, height = site.calibration.plan, site.calibration.height
+    table = _table("Parameters", ("parameter",), ("value", "standard deviation"))
     sigma = plan.sigma
-    for title, value in (("easting of the map's origin", east), ("northing of the map's origin", north)):
-        at = 0 if title.startswith("e") else 1
-        table.add_row(title, _length(value, units), f"{sigma[at]:.4f} m at the middle of the pairs")
+    for axis, value, own in zip(("easting", "northing"), plan.origin_m / site.units.plan_m, sigma[:2], strict=True):
+        origin = f"{value:.4f} {site.units.plan_symbol}"
+        table.add_row(f"{axis} of the map's origin", origin, f"{own:.4f} m at the middle of the pairs")
     table.add_row("rotation", f"{plan.rotation_rad * _DEGREE:.7f}°", f"{sigma[2] * _DEGREE * 3600:.2f}″")
-    held = "held" if sigma[3] == 0.0 else f"{sigma[3] * 1e6:.2f} ppm"
-    table.add_row("scale of the similarity", f"{plan.scale:.9f} ({(plan.scale - 1) * 1e6:+.2f} ppm)", held)
+    of_scale = "held" if sigma[3] == 0.0 else f"{sigma[3] * 1e6:.2f} ppm"
+    table.add_row("scale of the similarity", _ratio(plan.scale), of_scale)
     if height is not None:
         offset, north_slope, east_slope = height.sigma.tolist()
         table.add_row("local minus ellipsoidal height", f"{height.offset_m:.4f} m", f"{offset:.4f} m")
@@ -140,18 +119,15 @@ def _parameters(site: CalibratedSite) -> Table:
             factor = np.sqrt(fit.weighted_square / fit.degrees_of_freedom)
             degrees = fit.degrees_of_freedom
             table.add_row(f"residuals in {name} over stated sigmas", f"{factor:.2f}", f"{degrees} degrees of freedom")
-    scale = site.scale
-    table.add_row("grid factor at the middle", f"{scale.grid:.9f} ({(scale.grid - 1) * 1e6:+.2f} ppm)", "")
-    above = f"ellipsoidal height {site.height_m:.2f} m"
-    table.add_row("height factor there", f"{scale.height:.9f} ({(scale.height - 1) * 1e6:+.2f} ppm)", above)
-    combined = f"{scale.combined:.9f} ({(scale.combined - 1) * 1e6:+.2f} ppm)"
-    table.add_row("combined scale factor, grid over ground", combined, "")
+    table.add_row("grid factor at the middle", _ratio(site.scale.grid), "")
+    table.add_row("height factor there", _ratio(site.scale.height), f"ellipsoidal height {site.height_m:.2f} m")
+    table.add_row("combined scale factor, grid over ground", _ratio(site.scale.combined), "")
     table.add_row("closed loop through PROJ", f"{site.closure_m * 1000:.6f} mm", "")
     return table
 
 
-def _length(value: float, units: MapUnits) -> str:
-    return f"{value:.4f} {units.plan_symbol}"
+def _ratio(scale: float) -> str:
+    return f"{scale:.9f} ({(scale - 1) * 1e6:+.2f} ppm)"
 
 
 def _words(calibration: SiteCalibration, suspicion: Suspicion) -> str:

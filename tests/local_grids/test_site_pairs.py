@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.errors import ControlPointError
-from photogram.local_grids.site_pairs import read_pairs, write_wkt
+from photogram.local_grids.site_pairs import read_pairs
 
 HEAD = "name,longitude,latitude,height,local_easting,local_northing,local_height"
 
@@ -81,8 +81,3 @@ def test_whatever_a_file_holds_it_is_read_or_refused(tmp_path_factory: pytest.Te
         path.write_bytes(text)
         with suppress(ControlPointError):
             assert len(read_pairs(path)) > 0
-
-
-def test_the_wkt_is_written_whole(tmp_path: Path) -> None:
-    write_wkt(tmp_path / "a.wkt2", 'PROJCRS["å"]\n\n')
-    assert (tmp_path / "a.wkt2").read_text(encoding="utf-8") == 'PROJCRS["å"]\n'
