@@ -64,7 +64,7 @@ class ImportedDraft:
     """Their CRS, and that of the points."""
     gnss: tuple[Gnss | None, ...]
     """How good the position of each photograph is, the program's or that of its tags."""
-    has_attitude: int
+    with_attitude: int
     """Number of photographs with an attitude in their tags."""
     offset_sigma_m: Sigma3
     """Prior sigmas of the offset of positions."""

@@ -117,8 +117,8 @@ def _photographs(draft: ImportedDraft, folder: str) -> list[str]:
         lines.append(f"  gnss_sigma_m: {sigma3(common)}")
         if all(g is None or g.assumed for g in draft.gnss):
             lines.append(ASSUMED)
-    if draft.has_attitude:
-        lines.append(f"  attitude_sigma_deg: 2.0 # of yaw, pitch and roll in the tags of {draft.has_attitude}")
+    if draft.with_attitude:
+        lines.append(f"  attitude_sigma_deg: 2.0 # of yaw, pitch and roll in the tags of {draft.with_attitude}")
     lines += [*flights_comment(draft.flights), "  list:"]
     for photograph in draft.photographs:
         camera = None if one_camera else scalar(draft.cameras[photograph.camera].name)

@@ -90,9 +90,6 @@ _SCALARS: dict[str, Callable[[str], object]] = {
 }
 
 
-_NUMBER_HINT = "fewer digits, or quotes around it where it is a name"
-
-
 class Document:
     """The values of a YAML file, the line of each, and the errors found so far."""
 
@@ -119,14 +116,12 @@ class Document:
         if isinstance(node, yaml.MappingNode):
             return self._block(node, key)
         if not node.value.isprintable():
-            self._unreadable(
-                key, "contains a line break or an unprintable character: write it on one line as plain text"
-            )
+            text = "contains a line break or an unprintable character: write it on one line as plain text"
+            self._unreadable(key, text)
             return None
         if node.tag.endswith((":int", ":float")) and len(node.value) > LONGEST_NUMBER:
-            self._unreadable(
-                key, (f"a number of {len(node.value)} characters is not a number photogram reads: write {_NUMBER_HINT}")
-            )
+            text = f"a number of {len(node.value)} characters is not a number photogram reads"
+            self._unreadable(key, f"{text}: write fewer digits, or quotes around it where it is a name")
             return None
         try:
             return _SCALARS[node.tag](node.value)

@@ -426,11 +426,8 @@ def _camera(document: Document, key: Key, entry: CameraEntry, read_matlab: ReadM
             np.pad(entry.radial or (), (0, RADIAL_TERMS - len(entry.radial or ()))),
             np.array(entry.tangential or (0.0, 0.0)),
             affinity=np.array(entry.affinity or (0.0, 0.0)),
-            readout_s=entry.readout_s or 0.0,
             model=entry.model or "brown",
         )
-    if entry.matlab is not None:
-        camera = replace(camera, readout_s=entry.readout_s or 0.0)
     if not camera.focal_px + camera.affinity[0] > 0:
         document.add_error((*key, "affinity"), f"b1 is {camera.affinity[0]:.10g} px: focal_px + b1 must be above 0")
     if not camera.contains(camera.principal_point_px):
@@ -440,7 +437,7 @@ def _camera(document: Document, key: Key, entry: CameraEntry, read_matlab: ReadM
             f"the principal point ({cx:.10g}, {cy:.10g}) lies outside the photograph of {camera.width_px} × "
             f"{camera.height_px} px: give it in pixels, u right and v down, from the top-left pixel",
         )
-    return replace(camera, sigmas=np.array(entry.sigmas.of_parameters))
+    return replace(camera, sigmas=np.array(entry.sigmas.of_parameters), readout_s=entry.readout_s or 0.0)
 
 
 _Copy = tuple[str, str | None]

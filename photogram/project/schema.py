@@ -332,11 +332,9 @@ def _heights(value: object) -> object:
     if value == "ellipsoidal":
         return {"output": value, "gnss": value, "control_points": value}
     if value is not None and not isinstance(value, dict):
-        text = (
-            "a mapping of keys, output: orthometric and geoid: EGM96 for example"
-            if value == "orthometric"
-            else ("ellipsoidal, or a mapping of keys: output, gnss, control_points, geoid, grid")
-        )
+        text = "ellipsoidal, or a mapping of keys: output, gnss, control_points, geoid, grid"
+        if value == "orthometric":
+            text = "a mapping of keys, output: orthometric and geoid: EGM96 for example"
         raise ValueError(f"needs {text}, found {described(value)}")
     return value
 

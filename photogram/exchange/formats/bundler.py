@@ -45,7 +45,7 @@ def read_bundler(path: Path, list_path: Path | None = None, sizes_px: Sizes | No
     their size. Raises ExchangeError where a file is damaged, the two do not fit together, or a size is not known.
     """
     lines = _lines(path)
-    list_path = list_path or _list_beside(path)
+    list_path = list_path or _list_file(path)
     files = _listed(list_path)
     counts, _ = number_rows(path, lines[:1])
     if len(counts) != 2:
@@ -84,7 +84,7 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     return kept
 
 
-def _list_beside(path: Path) -> Path:
+def _list_file(path: Path) -> Path:
     for folder in (path.parent, path.parent.parent):
         if (folder / "list.txt").exists():
             return folder / "list.txt"

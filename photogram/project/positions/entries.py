@@ -169,9 +169,8 @@ def _lever_arms(
         return {}
     place: Key = (*key, "lever_arms")
     if format_of(Path(entry.lever_arms)) != "mrk":
-        document.add_error(
-            place, (f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph")
-        )
+        text = f"{entry.lever_arms} is not an MRK file: only these contain a lever arm for each photograph"
+        document.add_error(place, text)
         return {}
     read = _read(document, place, entry.lever_arms)
     if read is None:

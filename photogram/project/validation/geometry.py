@@ -166,11 +166,10 @@ def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
         reading = other_reading(project.crs, points, others)
         if reading is not None:
             lie = "the control points" if who else "them"
-            text += f"; {who or ''}{reading[0]} they would lie among {lie}"
+            text += f"; {who}{reading[0]} they would lie among {lie}"
             return Finding("error", "control_points", text, reading[1])
-    return Finding(
-        "error", "control_points", text, ("check crs, the points' own CRS, and that both are from the same site")
-    )
+    remedy = "check crs, the points' own CRS, and that both are from the same site"
+    return Finding("error", "control_points", text, remedy)
 
 
 def frozen_findings(
@@ -229,7 +228,7 @@ def arrangement_findings(survey: MeasuredSurvey) -> list[Finding]:
     if gnss_in_line and (count < 3 or in_line) and not np.isfinite(survey.rotation).any():
         text = "are collinear and there are no attitudes: rotation about the strip is not determined"
         findings.append(
-            Finding("warning", "GNSS positions", text, ("add control points off the line, or a second strip"))
+            Finding("warning", "GNSS positions", text, "add control points off the line, or a second strip")
         )
     return findings
 

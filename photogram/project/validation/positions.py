@@ -55,9 +55,8 @@ def missing_findings(project: Project, known: Sequence[Pair]) -> list[Finding]:
         findings.append(Finding("error", _names(bare), text, remedy))
     if without and len(without) < len(project.photographs):
         text = f"{len(without)} of {len(project.photographs)} photographs have no GNSS position"
-        findings.append(
-            Finding("warning", _names(without), text, ("they are oriented by tie points and control points alone"))
-        )
+        remedy = "they are oriented by tie points and control points alone"
+        findings.append(Finding("warning", _names(without), text, remedy))
     elif without:
         text = "no photograph has a GNSS position: control points alone define the datum"
         findings.append(Finding("note", "photographs", text))
