@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.errors import FrameError
+from photogram.project.positions.frozen import clusters
 
 METRES_PER_DEGREE = 111_195.0
 """Along a meridian of a sphere of 6371 km."""
@@ -70,18 +69,6 @@ def gap_between_sites_m(position_m: FloatArray) -> float:
     nearest_m = np.atleast_2d(cKDTree(position_m).query(position_m, k=2)[0])
     spacing = float(np.median(nearest_m[:, 1]))
     return float(np.clip(GAP_IN_SPACINGS * spacing, SMALLEST_GAP_M, LARGEST_GAP_M))
-
-
-def clusters(position_m: FloatArray, gap_m: float) -> IntArray:
-    """Return the number (N,) of the single-linkage cluster of each position (N, k): chains with no gap longer than
-    this, which is good to a tenth.
-
-    Positions within a tenth of the gap count as one, so that the number of links stays small.
-    """
-    cells, cell_of = np.unique(np.round(position_m / (0.1 * gap_m)), axis=0, return_inverse=True)
-    pairs = cKDTree(cells).query_pairs(10.0, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
-    return np.asarray(connected_components(links, directed=False)[1][cell_of.ravel()], dtype=np.int64)
 
 
 def group_sites(position_m: FloatArray, gap_m: float) -> IntArray:

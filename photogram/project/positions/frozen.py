@@ -4,15 +4,29 @@ from collections.abc import Sequence
 from datetime import datetime
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from photogram.arrays import BoolArray, FloatArray
-from photogram.project.draft.sites import clusters
+from photogram.arrays import BoolArray, FloatArray, IntArray
 
 SAME_M = 0.01
 """No receiver in the air repeats itself this closely; a frozen one repeats every digit."""
 
 FEWEST = 3
 """Photographs at different times that must have one position before it is not accepted as measured."""
+
+
+def clusters(position_m: FloatArray, gap_m: float) -> IntArray:
+    """Return the number (N,) of the single-linkage cluster of each position (N, k): chains with no gap longer than
+    this, which is good to a tenth.
+
+    Positions within a tenth of the gap count as one, so that the number of links stays small.
+    """
+    cells, cell_of = np.unique(np.round(position_m / (0.1 * gap_m)), axis=0, return_inverse=True)
+    pairs = cKDTree(cells).query_pairs(10.0, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
+    return np.asarray(connected_components(links, directed=False)[1][cell_of.ravel()], dtype=np.int64)
 
 
 def frozen_positions(
