@@ -43,10 +43,8 @@ def coverage(polygon: Geometry, grid: MapGrid, window: Window) -> FloatArray:
         np.arange(*span, BLOCK_CELLS) for span in ((window.row, window.row_end), (window.column, window.column_end))
     ]
     row, column = (a.ravel() for a in np.meshgrid(*starts, indexing="ij"))
-    row_end, column_end = (
-        np.minimum(row + BLOCK_CELLS, window.row_end),
-        np.minimum(column + BLOCK_CELLS, window.column_end),
-    )
+    row_end = np.minimum(row + BLOCK_CELLS, window.row_end)
+    column_end = np.minimum(column + BLOCK_CELLS, window.column_end)
     block = _boxes(grid, row, column, row_end, column_end)
     whole, touched = shapely.contains_properly(polygon, block), shapely.intersects(polygon, block)
     for n in np.flatnonzero(touched):

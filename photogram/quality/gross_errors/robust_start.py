@@ -174,10 +174,8 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     angle = float(np.deg2rad(settings.minimum_ray_angle_deg))
     _, agreeing, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie
-    state, quick = (
-        replace(state, tie_point=points),
-        replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE),
-    )
+    state = replace(state, tie_point=points)
+    quick = replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE)
     misfits = _misfits(whole, state, whole)
     scale = max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in misfits.kinds())])
     left = ROUNDS_AT_END

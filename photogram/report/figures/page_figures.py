@@ -136,10 +136,8 @@ def _ellipses(result: Adjustment) -> PageFigure | None:
     groups = [_Uncertain("projection centres", BLUE, frame.map_from_world(centre), R.T @ covariance @ R)]
     for role, colour in (("control", VERMILION), ("check", GREEN)):
         chosen = known[roles == role]
-        place, covariance = (
-            frame.map_from_world(result.estimates.ground_world_m[chosen]),
-            result.covariances.ground_m2[chosen],
-        )
+        place = frame.map_from_world(result.estimates.ground_world_m[chosen])
+        covariance = result.covariances.ground_m2[chosen]
         names = tuple(points.name[g] for g in chosen)
         groups.append(_Uncertain(f"{role} points", colour, place, R.T @ covariance @ R, names))
     groups = [g for g in groups if len(g.place_map_m) and np.isfinite(g.covariance_m2).all()]

@@ -4,7 +4,6 @@ Every rule reads report.json alone; a figure that is not there gives no verdict 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -71,20 +70,19 @@ def traffic_lights(report: SurveyNumbers, asprs: AsprsRecord) -> list[LightRecor
     """Return the verdicts on a survey, from its numbers and its accuracy by the standard."""
     plan, height = directions(asprs)
     dense = report.get("dense")
-    judges: tuple[Callable[[SurveyNumbers], LightRecord], ...] = (
-        lambda r: _check(r, plan),
-        lambda r: _check(r, height),
-        *([] if dense is None else [lambda r: _surface(r, height, dense)]),
-        _prediction,
-        _blunders,
-        _control,
-        _sigma0,
-        _registration,
-        _gnss,
-        _geometry,
-        _converged,
-    )
-    return [judge(report) for judge in judges]
+    return [
+        _check(report, plan),
+        _check(report, height),
+        *([] if dense is None else [_surface(report, height, dense)]),
+        _prediction(report),
+        _blunders(report),
+        _control(report),
+        _sigma0(report),
+        _registration(report),
+        _gnss(report),
+        _geometry(report),
+        _converged(report),
+    ]
 
 
 def number(value: object) -> float:
