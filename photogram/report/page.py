@@ -5,6 +5,7 @@ No script, no request to anywhere: style and pictures stand within the file.
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from types import MappingProxyType
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
@@ -64,11 +65,9 @@ def templates(undefined: type[Undefined]) -> Environment:
     )
 
 
-def report_page(
-    report: Report, figures: Sequence[Mapping[str, str]], stage_titles: Mapping[str, str] = MappingProxyType({})
-) -> str:
-    """Return the page of a completed report with its figures, as `page_figures` drew them; a stage is called by its
-    name where it has no title."""
+@cache
+def _environment() -> Environment:
+    """Return the templates of the page with all that they call: they are compiled once, however many pages are made."""
     environment = templates(ChainableUndefined)
     environment.filters.update(FILTERS, grouped=grouped, sigma_length=length)
     environment.globals.update(
@@ -79,7 +78,15 @@ def report_page(
         library_titles=LIBRARY_TITLES,
         page_font=PAGE_FONT,
     )
-    template = environment.get_template("report.html.jinja")
+    return environment
+
+
+def report_page(
+    report: Report, figures: Sequence[Mapping[str, str]], stage_titles: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return the page of a completed report with its figures, as `page_figures` drew them; a stage is called by its
+    name where it has no title."""
+    template = _environment().get_template("report.html.jinja")
     control = _ground_rows(report, "control", "left out")
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(

@@ -5,12 +5,13 @@ Positions stand in it relative to a local origin, as packed by `packing`; a hand
 
 import base64
 from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import StrictUndefined
+from jinja2 import Environment, StrictUndefined
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
@@ -73,9 +74,8 @@ def view_page(
         "errors": error_grid(report, origin, np.array(scene["low_m"]), np.array(scene["high_m"]), in_plan),
     }
     encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
-    environment = templates(StrictUndefined)
-    environment.filters.update(whole=lambda n: fixed(n, 0))
-    return environment.get_template("view.html.jinja").render(
+    template = _environment().get_template("view.html.jinja")
+    return template.render(
         title=report["survey"]["name"] or "Photogrammetric survey",
         version=report["photogram"],
         system=_system(report),
@@ -84,6 +84,13 @@ def view_page(
         pictures=encoded,
         identity=f"report {grouped(report['report_id'])}, processed {report['processed']}",
     )
+
+
+@cache
+def _environment() -> Environment:
+    environment = templates(StrictUndefined)
+    environment.filters.update(whole=lambda n: fixed(n, 0))
+    return environment
 
 
 def _check_together(position_map_m: FloatArray, report: Report, cloud_name: str) -> None:
