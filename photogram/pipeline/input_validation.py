@@ -20,7 +20,7 @@ from photogram.files.photographs.masks import check_mask, read_masks
 from photogram.files.photographs.tags import PhotographTags
 from photogram.files.stage_folders import earlier_folders
 from photogram.machine import cores, free_memory_bytes
-from photogram.pipeline.costs.forecast import Forecast, forecast
+from photogram.pipeline.costs.forecast import Forecast, compiled_share, forecast
 from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
@@ -30,6 +30,9 @@ from photogram.project.project import Project, photograph_paths
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
+
+WORTH_TESTING_S = 10.0
+"""From how many seconds on, of the stages whose time depends on the machine most, its speed is tested before."""
 
 
 def _free_disk_bytes(folder: Path) -> int:
@@ -146,14 +149,16 @@ def predicted_costs(
     """Return what ``run_pipeline`` will take on this machine, for what is not there yet; ``tags`` are those of
     ``project.photographs``.
 
-    Tests the machine for two or three seconds where stages remain that are worth it; without ``test`` it counts as as
-    fast as the reference. Raises WorkspaceError where there
-    is no such stage.
+    Tests the machine for two or three seconds where the stages whose time depends on it most take long enough to be
+    worth it; where they do not, or without ``test``, it counts as as fast as the reference. Raises WorkspaceError where
+    there is no such stage.
     """
-    remaining = remaining_stages(project, start, until)
-    tested = any(stage.costs.is_tested for stage in STAGES if stage.name in remaining)
-    speed = measured_speed() if test and tested else Speed()
-    return forecast(STAGES, project, tags, speed, cores(), remaining)
+    remaining, compiled = remaining_stages(project, start, until), compiled_share(STAGES)
+    untested = forecast(STAGES, project, tags, Speed(), cores(), remaining, compiled)
+    tested = {stage.name for stage in STAGES if stage.costs.is_tested}
+    if not test or sum(untested.seconds_by_stage[name] for name in tested & set(remaining)) < WORTH_TESTING_S:
+        return untested
+    return forecast(STAGES, project, tags, measured_speed(), cores(), remaining, compiled)
 
 
 def check_project(project: Path | str, photographs: Path | str | None = None) -> Findings:

@@ -90,3 +90,17 @@ def test_a_stage_is_thought_to_take_what_it_took(adjusted_survey: Path) -> None:
     assert [cost.stage for cost in only.stages] == ["results"]
     assert only.seconds == pytest.approx(learnt)
     assert only.disk_bytes < of(project).disk_bytes
+
+
+def test_the_machine_is_tested_where_the_work_is_long_enough(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = load_project(survey / "project.yaml")
+    tags = [read_tags(p.path) for p in project.photographs]
+    monkeypatch.setattr("photogram.pipeline.input_validation.compiled_share", lambda _: WARM)
+    monkeypatch.setattr("photogram.pipeline.input_validation.measured_speed", lambda: Speed(3.0, 3.0, 3.0, 3.0))
+    short = predicted_costs(project, tags)
+    assert short == predicted_costs(project, tags, test=False)
+    monkeypatch.setattr("photogram.pipeline.input_validation.WORTH_TESTING_S", 0.1)
+    assert predicted_costs(project, tags).seconds == pytest.approx(3.0 * short.seconds)
+    assert predicted_costs(project, tags, test=False) == short
+    first = predicted_costs(project, tags, until="photographs")
+    assert first == predicted_costs(project, tags, until="photographs", test=False)
