@@ -16,6 +16,8 @@ import pytest
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -93,7 +95,8 @@ EMPTY_PICTURES = {
 @contextmanager
 def undrawing() -> Iterator[None]:
     """Make figures but do not draw them, which takes most of the time of a small survey's last stage: an empty picture
-    stands for each. For whole surveys of which a test looks at no picture, and others draw the same figures."""
+    stands for each, and texts are measured where they stand before the layout. For whole surveys of which a test looks
+    at no picture, and others draw the same figures."""
 
     def stand_in(canvas: type[FigureCanvasBase], method: str, content: bytes) -> Callable[..., None]:
         drawn = getattr(canvas, method)
@@ -115,6 +118,8 @@ def undrawing() -> Iterator[None]:
             (FigureCanvasSVG, "print_svg", "svg"),
         ):
             patch.setattr(canvas, method, stand_in(canvas, method, EMPTY_PICTURES[kind]))
+        patch.setattr(Figure, "draw_without_rendering", lambda _: None)
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         yield
 
 
