@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -45,17 +44,17 @@ PRODUCTS = {
     ".geojson",
 }
 
-KILLED_AT = """
+FORKING = """
 import os, signal, sys
 from pathlib import Path
 from threading import Lock
+sys.path.insert(0, sys.argv[1])
+from makers import undrawing
 from photogram.cli.main import main
 from photogram.cli.work import adjust  # all that a run needs, so that the forks need not
+from photogram.pipeline.input_validation import check_project
 
-project = sys.argv[1]
-folder = Path(project).parent
-
-def kill_at(place, number):
+def kill_at(folder, place, number):
     # every change of the workspace or of the results ends in a renaming: kill in place of the one that is asked for
     rename, seen, one_at_a_time = os.replace, 0, Lock()
     def counted(source, target):
@@ -68,35 +67,53 @@ def kill_at(place, number):
             rename(source, target)
     os.replace = counted
 
-for moment in sys.stdin:
+for order in sys.stdin:
+    project, moment = order.rstrip("\\n").split("\\t")
+    check_project(project)  # which reads the kernels that every run begins with
     child = os.fork()
     if child == 0:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        kill_at(*moment.strip().split(":"))
+        if moment:
+            kill_at(Path(project).parent, *moment.split(":"))
         sys.argv = ["photogram", "adjust", project]
-        main()
-        os._exit(0)
+        with undrawing():
+            main()
+    print(child, flush=True)
     print(os.waitpid(child, 0)[1], flush=True)
 """
 
 
-@contextmanager
-def killing(survey: Path) -> Iterator[Callable[..., None]]:
-    """Give what runs `photogram adjust` once for each moment, killed at it: the n-th file that a folder gets, or its
-    renaming. Each run is a fork of one process."""
-    command = [sys.executable, "-c", KILLED_AT, str(survey / "project.yaml")]
+class Runs:
+    """Runs of `photogram adjust`, each a fork of one process and killed; their pictures are empty, so that none of
+    them may be taken for one of the results."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._orders, self._answers = process.stdin, process.stdout
+
+    def start(self, survey: Path, moment: str = "") -> int:
+        """Start a run and return the number of its process."""
+        self._orders.write(f"{survey / 'project.yaml'}\t{moment}\n")
+        self._orders.flush()
+        return int(self._answers.readline())
+
+    def end(self) -> int:
+        """Return how the run ended that was started last."""
+        return int(self._answers.readline())
+
+    def kill_at(self, survey: Path, *moments: str) -> None:
+        """Run once for each moment, killed at it: the n-th file that a folder gets, or its renaming."""
+        for moment in moments:
+            self.start(survey, moment)
+            assert self.end() == signal.SIGKILL, moment
+
+
+@pytest.fixture(scope="module")
+def runs() -> Iterator[Runs]:
+    command = [sys.executable, "-c", FORKING, str(Path(__file__).parents[1])]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        orders, ends = process.stdin, process.stdout
-        assert orders is not None
-        assert ends is not None
-
-        def killed_at(*moments: str) -> None:
-            for moment in moments:
-                orders.write(f"{moment}\n")
-                orders.flush()
-                assert ends.readline() == f"{signal.SIGKILL:d}\n", moment
-
-        yield killed_at
+        yield Runs(process)
     assert process.returncode == 0
 
 
@@ -165,20 +182,20 @@ def stages_run(survey: Path, **options: Any) -> list[str]:
     return witness.ran
 
 
-def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: Run) -> None:
+def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: Run, runs: Runs) -> None:
     """One chain of runs: each goes on from the last one's kill and is killed in turn, to the end."""
     work = survey / "work"
-    with killing(survey) as killed_at:
-        killed_at(*(f"work/photographs.stage.partial:{moment}" for moment in ("1", "2", "rename")))
-        killed_at("work/features.stage.partial:4")
-        features = times(work / "features.stage.partial")
-        assert len(features) == 2
-        killed_at("work/features.stage.partial:2", "work/pairs.stage.partial:2", "work/matches.stage.partial:4")
-        assert features.items() <= times(work / "features.stage").items()
-        matches = times(work / "matches.stage.partial")
-        assert len(matches) == 2
-        killed_at(*(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
-        killed_at("results:3", "results/pictures:4", "work/results.stage.partial:rename")
+    runs.kill_at(survey, *(f"work/photographs.stage.partial:{moment}" for moment in ("1", "2", "rename")))
+    runs.kill_at(survey, "work/features.stage.partial:4")
+    features = times(work / "features.stage.partial")
+    assert len(features) == 2
+    others = ("work/features.stage.partial:2", "work/pairs.stage.partial:2", "work/matches.stage.partial:4")
+    runs.kill_at(survey, *others)
+    assert features.items() <= times(work / "features.stage").items()
+    matches = times(work / "matches.stage.partial")
+    assert len(matches) == 2
+    runs.kill_at(survey, *(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
+    runs.kill_at(survey, "results:3", "results/pictures:4", "work/results.stage.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
     assert matches.items() <= times(work / "matches.stage").items()
@@ -189,38 +206,36 @@ def finished_files(work: Path) -> int:
     return sum(not name.startswith(".") for _, _, names in os.walk(work) for name in names)
 
 
-def test_killed_from_outside_at_random_moments(survey: Path, finished_survey: Path, photogram: Run) -> None:
+def test_killed_from_outside_at_random_moments(survey: Path, finished_survey: Path, photogram: Run, runs: Runs) -> None:
     """Kills that come when the run has written a share of its files, and some milliseconds later.
 
     Counted in files, not in seconds, so that the speed of the machine does not matter. The last share leaves the
     pictures and the report to be made, so none of the runs comes to its end.
     """
-    command = [sys.executable, "-m", "photogram.cli.main", "adjust", str(survey / "project.yaml")]
     whole = finished_files(finished_survey / "work")
     rng = random.Random(20)
-    ends, kept = [], 0
+    kept = 0
     for share in (0.1, 0.3, 0.5, 0.8):
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-            while finished_files(survey / "work") < share * whole and process.poll() is None:
-                time.sleep(0.01)
-            time.sleep(0.02 * rng.random())
-            process.kill()
-            ends.append(process.wait())
+        process = runs.start(survey)
+        while finished_files(survey / "work") < share * whole:
+            os.kill(process, 0)  # fails where it came to its end
+            time.sleep(0.01)
+        time.sleep(0.02 * rng.random())
+        os.kill(process, signal.SIGKILL)
+        assert runs.end() == signal.SIGKILL
         complete = sum((survey / "work" / f"{name}.stage" / "stage.json").is_file() for name in NAMES)
         assert complete >= kept
         kept = complete
-    assert ends == [-signal.SIGKILL] * 4
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
 
 
 def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
-    adjusted_survey: Path, edit: Edit, photogram: Run
+    adjusted_survey: Path, edit: Edit, photogram: Run, runs: Runs
 ) -> None:
     """The old surface is gone, the new one is not yet in place: the next run makes it, with the new setting."""
     edit(adjusted_survey / "project.yaml", lambda v: v.update(surface={"cell_m": 0.5}))
-    with killing(adjusted_survey) as killed_at:
-        killed_at("work/surface.stage.partial:rename")
+    runs.kill_at(adjusted_survey, "work/surface.stage.partial:rename")
     assert not (adjusted_survey / "work/surface.stage").exists()
     assert stages_run(adjusted_survey, until="surface") == ["surface"]
     assert json.loads((adjusted_survey / "work/surface.stage/stage.json").read_text())["cell_m"] == 0.5
