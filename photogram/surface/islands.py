@@ -24,7 +24,7 @@ DIRECTIONS = 5
 ON_PLANE_CELLS, OFF_PLANE_CELLS = 3.0, 16.0
 """Largest distance from a plane of heights that lie on it, and smallest of one that is off it, over the cell size."""
 
-HELD, ALIKE_CELLS = 2, 8.0
+LEAST_ALIKE, ALIKE_CELLS = 2, 8.0
 """So many sure heights that differ by no more, over the cell size, keep a height: the edge of a roof has ground on five
 sides, and the roof on three."""
 
@@ -63,7 +63,7 @@ def _fill_above(
     doubtful: Float32Array, sure: Float32Array, on_plane_m: float, alike_m: float, rise_m: float, out: Float32Array
 ) -> None:
     """Fill how far each ``doubtful`` height is above the plane of ``sure`` heights around it, NaN where these lie in no
-    plane, or HELD of them are alike; (rows, columns) each, NaN where there is no such height."""
+    plane, or LEAST_ALIKE of them are alike; (rows, columns) each, NaN where there is no such height."""
     rows, columns = doubtful.shape
     down, right, z = np.empty(8), np.empty(8), np.empty(8)
     for r in range(rows):
@@ -82,7 +82,7 @@ def _fill_above(
                     z[met] = sure[r + step * dr, c + step * dc] - doubtful[r, c]
                     alike += 1 if abs(z[met]) <= alike_m else 0
                     met += 1
-            if met >= DIRECTIONS and alike < HELD:
+            if met >= DIRECTIONS and alike < LEAST_ALIKE:
                 many, height = _plane_around(down[:met], right[:met], z[:met], on_plane_m, rise_m)
                 if many >= DIRECTIONS:
                     out[r, c] = -height

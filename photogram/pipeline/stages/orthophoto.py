@@ -47,8 +47,8 @@ from photogram.project.rigs.entries import without_products
 from photogram.surface.dsm import MEASURED, WATER
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import (
-    HELD_BYTES,
-    LEAST_HELD,
+    CACHE_BYTES,
+    LEAST_CACHED,
     ONLY_MASKED,
     TILE_CELLS,
     ForcedOf,
@@ -257,7 +257,7 @@ LATTICE_BYTES = 600.0
 
 def _memory(extent: Extent) -> Memory:
     picture, largest_px = extent.size.orthophoto_cells, extent.largest_px
-    held = min(3.0 * len(extent.project.photographs) * largest_px, max(3.0 * LEAST_HELD * largest_px, HELD_BYTES))
+    held = min(3.0 * len(extent.project.photographs) * largest_px, max(3.0 * LEAST_CACHED * largest_px, CACHE_BYTES))
     lattice = LATTICE_BYTES * min(picture / SMALLEST_BLOCK**2, LARGEST_LATTICE)
     tiles = min(extent.workers * TILE_BYTES, MATCHED_CELL_BYTES * (picture + extent.cells))
     made = (4.0 * extent.cells + lattice + held + tiles) * extent.project.orthophoto.enabled

@@ -24,7 +24,7 @@ from photogram.pipeline.store.tiles import GridFile
 from photogram.surface.ortho.block_samples import BlockSamples, seen_cells
 from photogram.surface.ortho.colour_balance import Balance
 from photogram.surface.ortho.masked_cells import Masks
-from photogram.surface.ortho.orthophoto import HELD_BYTES, LEAST_HELD, TILE_CELLS, Orthophoto, plain_blocks
+from photogram.surface.ortho.orthophoto import CACHE_BYTES, LEAST_CACHED, TILE_CELLS, Orthophoto, plain_blocks
 from photogram.surface.ortho.seamlines import Lattice, Seams
 from photogram.surface.ortho.visibility import SurfaceModel, WindowedSurface
 from photogram.surface.views import Views
@@ -76,10 +76,10 @@ class HeldPhotographs:
 
 
 def photographs_held(sizes_px: Sequence[tuple[int, int]], share: int = 1) -> int:
-    """Return how many decoded photographs of these sizes fit into HELD_BYTES and a sixteenth of the memory, divided
-    among ``share`` processes; LEAST_HELD at least."""
+    """Return how many decoded photographs of these sizes fit into CACHE_BYTES and a sixteenth of the memory, divided
+    among ``share`` processes; LEAST_CACHED at least."""
     largest = max((3 * width * height for width, height in sizes_px), default=1)
-    return max(LEAST_HELD, min(memory_bytes() // 16, HELD_BYTES) // share // largest)
+    return max(LEAST_CACHED, min(memory_bytes() // 16, CACHE_BYTES) // share // largest)
 
 
 def masks_of(run: Run, views: Views) -> Masks | None:

@@ -64,11 +64,11 @@ from photogram.survey import Raster
 ForcedOf = Callable[[MapGrid], Int32Array]
 """Gives the view (R, C) that each block of a grid of blocks is to be taken from, −1 for any."""
 
-LEAST_HELD = 4
+LEAST_CACHED = 4
 """Decoded photographs that are kept, however little memory there is."""
 
-HELD_BYTES = 512 * 2**20
-"""Most memory of decoded photographs that are kept, where LEAST_HELD take less."""
+CACHE_BYTES = 512 * 2**20
+"""Most memory of decoded photographs that are kept, where LEAST_CACHED take less."""
 
 TILE_CELLS = 512
 GROUP_TILES = 8

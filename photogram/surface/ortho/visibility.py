@@ -47,7 +47,7 @@ RIM_RISE = 2.0
 LARGEST_TAN = 10.0
 """Tangent of the angle from the vertical beyond which a photograph is not looked at."""
 
-HELD_BYTES = 256_000_000
+CACHE_BYTES = 256_000_000
 """Of what photographs see, packed, is kept; what falls out is found again."""
 
 _COARSE_CELLS, _COARSE_AT_ONCE, _BORDER_POINTS, _SHRINKS = 64, 16, 9, 4
@@ -367,17 +367,17 @@ def _add_rim(height: Float32Array, rise: np.float32, out: ByteArray) -> None:
 
 class SeenCells:
     """What photographs see of a terrain, each found when it is asked for; the last used ones are kept, packed, as far
-    as HELD_BYTES go. May be asked from several threads at once."""
+    as CACHE_BYTES go. May be asked from several threads at once."""
 
     def __init__(
         self,
         terrain: SurfaceModel,
-        held_bytes: int = HELD_BYTES,
+        cache_bytes: int = CACHE_BYTES,
         masked: Callable[[int], BoolArray | None] = lambda _: None,
     ) -> None:
         """``masked`` gives which cells of the box of a photograph are masked in it, None for none."""
         self._terrain = terrain
-        self._room = held_bytes
+        self._room = cache_bytes
         self._masked = masked
         self._lock = Lock()
         self._packed: OrderedDict[int, Future[ByteArray]] = OrderedDict()
