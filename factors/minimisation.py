@@ -61,7 +61,7 @@ def minimise_problem(
     maximum_iterations: int,
     relative_tolerance: float,
     watch: Watch,
-    solver: SolverName = "banded",
+    solver: SolverName,
 ) -> Minimum:
     """Minimise with all points eliminated, the reduced system solved by ``solver``.
 

@@ -221,8 +221,8 @@ class _Priors:
         layout: Layout,
         expected: FloatArray,
         sigma: FloatArray,
-        expected_position: FloatArray | None = None,
-        sigma_position: float = np.inf,
+        expected_position: FloatArray | None,
+        sigma_position: float,
     ) -> None:
         self._layout = layout
         free = (layout.unit > 0) & np.isfinite(sigma)

@@ -241,7 +241,7 @@ def _variance_factor(r: Reliability, own: BoolArray, statistic: float, degrees: 
 
 
 def _candidates(
-    problem: Problem, state: State, covariances: Covariances, tested: Reliability, barred: Sequence[object]
+    problem: Problem, state: State, covariances: Covariances, tested: Reliability, barred: Sequence[What]
 ) -> Iterator[_Candidate]:
     photographs = problem.block.photographs
     taken = {_what(error) for error in problem.block.common_errors}
@@ -299,11 +299,7 @@ def _test(problem: Problem, state: State, covariances: Covariances, k: int) -> t
 
 
 def next_change(
-    problem: Problem,
-    state: State,
-    covariances: Covariances,
-    tested: Reliability,
-    barred: Sequence[What] = (),
+    problem: Problem, state: State, covariances: Covariances, tested: Reliability, barred: Sequence[What]
 ) -> Change | None:
     """Return which common error of positions to add or to drop at a solution, None where the unknowns are right.
 

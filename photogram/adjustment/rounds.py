@@ -77,8 +77,8 @@ def solve_rounds(
     settings: AdjustmentSettings,
     progress: Progress,
     sigmas: EstimatedSigmas | None,
-    stop: Callable[[Problem, State, int], bool] | None = None,
-    first_round: int = 1,
+    stop: Callable[[Problem, State, int], bool] | None,
+    first_round: int,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
     choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. After the

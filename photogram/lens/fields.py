@@ -33,11 +33,11 @@ def prior_sigmas(degree: IntArray, rms_px: float) -> FloatArray:
     return np.asarray(rms_px * sigma / np.sqrt(np.sum(sigma**2)))
 
 
-def free_field(camera: Camera, rms_px: float, degree: int = DEGREE) -> LensField:
+def free_field(camera: Camera, rms_px: float) -> LensField:
     """Return a field of zero that is expected to have an RMS of ``rms_px`` for a coordinate, free of what the
     parameters of the camera describe."""
     bare = replace(camera, field=None)
-    basis, nodes = field_basis(bare, degree), nodes_px(camera)
+    basis, nodes = field_basis(bare, DEGREE), nodes_px(camera)
     functions = basis.at(nodes.reshape(-1, 2)).reshape(ROWS, COLUMNS, 2, len(basis))
     return LensField(np.ascontiguousarray(functions), np.zeros(len(basis)), prior_sigmas(basis.degree, rms_px))
 

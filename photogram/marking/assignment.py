@@ -56,18 +56,13 @@ class Assignment:
     """They and the marks that there were, compared with each other, None where nothing could be compared."""
 
 
-def assigned_targets(
-    block: Block,
-    detected: DetectedCentres,
-    hidden: frozenset[Pair] = frozenset(),
-    settings: AdjustmentSettings | None = None,
-) -> Assignment:
+def assigned_targets(block: Block, detected: DetectedCentres, hidden: frozenset[Pair] = frozenset()) -> Assignment:
     """Return which targets are which points of a block, a ``tagged_block`` or an adjusted one with its marks.
 
     Points keep the marks that they have, and nothing is taken for a point in a photograph that does not show it,
     ``hidden``. Raises AdjustmentError where the block is not determined.
     """
-    settings = settings or AdjustmentSettings(estimate_sigmas=False)
+    settings = AdjustmentSettings(estimate_sigmas=False)
     points = block.control_points
     marked = set(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)) | hidden
     taken: dict[Pair, int] = {}

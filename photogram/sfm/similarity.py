@@ -14,9 +14,9 @@ from photogram.errors import OrientationError
 TRIPLES = 500
 COLLINEAR = 0.02  # second over first principal extent of points that lie in one line
 AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
-UNEXPLAINED = (
-    0.25  # squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by
-)
+LIMIT = 4.0  # sigmas, within which a pair agrees
+UNEXPLAINED = 0.25
+"""Squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by."""
 
 
 def collinear(points: FloatArray) -> bool:
@@ -66,11 +66,11 @@ def _triples(count: int, seed: int) -> IntArray:
 
 
 def robust_similarity(
-    source: FloatArray, target: FloatArray, sigma_m: FloatArray, *, limit: float = 4.0, seed: int = 0
+    source: FloatArray, target: FloatArray, sigma_m: FloatArray, *, seed: int = 0
 ) -> tuple[Similarity, BoolArray]:
     """Return the similarity that most pairs of positions (N, 3) agree with, and which do.
 
-    ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within ``limit`` of them. The least-squares
+    ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within LIMIT of them. The least-squares
     fit of the agreeing pairs is repeated until they stay the same. Raises OrientationError when no three pairs, not in
     one line, agree, or no more than half of all, or hardly better than if all stood in one place.
     """
@@ -84,8 +84,8 @@ def robust_similarity(
         fit = fit_similarity(source[triple], target[triple])
         error = np.linalg.norm(fit.points(source) - target, axis=1) / sigma_m
         # three positions are worse than all: what spreads from their noise is allowed for
-        agrees = error < 2.0 * limit
-        cost = float(np.minimum(error, 2.0 * limit).sum())
+        agrees = error < 2.0 * LIMIT
+        cost = float(np.minimum(error, 2.0 * LIMIT).sum())
         if (agrees.sum(), -cost) > (best.sum(), -best_cost):
             best, best_cost = agrees, cost
     if best.sum() < 3:
@@ -94,7 +94,7 @@ def robust_similarity(
         )
     for _ in range(10):
         fit = fit_similarity(source[best], target[best], 1.0 / sigma_m[best] ** 2)
-        agrees = np.linalg.norm(fit.points(source) - target, axis=1) < limit * sigma_m
+        agrees = np.linalg.norm(fit.points(source) - target, axis=1) < LIMIT * sigma_m
         if agrees.sum() < 3 or collinear(target[agrees]) or np.array_equal(agrees, best):
             break
         best = agrees

@@ -204,27 +204,27 @@ def _sunlight(scene: Scene, cover: Cover) -> ByteArray:
 def make_covered_scene(
     seed: int,
     extent_m: float,
-    cell_m: float = 0.1,
-    relief_m: float = 8.0,
-    buildings: int = 12,
-    trees: int = 100,
+    cell_m: float,
+    relief_m: float,
+    buildings: int,
+    trees: int,
     *,
-    finest_wavelength_m: float = 0.09,
-    plan: CoverPlan | None = None,
+    finest_wavelength_m: float,
+    plan: CoverPlan,
 ) -> Scene:
     """Make a site as scene.make_scene does, with crowns of leaves in place of its domes, and what else ``plan`` asks
     for, where there is room; the same seed, the same site."""
-    builder = CoverBuilder(seed, extent_m, cell_m, plan or CoverPlan())
+    builder = CoverBuilder(seed, extent_m, cell_m, plan)
     builder.ground(seed, relief_m)
     for number in range(buildings):
         builder.building(gabled=number % 3 != 2)
-    for _ in range(builder.plan.hedges):
+    for _ in range(plan.hedges):
         builder.hedge()
     for _ in range(trees):
         builder.crown()
-    for _ in range(builder.plan.fences):
+    for _ in range(plan.fences):
         builder.fence()
-    for _ in range(builder.plan.power_lines):
+    for _ in range(plan.power_lines):
         builder.power_line()
     scene = builder.scene(seed, finest_wavelength_m)
     cover = builder.grower.cover(scene.sun)

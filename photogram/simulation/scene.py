@@ -357,10 +357,10 @@ def _light(height_m: Float32Array, cell_m: float, sun: FloatArray) -> ByteArray:
 def make_scene(
     seed: int,
     extent_m: float,
-    cell_m: float = 0.1,
-    relief_m: float = 8.0,
-    buildings: int = 12,
-    trees: int = 100,
+    cell_m: float,
+    relief_m: float,
+    buildings: int,
+    trees: int,
     *,
     finest_wavelength_m: float = 0.09,
 ) -> Scene:

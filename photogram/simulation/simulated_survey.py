@@ -100,18 +100,8 @@ def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
 def render_photographs(survey: SimulatedSurvey, *, noise_dn: float = 2.0) -> Iterator[tuple[str, ByteArray]]:
     """Yield the name and the pixels (height_px, width_px, 3), red, green, blue, of each photograph of a survey."""
     for number, (photograph, pose) in enumerate(zip(survey.photographs, survey.truth.poses, strict=True)):
-        noise = survey.seed * 100_003 + number
-        yield (
-            photograph.name,
-            render(
-                survey.scene,
-                survey.truth.camera,
-                pose,
-                seed=noise,
-                noise_dn=noise_dn,
-                exposure=number,
-            ),
-        )
+        seed, camera = survey.seed * 100_003 + number, survey.truth.camera
+        yield photograph.name, render(survey.scene, camera, pose, seed=seed, noise_dn=noise_dn, exposure=number)
 
 
 def truth_surface(survey: SimulatedSurvey, cell_m: float) -> Raster:

@@ -95,19 +95,17 @@ def shuffled_names(survey: SimulatedSurvey) -> dict[str, str]:
     return {p.name: f"{n:06d}.JPG" for p, n in zip(survey.photographs, numbers, strict=True)}
 
 
-def _marks(survey: SimulatedSurvey, photographs: Mapping[str, str | None] | None) -> Iterator[tuple[int, int, str]]:
+def _marks(survey: SimulatedSurvey, photographs: Mapping[str, str | None]) -> Iterator[tuple[int, int, str]]:
     """Yield number, point and photograph's name of every mark, without those in photographs whose name is None."""
     points = survey.control_points
     for mark, (photograph, point) in enumerate(zip(points.mark_photograph, points.mark_point, strict=True)):
         original = survey.photographs[photograph].name
-        name = original if photographs is None else photographs.get(original, original)
+        name = photographs.get(original, original)
         if name is not None:
             yield mark, point, name
 
 
-def write_control_list(
-    path: Path, survey: SimulatedSurvey, role: Role, photographs: Mapping[str, str | None] | None = None
-) -> None:
+def write_control_list(path: Path, survey: SimulatedSurvey, role: Role, photographs: Mapping[str, str | None]) -> None:
     """Write the points of one role and their marks as an OpenDroneMap ``gcp_list.txt``: CRS, then x y z u v
     photograph name.
 
@@ -125,9 +123,7 @@ def write_control_list(
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_control_tables(
-    folder: Path, survey: SimulatedSurvey, photographs: Mapping[str, str | None] | None = None
-) -> None:
+def write_control_tables(folder: Path, survey: SimulatedSurvey, photographs: Mapping[str, str | None]) -> None:
     """Write all points with their sigmas and roles as ``points.csv``, and their marks as ``marks.csv``; the rest as in
     write_control_list."""
     points = survey.control_points

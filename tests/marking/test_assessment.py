@@ -55,7 +55,7 @@ def marks_of_points(block: Block, points: Iterable[int]) -> dict[MarkKey, Mark]:
 
 
 def state_of(marks: dict[MarkKey, Mark], *added: SurveyedPoint) -> MarkState:
-    return MarkState(marks, frozenset(), {}, {point.name: point for point in added}, {})
+    return MarkState(marks, frozenset(), {}, {point.name: point for point in added})
 
 
 def moved(mark: Mark, du: float) -> Mark:

@@ -72,7 +72,7 @@ quick = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCh
 
 def content(state: MarkState) -> tuple[object, ...]:
     """What a state says, without how many actions can be undone."""
-    return state.marks, state.not_visible, state.roles, state.points, state.confirmed
+    return state.marks, state.not_visible, state.roles, state.points
 
 
 def place(point: str, photograph: str = "1.jpg", u: float = 1.5, v: float = 2.25) -> PlaceMarks:
@@ -111,9 +111,7 @@ def test_what_each_action_does() -> None:
     assert (len(seen.marks), seen.not_visible) == (1, frozenset())
     assert dict(state_of([SetRole("A", "check"), SetRole("A", "tie")]).roles) == {"A": "tie"}
     assert state_of([AddPoint(SurveyedPoint("N"))]).points["N"].position is None
-    confirmed = state_of([ConfirmProposals((Proposal(mark, 0.5),))])
-    assert (confirmed.marks[mark.key], dict(confirmed.confirmed)) == (mark, {mark.key: 0.5})
-    assert not state_of([ConfirmProposals((Proposal(mark, 0.5),)), PlaceMarks((other,))]).confirmed
+    assert dict(state_of([ConfirmProposals((Proposal(mark, 0.5),))]).marks) == {mark.key: mark}
 
 
 def test_a_state_cannot_be_changed() -> None:

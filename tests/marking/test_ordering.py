@@ -50,4 +50,3 @@ def test_words() -> None:
     assert in_words(7, np.array([0.002, 0.003, 0.0041])) == "7 marks, sigma of the point 4.1 mm"
     assert in_words(1, None) == "1 mark"
     assert [length(v) for v in (0.0234, 0.234, 2.34)] == ["23 mm", "23 cm", "2.3 m"]
-    assert length(0.5, "units") == "0.5 units"

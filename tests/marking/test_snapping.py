@@ -217,7 +217,7 @@ def test_a_target_away_from_the_click_gives_way_to_what_the_other_marks_look_lik
     whole = of_plane(block, PLACES_M[1], (1.0, 1.0), 1, 2)
 
     def corner_beside(_grey: ByteArray, near: FloatArray, _reach_px: float, _focal_px: float) -> MeasuredCentre:
-        return MeasuredCentre(Kind.CORNER, near + np.array([beside_px, 0.0]), 0.01 * np.eye(2), 0.9, 10.0, 1.0, 90.0)
+        return MeasuredCentre(Kind.CORNER, near + np.array([beside_px, 0.0]), 0.01 * np.eye(2), 0.9, 10.0, 90.0)
 
     monkeypatch.setattr(snapping, "snap", corner_beside)
     found = snapper.centre(whole)

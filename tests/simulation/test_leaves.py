@@ -1,10 +1,10 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from photogram.simulation.cover.hits import leaf_hits
-from photogram.simulation.cover.leaves import REST, Cover, CoverPlan, Grower, PlantKind
+from photogram.simulation.cover.leaves import REST, Cover, CoverPlan, Grower, Leaves, PlantKind
 
 SUN = np.array([-0.27, -0.58, 0.766])
 PLAN = CoverPlan()
@@ -81,8 +81,9 @@ def test_leaves_move_within_their_amplitude_and_with_their_tree(cover: Cover) ->
 
 
 def test_moved_leaves_are_where_the_rays_find_them(cover: Cover) -> None:
-    alone = cover.with_leaves(np.arange(len(cover.leaves.plant)) == int(np.argmax(cover.leaves.centre_m[:, 2])))
-    alone = replace(alone, leaves=replace(alone.leaves, normal=np.array([[0.0, 0.0, 1.0]])))
+    highest = [int(np.argmax(cover.leaves.centre_m[:, 2]))]
+    leaf = Leaves(*(getattr(cover.leaves, field.name)[highest] for field in fields(Leaves)))
+    alone = replace(cover, leaves=replace(leaf, normal=np.array([[0.0, 0.0, 1.0]])))
     centre = alone.leaves.centre_m[0] + alone.sway_m(8)[0]
     radius = float(alone.leaves.radius_m[0])
     for way in np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]):

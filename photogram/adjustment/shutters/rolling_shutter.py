@@ -334,7 +334,7 @@ def without_rolling(block: Block, none: BoolArray) -> Block:
     return replace(block, cameras=tuple(cameras))
 
 
-def with_readouts(result: Adjustment, shutters: Shutters, scatter_m_s: float = float("nan")) -> Adjustment:
+def with_readouts(result: Adjustment, shutters: Shutters, scatter_m_s: float) -> Adjustment:
     """Return an adjustment with what was found of the read-out times, their standard deviations in its calibration
     covariances, and what is to be warned of; with what the neighbours' velocities scatter by."""
     readouts, correlations = shutters.readouts, shutters.correlations

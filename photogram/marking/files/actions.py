@@ -127,8 +127,6 @@ class MarkState:
     """Roles of points, where one was given."""
     points: Mapping[str, SurveyedPoint]
     """Points that were added."""
-    confirmed: Mapping[MarkKey, float]
-    """The score of those marks that were proposals."""
     undoable: int = 0
     """How many actions can be undone."""
     redoable: int = 0
@@ -152,7 +150,6 @@ class Replay:
     _hidden: dict[MarkKey, bool] = field(default_factory=dict)
     _roles: dict[str, PointRole] = field(default_factory=dict)
     _points: dict[str, SurveyedPoint] = field(default_factory=dict)
-    _confirmed: dict[MarkKey, float] = field(default_factory=dict)
     _done: list[list[_Change]] = field(default_factory=list)
     _undone: list[list[_Change]] = field(default_factory=list)
 
@@ -183,7 +180,6 @@ class Replay:
             frozenset(self._hidden),
             MappingProxyType(dict(self._roles)),
             MappingProxyType(dict(self._points)),
-            MappingProxyType(dict(self._confirmed)),
             len(self._done),
             len(self._undone),
         )
@@ -195,28 +191,25 @@ class Replay:
     ) -> None:
         if isinstance(action, PlaceMarks):
             for mark in action.marks:
-                self._place(mark, None, changes)
+                self._place(mark, changes)
         elif isinstance(action, ConfirmProposals):
             for proposal in action.proposals:
-                self._place(proposal.mark, proposal.score, changes)
+                self._place(proposal.mark, changes)
         elif isinstance(action, RemoveMarks):
             for key in action.keys:
                 _put(self._marks, key, None, changes)
-                _put(self._confirmed, key, None, changes)
         elif isinstance(action, SetNotVisible):
             key = (action.point, action.photograph)
             _put(self._hidden, key, None if action.is_visible else True, changes)
             if not action.is_visible:
                 _put(self._marks, key, None, changes)
-                _put(self._confirmed, key, None, changes)
         elif isinstance(action, SetRole):
             _put(self._roles, action.point, action.role, changes)
         else:
             _put(self._points, action.point.name, action.point, changes)
 
-    def _place(self, mark: Mark, score: float | None, changes: list[_Change]) -> None:
+    def _place(self, mark: Mark, changes: list[_Change]) -> None:
         _put(self._marks, mark.key, mark, changes)
-        _put(self._confirmed, mark.key, score, changes)
         _put(self._hidden, mark.key, None, changes)
 
 

@@ -93,19 +93,16 @@ def is_enough(marks: int, gains: Sequence[float]) -> bool:
     return marks >= (ENOUGH_MARKS if gains else LEAST_MARKS) and all(not gain > LEAST_GAIN for gain in gains)
 
 
-def in_words(marks: int, sigma_m: FloatArray | None, unit: str = "m") -> str:
-    """Return how far a point is: its marks, and the largest of its standard deviations (3,) along the map's axes, in m
-    or another ``unit``."""
+def in_words(marks: int, sigma_m: FloatArray | None) -> str:
+    """Return how far a point is: its marks, and the largest of its standard deviations (3,) along the map's axes."""
     text = things(marks, "mark")
     if sigma_m is None or not np.isfinite(sigma_m).all():
         return text
-    return f"{text}, sigma of the point {length(float(np.max(sigma_m)), unit)}"
+    return f"{text}, sigma of the point {length(float(np.max(sigma_m)))}"
 
 
-def length(value: float, unit: str = "m") -> str:
+def length(value: float) -> str:
     """Return a small length in two digits: 4 mm, 23 cm, 1.2 m."""
-    if unit != "m":
-        return f"{value:.2g} {unit}"
     if value < 0.0995:
         return f"{value * 1000:.2g} mm" if value < 0.00995 else f"{value * 1000:.0f} mm"
     return f"{value * 100:.0f} cm" if value < 0.995 else f"{value:.1f} m"

@@ -133,7 +133,6 @@ def _fitted(grey: FloatArray, corner: FloatArray, family: str, number: int) -> M
         covariance,
         explained,
         float(sides.max()),
-        float(theta[_BLUR]),
         contrast,
         (family, number),
     )

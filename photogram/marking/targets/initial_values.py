@@ -375,9 +375,7 @@ def _power(matrix: FloatArray, exponent: float) -> FloatArray:
     return np.asarray((vector * np.maximum(value, 1e-9) ** exponent) @ vector.T)
 
 
-def region_initial_values(
-    grey: FloatArray, region: Region, blurs: tuple[float, ...] = (0.6, 1.2, 2.2)
-) -> list[InitialValues]:
+def region_initial_values(grey: FloatArray, region: Region) -> list[InitialValues]:
     """Return the best start of each pattern that a region may be."""
     candidates: list[InitialValues] = []
     solid = region.area / region.filled_area
@@ -393,7 +391,7 @@ def region_initial_values(
         )
         for scale in (1.0, 1.6, 2.2):  # a region may be the inside of a ring
             for pattern, shape in tries if scale == 1.0 else [(Pattern.RING, 1.0 / scale)]:
-                thetas = [parameters(region.filled_mean, A / scale, b, shape) for b in blurs]
+                thetas = [parameters(region.filled_mean, A / scale, blur, shape) for blur in (0.6, 1.2, 2.2)]
                 candidates += scored(grey, pattern, thetas).most_promising(0.4)
     for pattern in (Pattern.CROSS, Pattern.CORNER):
         candidates += _bar_initial_values(grey, region, pattern)
@@ -456,7 +454,7 @@ def _unit_size(pattern: Pattern, shape: float) -> float:
     return bars / math.sqrt(float(np.linalg.det(_unit_moments(pattern, shape)[1])))
 
 
-def _best(starts: list[InitialValues], least: float, most: int = 1) -> list[InitialValues]:
+def _best(starts: list[InitialValues], least: float, most: int) -> list[InitialValues]:
     good = [s for s in starts if s.explained > least]
     return sorted(good, key=lambda s: -s.promise)[:most]
 

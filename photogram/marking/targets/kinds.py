@@ -41,8 +41,6 @@ class MeasuredCentre:
     """Share of the variance of its pixels that the fitted picture explains; of a match, the correlation."""
     size_px: float
     """Length of the target along its longer axis; of an open pattern, of the part that was fitted."""
-    blur_px: float
-    """Standard deviation of the blur of its edges, the pixel's own included."""
     contrast_dn: float
     """Difference of its bright and dark levels."""
     code: tuple[str, int] | None = None

@@ -82,7 +82,6 @@ def match_centre(
         len(agree) * total + spread,
         float(np.median([m.quality for m in agree])),
         2.0 * HALF_PX + 1.0,
-        0.0,
         float(np.median([m.contrast_dn for m in agree])),
     )
 
@@ -166,7 +165,6 @@ def _refined(
         NOISY_SLOPES**2 * covariance,
         correlation,
         2.0 * HALF_PX + 1.0,
-        0.0,
         float(np.ptp(value)),
     )
 

@@ -18,7 +18,7 @@ from photogram.marking.targets.initial_values import (
     saddles,
 )
 from photogram.marking.targets.kinds import Kind, MeasuredCentre
-from photogram.marking.targets.picture import BLUR, Pattern
+from photogram.marking.targets.picture import Pattern
 
 GreyPatch = ByteArray | Float32Array
 
@@ -204,7 +204,6 @@ def _measured(fitted: Fit, shift: IntArray, focal_px: float) -> MeasuredCentre:
         covariance,
         fitted.explained,
         axes_px(fitted)[0],
-        float(fitted.theta[BLUR]),
         contrast_dn(fitted),
     )
 

@@ -148,17 +148,6 @@ class Cover:
             lines.radius_m,
         )  # fmt: skip
 
-    def with_leaves(self, chosen: BoolArray) -> Cover:
-        """Return a cover with the chosen (L,) leaves alone."""
-        leaves = self.leaves
-        return replace(
-            self,
-            leaves=Leaves(
-                leaves.centre_m[chosen], leaves.normal[chosen], leaves.radius_m[chosen], leaves.rgb[chosen],
-                leaves.plant[chosen], leaves.branch[chosen],
-            ),
-        )  # fmt: skip
-
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the height (N,) of the highest leaf over positions (N, 2), at rest, NaN where there is none."""
         x, y = (np.ascontiguousarray(a) for a in xy.T)

@@ -268,7 +268,6 @@ class PlannedSurvey:
     flight: Flight
     block: Block
     truth: Truth
-    tie_point_world_m: FloatArray
 
 
 def survey_of(plan: FlightPlan, seed: int, *, errors: bool, extra: FloatArray | None = None) -> PlannedSurvey:
@@ -285,10 +284,10 @@ def survey_of(plan: FlightPlan, seed: int, *, errors: bool, extra: FloatArray | 
     ground = np.column_stack([xy, terrain_height(seed, plan.relief_m, xy)])
     control = _control(plan, flight, ground, rng, errors)
     # of their own, so that plans that differ elsewhere can be compared
-    ties, position = _ties(plan, flight, seed, np.random.default_rng([seed, 12]), errors)
+    ties = _ties(plan, flight, seed, np.random.default_rng([seed, 12]), errors)
     camera = flight.approximate if errors else flight.camera
     block = Block(FRAME, (camera,), flight.photographs, flight.poses, ties, control, np.array(plan.offset_sigmas_m))
-    return PlannedSurvey(plan, flight, block, flight.truth(ground), position)
+    return PlannedSurvey(plan, flight, block, flight.truth(ground))
 
 
 def _flight(plan: FlightPlan, R: FloatArray, C: FloatArray, rng: np.random.Generator, errors: bool) -> Flight:
@@ -332,11 +331,9 @@ def _control(
     )
 
 
-def _ties(
-    plan: FlightPlan, flight: Flight, seed: int, rng: np.random.Generator, errors: bool
-) -> tuple[TiePoints, FloatArray]:
-    """Return tie points of unknown position, so many that photographs see the wanted number on average, and their
-    true positions."""
+def _ties(plan: FlightPlan, flight: Flight, seed: int, rng: np.random.Generator, errors: bool) -> TiePoints:
+    """Return tie points, so many that photographs see the wanted number on average; of unknown position with
+    ``errors``, else of the true one."""
     corners = footprints(flight, 0.0).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
     wanted = min(plan.tie_points_per_photograph * len(flight.poses), MOST_OBSERVATIONS)
@@ -356,8 +353,7 @@ def _ties(
     pixel = seen.pixel + errors * plan.tie_point_sigma_px * rng.standard_normal((n, 2))
     unknown = np.full(kept.shape, np.nan) if errors else kept
     sigma = np.full(n, float(plan.tie_point_sigma_px))
-    ties = TiePoints(
+    return TiePoints(
         seen.photograph, point, np.arange(n, dtype=np.int64), pixel, sigma, unknown,
         np.full((len(kept), 3), 128, np.uint8),
     )  # fmt: skip
-    return ties, kept
