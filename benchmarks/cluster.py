@@ -27,7 +27,7 @@ from pathlib import Path
 
 from photogram.machine import cores
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
-from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
 from photogram.pipeline.store.stage_summary import Summary
@@ -40,15 +40,12 @@ Kill = Callable[[], None]
 
 
 @dataclass
-class Seconds:
+class Seconds(Watcher):
     """A watcher that notes the seconds of every stage; ``kill`` is called once in each, at its first piece."""
 
     kill: Kill | None = None
     of_stage: dict[str, float] = field(default_factory=dict)
     killed: set[str] = field(default_factory=set)
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
 
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:  # noqa: ARG002
         """Have a worker killed when there is something left for it."""

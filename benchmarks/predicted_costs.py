@@ -32,7 +32,7 @@ from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.workload import workload
 from photogram.pipeline.input_validation import tags_of
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
-from photogram.pipeline.stage import Silent, Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.pipeline.store.stage_summary import StageNote, Summary
 from photogram.pipeline.store.workspace import Workspace
@@ -55,7 +55,7 @@ AIM = 1.5
 """The factor that a prediction of the whole command is meant to keep."""
 
 
-class ProcessorTime(Silent):
+class ProcessorTime(Watcher):
     """Notes the processor time of each stage, all threads together."""
 
     def __init__(self) -> None:

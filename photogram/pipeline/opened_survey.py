@@ -13,7 +13,7 @@ from photogram.errors import ProjectError, WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.geodesy.crs import crs_label
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, run_pipeline
-from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.comparison import stored_comparisons
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
@@ -33,16 +33,10 @@ ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True)
-class _Lines:
+class _Lines(Watcher):
     """A watcher that says a line for every stage that is done, and for every warning."""
 
     say: Callable[[str], None]
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
 
     def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         """End a stage."""

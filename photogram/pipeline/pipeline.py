@@ -30,7 +30,7 @@ from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import fingerprint
 from photogram.machine import cores
-from photogram.pipeline.stage import Silent, Stage, Watcher
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
 from photogram.pipeline.stages.publishing.results import RESULTS
@@ -204,7 +204,6 @@ def run_pipeline(
     last). ``pool`` are processes that do pieces of the stages, on this machine or others, in place of threads. Raises a
     PhotogramError that says what the user can fix.
     """
-    watcher = watcher or Silent()
     names = [stage.name for stage in STAGES]
     first = len(names) if start is None else names.index(stage_named(start).name)
     last = names.index(stage_named(until).name) if until else len(names) - 1
@@ -216,7 +215,7 @@ def run_pipeline(
         foreign = foreign_products(project.results)
         if foreign:
             raise WorkspaceError(f"{project.results}: {some(foreign)}: {FOREIGN}: {FOREIGN_REMEDY}")
-        _Progress(run, watcher, first, last).go_on()
+        _Progress(run, watcher or Watcher(), first, last).go_on()
     return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from photogram.pipeline.stage_costs import Costs
 from photogram.pipeline.stage_names import StageName
@@ -52,8 +51,9 @@ class Stage:
     is_uneven: bool = False
 
 
-class Watcher(Protocol):
-    """Told by the pipeline what it does; the command line shows it."""
+class Watcher:
+    """Told by the pipeline what it does; the command line shows it. What a watcher does not override it keeps to
+    itself."""
 
     def begin(self, stage: Stage) -> None:
         """Start a stage."""
@@ -66,20 +66,3 @@ class Watcher(Protocol):
 
     def warn(self, text: str) -> None:
         """Say what is doubtful, in a sentence."""
-
-
-@dataclass(frozen=True)
-class Silent:
-    """A watcher that says nothing."""
-
-    def begin(self, stage: Stage) -> None:
-        """Start a stage."""
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        """Report progress within a stage."""
-
-    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
-        """End a stage."""
-
-    def warn(self, text: str) -> None:
-        """Say what is doubtful."""

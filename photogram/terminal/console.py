@@ -43,12 +43,12 @@ def bars(to: Console | None = None) -> Iterator[Bars]:
 
 
 @contextmanager
-def steps(title: str, total: int | None = None, to: Console | None = None) -> Iterator[Progress]:
+def steps(title: str, to: Console | None = None) -> Iterator[Progress]:
     """Show one bar while the block runs, and give what reports progress to it."""
     left = TimeLeft({title: 1.0})
     left.begin(title)
     with bars(to) as progress:
-        task = progress.add_task(title, total=total, text="", left=left.words)
+        task = progress.add_task(title, total=None, text="", left=left.words)
 
         def report(done: int, of: int, text: str) -> None:
             raise_if_interrupted()

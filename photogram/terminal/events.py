@@ -60,13 +60,16 @@ class EventLines:
         seconds_left: float | None = None,
     ) -> None:
         """Write an event."""
-        seconds = round(self._clock() - self._start, 3)
-        left = None if seconds_left is None else round(seconds_left, 1)
-        told: Event = {
-            "event": event, "stage": stage, "done": done, "total": total, "text": text, "seconds": seconds,
-            "seconds_left": left,
-        }  # fmt: skip
-        self._write(json.dumps(told))
+        line: Event = {
+            "event": event,
+            "stage": stage,
+            "done": done,
+            "total": total,
+            "text": text,
+            "seconds": round(self._clock() - self._start, 3),
+            "seconds_left": None if seconds_left is None else round(seconds_left, 1),
+        }
+        self._write(json.dumps(line))
 
     @contextmanager
     def errors(self) -> Iterator[None]:

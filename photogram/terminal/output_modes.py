@@ -2,9 +2,9 @@
 
 import os
 import shlex
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
 
 from rich.markup import escape
 
@@ -18,44 +18,49 @@ from photogram.terminal.console import bars, console, steps
 from photogram.terminal.cost_table import cost_line
 from photogram.terminal.events import EventLines
 from photogram.terminal.findings_table import findings_table, has_errors, verdict
-from photogram.terminal.progress import Quiet, Terminal, Told, say_warning
+from photogram.terminal.progress import EventWatcher, Quiet, Terminal, say_warning
 from photogram.terminal.report_tables import show_report
-from photogram.wording import Progress
+from photogram.wording import Progress, silent
 
 
-class Voice(Protocol):
+class Voice(ABC):
     """What a command that processes a survey says."""
 
+    @abstractmethod
     def findings(self, findings: Sequence[Finding], title: str) -> None:
         """Say what the validation has found; notes are left out."""
 
-    def forecast(self, predicted: Forecast) -> None:
+    def forecast(self, predicted: Forecast) -> None:  # noqa: B027 - most say nothing
         """Say what the work will take, before it begins."""
 
-    def preparing(self, title: str) -> AbstractContextManager[Progress]:
+    @contextmanager
+    def preparing(self, title: str) -> Iterator[Progress]:  # noqa: ARG002
         """Show work before the stages, piece by piece."""
+        yield silent
 
+    @abstractmethod
     def watching(self, predicted: Mapping[str, float]) -> AbstractContextManager[Watcher]:
         """Watch a pipeline whose stages are predicted to take so many seconds."""
 
+    @abstractmethod
     def result(self, survey: Project, report: Report | None) -> None:
         """Say what came out; there is no report where the run ended before its last stage."""
 
 
 def results_folder(survey: Project) -> str:
     """Return the folder of results as it is shown: from here, or absolute where it lies elsewhere."""
-    shown = os.path.relpath(survey.results)
-    return str(survey.results) if shown.startswith("..") else shown
+    relative = os.path.relpath(survey.results)
+    return str(survey.results) if relative.startswith("..") else relative
 
 
 def say_results(survey: Project) -> None:
     """Say where the report is, and how to see the survey in 3-D."""
-    shown = results_folder(survey)
-    console.print(f"Report: {escape(os.path.join(shown, PAGE))}", soft_wrap=True)
-    console.print(f"3-D view: photogram view {escape(shlex.quote(shown))} --open", soft_wrap=True)
+    folder = results_folder(survey)
+    console.print(f"Report: {escape(os.path.join(folder, PAGE))}", soft_wrap=True)
+    console.print(f"3-D view: photogram view {escape(shlex.quote(folder))} --open", soft_wrap=True)
 
 
-class Spoken:
+class Spoken(Voice):
     """Tables and bars on the terminal."""
 
     def forecast(self, predicted: Forecast) -> None:
@@ -65,11 +70,11 @@ class Spoken:
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:
         """Print errors and warnings as a table."""
-        said = [finding for finding in findings if finding.severity != "note"]
-        if said:
-            console.print(findings_table(said, title))
-        if has_errors(said):
-            console.print(verdict(said))
+        serious = [finding for finding in findings if finding.severity != "note"]
+        if serious:
+            console.print(findings_table(serious, title))
+        if has_errors(serious):
+            console.print(verdict(serious))
             console.print("Nothing was processed; --no-check processes in spite of errors.")
 
     @contextmanager
@@ -91,11 +96,8 @@ class Spoken:
             say_results(survey)
 
 
-class Brief:
+class Brief(Voice):
     """Warnings, errors and one line of the result."""
-
-    def forecast(self, predicted: Forecast) -> None:
-        """Say nothing."""
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:  # noqa: ARG002
         """Print a line for each error and each warning."""
@@ -104,11 +106,6 @@ class Brief:
                 say_warning(str(finding))
             elif finding.severity == "error":
                 console.print(f"[bold red]Error:[/bold red] {escape(str(finding))}", soft_wrap=True)
-
-    @contextmanager
-    def preparing(self, title: str) -> Iterator[Progress]:  # noqa: ARG002
-        """Say nothing."""
-        yield lambda *_: None
 
     @contextmanager
     def watching(self, predicted: Mapping[str, float]) -> Iterator[Watcher]:  # noqa: ARG002
@@ -126,14 +123,11 @@ class Brief:
         console.print(f"{escape(report['verdict']['sentence'])} {escape(place)}", soft_wrap=True)
 
 
-class InEvents:
-    """Events for programs."""
+class InEvents(Voice):
+    """Events for programs; of what the work will take, the first tells the seconds left."""
 
     def __init__(self, lines: EventLines) -> None:
         self._lines = lines
-
-    def forecast(self, predicted: Forecast) -> None:
-        """Say nothing: the first event tells the seconds left."""
 
     def findings(self, findings: Sequence[Finding], title: str) -> None:  # noqa: ARG002
         """Write an event for each error and each warning."""
@@ -142,14 +136,9 @@ class InEvents:
                 self._lines.say(finding.severity, str(finding))
 
     @contextmanager
-    def preparing(self, title: str) -> Iterator[Progress]:  # noqa: ARG002
-        """Say nothing."""
-        yield lambda *_: None
-
-    @contextmanager
     def watching(self, predicted: Mapping[str, float]) -> Iterator[Watcher]:
         """Write an event for each stage that begins, goes on and ends."""
-        yield Told(self._lines, predicted)
+        yield EventWatcher(self._lines, predicted)
 
     def result(self, survey: Project, report: Report | None) -> None:  # noqa: ARG002
         """Write the warnings of the report, and its verdict as the last event."""
@@ -161,8 +150,8 @@ class InEvents:
 
 def warnings_of(report: Report) -> list[str]:
     """Return what must not be overlooked in a report, each with what to do."""
-    said = [warning for warning in report["warnings"] if warning["severity"] != "note"]
-    return [" ".join(filter(None, (warning["sentence"], warning["remedy"]))) for warning in said]
+    serious = [warning for warning in report["warnings"] if warning["severity"] != "note"]
+    return [" ".join(filter(None, (warning["sentence"], warning["remedy"]))) for warning in serious]
 
 
 def voice_of(quiet: bool, lines: EventLines | None) -> Voice:

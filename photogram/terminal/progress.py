@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.terminal.console import console
@@ -22,7 +22,7 @@ LEAST_PAUSE_S = 0.5
 UP_TO_DATE = "up to date"
 
 
-class Terminal:
+class Terminal(Watcher):
     """The watcher of a pipeline that shows it on the terminal; ``predicted`` are the seconds of the stages."""
 
     def __init__(self, progress: Progress, predicted: Mapping[str, float]) -> None:
@@ -43,8 +43,8 @@ class Terminal:
         raise_if_interrupted()
         self._left.advance(done, total)
         if self._task is not None:
-            shown = escape(text)
-            self._progress.update(self._task, description=stage.title, completed=done, total=total or None, text=shown)
+            words = escape(text)
+            self._progress.update(self._task, description=stage.title, completed=done, total=total or None, text=words)
 
     def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
         """End a stage."""
@@ -71,7 +71,7 @@ def say_warning(text: str, progress: Progress | None = None) -> None:
     target.print(f"[bold yellow]Warning:[/bold yellow] {escape(text)}", soft_wrap=True)
 
 
-class Quiet:
+class Quiet(Watcher):
     """The watcher of a pipeline that says warnings alone."""
 
     def begin(self, stage: Stage) -> None:  # noqa: ARG002
@@ -82,15 +82,12 @@ class Quiet:
         """Report progress within a stage."""
         raise_if_interrupted()
 
-    def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
-        """End a stage."""
-
     def warn(self, text: str) -> None:
         """Say what is doubtful."""
         say_warning(text)
 
 
-class Told:
+class EventWatcher(Watcher):
     """The watcher of a pipeline that writes events; of progress within a stage one in half a second, and the last."""
 
     def __init__(
@@ -98,7 +95,7 @@ class Told:
     ) -> None:
         self._lines, self._clock = lines, clock
         self._left = TimeLeft(predicted, clock)
-        self._said = -LEAST_PAUSE_S
+        self._event_at = -LEAST_PAUSE_S
         self._stage: StageName | None = None
         self._done, self._total = 0, 0
 
@@ -112,24 +109,24 @@ class Told:
         self._stage, self._done, self._total = stage.name, 0, 0
         self._left.begin(stage.name, is_uneven=stage.is_uneven)
         self._lines.say("begin", stage.title, stage=self._stage, seconds_left=self._seconds_left())
-        self._said = self._clock()
+        self._event_at = self._clock()
 
     def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
         """Report progress within a stage."""
         raise_if_interrupted()
         self._left.advance(done, total)
         self._done, self._total = done, total
-        if self._clock() - self._said < LEAST_PAUSE_S and not 0 < total == done:
+        if self._clock() - self._event_at < LEAST_PAUSE_S and not 0 < total == done:
             return
-        self._said = self._clock()
+        self._event_at = self._clock()
         left_s = self._seconds_left()
         self._lines.say("advance", text, stage=stage.name, done=done, total=total or None, seconds_left=left_s)
 
     def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:
         """End a stage."""
         self._left.end(stage.name, seconds)
-        said = stage.line(summary)
-        text = said if seconds is not None else f"{UP_TO_DATE}: {said}" if said else UP_TO_DATE
+        words = stage.line(summary)
+        text = words if seconds is not None else f"{UP_TO_DATE}: {words}" if words else UP_TO_DATE
         total = self._total or None
         self._lines.say("end", text, stage=stage.name, done=self._done, total=total, seconds_left=self._seconds_left())
         self._stage = None

@@ -92,15 +92,15 @@ def show_gnss(gnss: GnssRecord) -> None:
         datum = gnss.get("datum")
         if datum is not None:
             console.print(f"[bold]GNSS:[/bold] {escape(datum['sentence'])}")
-    said = [
+    significant = [
         f["sentence"] for f in gnss["flights"].values() if f["significant"] and f["sentence"] not in gnss["warnings"]
     ]
-    said += [e["sentence"] for e in gnss.get("common_errors", []) if e["significant"]]
-    for sentence in said[:MAXIMUM_SENTENCES]:
+    significant += [e["sentence"] for e in gnss.get("common_errors", []) if e["significant"]]
+    for sentence in significant[:MAXIMUM_SENTENCES]:
         console.print(f"[bold]GNSS:[/bold] {escape(sentence)}")
     for sentence in gnss["warnings"][:MAXIMUM_SENTENCES]:
         console.print(f"[bold yellow]Warning:[/bold yellow] {escape(sentence)}")
-    more = len(said[MAXIMUM_SENTENCES:]) + len(gnss["warnings"][MAXIMUM_SENTENCES:])
+    more = len(significant[MAXIMUM_SENTENCES:]) + len(gnss["warnings"][MAXIMUM_SENTENCES:])
     if more:
         console.print(f"and {more} more sentences, see gnss in report.json")
 
@@ -108,10 +108,10 @@ def show_gnss(gnss: GnssRecord) -> None:
 def _consistency(report: Report) -> list[str]:
     """Return what check points say of the prediction, and which sigmas the survey refutes as too small."""
     achieved = report["predicted_against_achieved"]
-    found = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
+    prediction = [f"Predicted against achieved, {achieved['sentence']}"] if achieved is not None else []
     components = report["variance_components"].values()
     refuted = [c for c in components if c["significant"] and (c["sigma_factor"] or 0.0) > 1.0]
-    return found + [f"Stated sigmas: {c['sentence']}" for c in refuted]
+    return prediction + [f"Stated sigmas: {c['sentence']}" for c in refuted]
 
 
 def _result(report: Report) -> Table:

@@ -55,5 +55,5 @@ def _add_orthophoto_test(table: Table, check: OrthophotoCheckRecord) -> None:
         table.add_row("orthophoto at check points", f"{check['n']} targets found in it: too few to test it")
         return
     east, north = check["mean_m"]
-    found = f"orthophoto at check points ({check['n']} found): RMSE, mean in plan"
-    table.add_row(found, f"{check['fit_rmse_h_m']:.3f} m; {east:+.3f}, {north:+.3f} m")
+    title = f"orthophoto at check points ({check['n']} found): RMSE, mean in plan"
+    table.add_row(title, f"{check['fit_rmse_h_m']:.3f} m; {east:+.3f}, {north:+.3f} m")

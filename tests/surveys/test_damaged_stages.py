@@ -15,7 +15,7 @@ from makers import undrawing
 from photogram.errors import DamagedStageError, ImageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, write_json
 from photogram.pipeline.pipeline import STAGES, load_project, run_pipeline
-from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.store.stage_files import Checksum, checksum, journalled
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.pipeline.store.workspace import Workspace
@@ -25,18 +25,12 @@ NAMES: list[str] = [stage.name for stage in STAGES]
 RUNS_DIFFER = {"stage.json", "report.json", "report.html", "checksums.sha256", "photogram.lock"}
 
 
-class Witness:
+class Witness(Watcher):
     """A watcher that notes which stages ran, and the warnings."""
 
     def __init__(self) -> None:
         self.ran: list[str] = []
         self.warnings: list[str] = []
-
-    def begin(self, stage: Stage) -> None:
-        pass
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        pass
 
     def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         if seconds is not None:

@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
-from photogram.pipeline.stage import Stage
+from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
@@ -154,18 +154,12 @@ def times(folder: Path) -> dict[str, int]:
 
 
 @dataclass
-class Witness:
+class Witness(Watcher):
     """A watcher that notes which stages ran, and which were done before."""
 
     ran: list[str] = field(default_factory=list)
     done: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-
-    def begin(self, stage: Stage) -> None:
-        pass
-
-    def advance(self, stage: Stage, done: int, total: int, text: str) -> None:
-        pass
 
     def end(self, stage: Stage, seconds: float | None, summary: Summary) -> None:  # noqa: ARG002
         (self.done if seconds is None else self.ran).append(stage.name)

@@ -11,7 +11,7 @@ from photogram.cli.work.schema import event_schema
 from photogram.pipeline.pipeline import STAGES
 from photogram.pipeline.stage_names import STAGE_NAMES
 from photogram.terminal.events import EventLines
-from photogram.terminal.progress import LEAST_PAUSE_S, Quiet, Told
+from photogram.terminal.progress import LEAST_PAUSE_S, EventWatcher, Quiet
 
 STAGE = {stage.name: stage for stage in STAGES}
 
@@ -27,16 +27,16 @@ class Clock:
 
 
 @pytest.fixture
-def told() -> Iterator[tuple[Told, Clock, list[dict[str, Any]]]]:
+def told() -> Iterator[tuple[EventWatcher, Clock, list[dict[str, Any]]]]:
     clock, events = Clock(), list[dict[str, Any]]()
     lines = EventLines(lambda line: events.append(json.loads(line)), clock)
-    yield Told(lines, {"features": 10.0, "matches": 30.0}, clock), clock, events
+    yield EventWatcher(lines, {"features": 10.0, "matches": 30.0}, clock), clock, events
     validator = Draft202012Validator(event_schema())
     for event in events:
         assert list(validator.iter_errors(event)) == []
 
 
-def test_events_of_a_stage_and_its_time_left(told: tuple[Told, Clock, list[dict[str, Any]]]) -> None:
+def test_events_of_a_stage_and_its_time_left(told: tuple[EventWatcher, Clock, list[dict[str, Any]]]) -> None:
     watcher, clock, events = told
     watcher.begin(STAGE["features"])
     for piece in range(1, 101):
@@ -59,7 +59,7 @@ def test_events_of_a_stage_and_its_time_left(told: tuple[Told, Clock, list[dict[
     assert "15 key points" in events[-1]["text"]
 
 
-def test_what_is_up_to_date_says_so(told: tuple[Told, Clock, list[dict[str, Any]]]) -> None:
+def test_what_is_up_to_date_says_so(told: tuple[EventWatcher, Clock, list[dict[str, Any]]]) -> None:
     watcher, _, events = told
     watcher.begin(STAGE["features"])
     watcher.end(STAGE["features"], None, {"key_points": [10, 20]})
@@ -67,7 +67,7 @@ def test_what_is_up_to_date_says_so(told: tuple[Told, Clock, list[dict[str, Any]
     assert events[-1]["seconds_left"] == pytest.approx(30.0)
 
 
-def test_a_piece_of_unknown_number_has_no_total(told: tuple[Told, Clock, list[dict[str, Any]]]) -> None:
+def test_a_piece_of_unknown_number_has_no_total(told: tuple[EventWatcher, Clock, list[dict[str, Any]]]) -> None:
     watcher, clock, events = told
     watcher.begin(STAGE["adjustment"])
     clock.now += 1.0
