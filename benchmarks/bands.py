@@ -23,6 +23,7 @@ from lib.simulated.bands import on_terrain
 from photogram.camera import Pose
 from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import Block
 
@@ -76,7 +77,7 @@ def main() -> None:
             measured = json.loads((stage / "bands.json").read_text(encoding="utf-8"))
             cell_m = json.loads((stage / "grid.json").read_text(encoding="utf-8"))["cell_m"]
             with open_run(project) as run:
-                block = run.adjusted_block()
+                block = block_as_adjusted(run)
             for band, camera in enumerate(made.names):
                 found = measured[camera]
                 east, north = found["mean_px"]

@@ -39,6 +39,7 @@ from photogram.files.clouds.points import read_cloud
 from photogram.files.maps.rasters import read_codes
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
@@ -69,7 +70,7 @@ class Outcome:
 def adjusted_block(project: Project) -> Block:
     """Return the adjusted block of a project."""
     with open_run(project) as run:
-        return run.adjusted_block()
+        return block_as_adjusted(run)
 
 
 def gsd_m(block: Block) -> float:

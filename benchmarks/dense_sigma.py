@@ -24,6 +24,7 @@ from lib.dense_truth import as_adjusted, simulated_survey, simulated_truth
 
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.stages.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
@@ -48,7 +49,7 @@ def normalised_errors(folder: Path) -> tuple[FloatArray, FloatArray]:
     """Return the errors over their standard deviations of cells of smooth ground: of all (N,), of the matching (N,)."""
     survey = simulated_survey(folder)
     with open_run(load_project(folder / "project.yaml")) as run:
-        heights, sigma, block = StoredSurface(run).heights(), StoredSurface(run).sigma(), run.adjusted_block()
+        heights, sigma, block = StoredSurface(run).heights(), StoredSurface(run).sigma(), block_as_adjusted(run)
         layers = surface_layers(run)
         own, source = layers.read(layers.grid.whole, "own", "source")
     truth = simulated_truth(survey, heights.cell_m)

@@ -123,6 +123,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
     """Run `photogram init` and `photogram adjust`, with the number of features set."""
     from photogram.cli.main import main
     from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+    from photogram.pipeline.stages.features import stored_features
     from photogram.report.record.report import oriented
 
     project = work / "project.yaml"
@@ -145,7 +146,7 @@ def photogram(folder: Path, work: Path, features: int) -> Outcome:
         rays = np.bincount(ties["point"])
     registered = oriented(report["photographs"])
     with open_run(survey) as done:
-        key_points = sum(len(done.features(number)) for number in range(len(report["photographs"])))
+        key_points = sum(len(stored_features(done, number)) for number in range(len(report["photographs"])))
     camera = next(iter(report["cameras"].values()))
     return Outcome(
         {

@@ -45,6 +45,7 @@ from photogram.marking.predictions import SURE, predicted_places
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.project.project import Project
 from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
 from photogram.report.figures.style import save_picture
@@ -178,7 +179,7 @@ def figures(project: Project, pictures: Path | None) -> dict[str, str]:
     """Return the figures of one survey."""
     run_pipeline(project, until="adjustment")
     with open_run(project) as run:
-        tagged, result = tagged_block(run.block()), run.adjustment()
+        tagged, result = tagged_block(run.block()), stored_adjustment(run)
     adjusted = replace(result.block, tie_points=representative_points(result.block))
     marks = len(tagged.control_points.mark_point)
     no, every, some = np.zeros(marks, dtype=bool), np.ones(marks, dtype=bool), two_points(tagged)

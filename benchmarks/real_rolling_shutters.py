@@ -41,6 +41,7 @@ from photogram.files.maps.rasters import read_raster
 from photogram.files.photographs.images import read_tags
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.orientation import stored_orientation, transferred_tie_points
 from photogram.pipeline.store.run import Run
 from photogram.project.draft.shutters import shutter_of
 from photogram.projection import B1, B2, READOUT
@@ -100,8 +101,8 @@ def with_shutter(camera: Camera, row: str) -> Camera:
 
 def adjusted(run: Run, row: str) -> Line:
     """Adjust an oriented survey under the assumptions of a row."""
-    orientation = run.orientation()
-    block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
+    orientation = stored_orientation(run)
+    block = replace(run.block(), tie_points=transferred_tie_points(run), poses=orientation.poses)
     cameras = tuple(with_shutter(camera, row) for camera in block.cameras)
     block = replace(block, photographs=accepted_attitudes(block, block.poses), cameras=cameras)
     start = []

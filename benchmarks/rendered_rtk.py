@@ -28,6 +28,7 @@ from lib.common_errors import base_off
 
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.simulation.scene import terrain_height
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey
@@ -81,7 +82,7 @@ def adjusted(
     project.write_text(yaml.safe_dump({**changed, "work": "work", "results": "results"}, sort_keys=False))
     run_pipeline(load_project(project), until="adjustment")
     with open_run(load_project(project)) as opened:
-        result, frame = opened.adjustment(), opened.block().frame
+        result, frame = stored_adjustment(opened), opened.block().frame
     ties, to_truth = result.block.tie_points, survey.frame.world_from_map
     place = to_truth(frame.map_from_world(ties.position_world_m))
     error = place[:, 2] - terrain_height(survey.seed, survey.plan.relief_m, place[:, :2])

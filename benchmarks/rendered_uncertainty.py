@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 import photogram as pg
 from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.quality.asprs import AXES
 from photogram.quality.prediction_test import predicted_against_achieved
 from photogram.results import Adjustment
@@ -78,7 +79,7 @@ def adjusted(folder: Path, seed: int, plan: SurveyPlan, common: str) -> tuple[Si
     loaded = load_project(project)
     run_pipeline(loaded, until="adjustment")
     with open_run(loaded) as run:
-        return survey, run.adjustment()
+        return survey, stored_adjustment(run)
 
 
 def ground_errors(survey: SimulatedSurvey, result: Adjustment) -> tuple[Errors, float]:

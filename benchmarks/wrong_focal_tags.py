@@ -26,6 +26,7 @@ import yaml
 from photogram.files.npz_json import read_json
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment, stored_verdict
 from photogram.project.draft.cameras import SIGMA_NAMES, tagged_camera
 from photogram.simulation.simulated_survey import SurveyPlan, render_photographs, simulate, whole_survey_plan
 from photogram.simulation.survey_files import write_survey
@@ -108,7 +109,7 @@ def run(folder: Path, values: dict[str, Any], off_percent: int, control: bool) -
     if not found.is_dir():
         shutil.copytree(work / "features.stage", found)
     with open_run(load_project(project)) as opened:
-        result, verdict, block = opened.adjustment(), opened.verdict(), opened.block()
+        result, verdict, block = stored_adjustment(opened), stored_verdict(opened), opened.block()
     truth = read_json(folder / "truth.json")
     points, camera = block.control_points, result.block.cameras[0]
     check = [g for g, role in enumerate(points.role) if role == "check"]

@@ -24,6 +24,7 @@ from photogram.arrays import FloatArray
 from photogram.files.photographs.images import read_grey
 from photogram.grid import Window
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted, stored_cloud
 from photogram.pipeline.stages.surface import FILL_CELLS
 from photogram.pipeline.store.run import Run
 from photogram.surface.dense.pyramid import (
@@ -75,7 +76,7 @@ def matched_levels(
 ) -> tuple[list[Level], list[Array], Heights, float]:
     """Match one window of every level, as the stage does block by block: the heights that each found to begin with, and
     those of the finest."""
-    settings, points = run.project.dense, run.cloud("adjusted").position_map_m
+    settings, points = run.project.dense, stored_cloud(run, "adjusted").position_map_m
     known = known_ground(points, scene.frame.world_from_map(points), scene.views, settings.photographs)
     cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
     grid = survey_grid(scene.frame, known, scene.views, cell_m, MINIMUM_RAYS)
@@ -134,7 +135,7 @@ def main() -> None:
     """Draw the picture."""
     west, south, east, north, *place = (float(text) for text in sys.argv[2:8])
     with open_run(load_project(Path(sys.argv[1]))) as run:
-        block = run.adjusted_block()
+        block = block_as_adjusted(run)
         views = Views.of(block)
         scene = Scene(block.frame, views, Pictures([run.project.photographs[i].path for i in views.photograph]))
         levels, starts, last, base = matched_levels(run, scene, (west, south, east, north))

@@ -18,6 +18,7 @@ from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolutio
 from photogram.geodesy.crs import crs_in_metres
 from photogram.geodesy.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.results import Adjustment
 from photogram.sfm.similarity import fit_similarity
 
@@ -39,7 +40,7 @@ def export_solution(
     with open_run(survey) as run:
         if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
             raise ExchangeError(f"{survey.path}: is not adjusted as it now stands: run photogram adjust first")
-        result, stretches = run.adjustment(), run.stretches
+        result, stretches = stored_adjustment(run), run.stretches
     frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else WRITERS[form].frame
     solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
     if form == "undistorted":

@@ -2,9 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -73,11 +74,15 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value
         raise WorkspaceError(f"{path}: cannot be read ({error}): delete it and run again") from error
 
 
-def read_json_as(path: Path, types: TypeAdapter[JsonT]) -> JsonT:
-    """Read JSON of known types, as they check it; keys that they do not know are left out. Raises WorkspaceError when
+_types: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+
+
+def read_json_as(path: Path, kind: type[JsonT]) -> JsonT:
+    """Read JSON of a kind, as its type checks it; keys that it does not know are left out. Raises WorkspaceError when
     the file is missing or damaged, or holds something else."""
     try:
-        return types.validate_json(path.read_bytes(), strict=True)
+        value: JsonT = _types(kind).validate_json(path.read_bytes(), strict=True)
+        return value
     except ValidationError as error:
         place = ".".join(map(str, error.errors(include_url=False)[0]["loc"])) or "JSON"
         raise WorkspaceError(f"{path}: cannot be read ({place} is damaged): delete it and run again") from error

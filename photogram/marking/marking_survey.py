@@ -15,6 +15,7 @@ from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.photographs import found_stretches, leave_out
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.run import Run
 from photogram.project.mark_entries import lines_to_add
 from photogram.project.measured.measured_block import PhotographNote, block_of, measured_photographs, photograph_note
@@ -130,7 +131,7 @@ def adjusted_block(survey: MarkingSurvey) -> Block | None:
         try:
             if run.workspace.mark("adjustment") is None or not is_up_to_date(run, "adjustment"):
                 return None
-            block = run.adjusted_block()
+            block = block_as_adjusted(run)
         except DamagedStageError as error:
             raise WorkspaceError(f"{error.path}: {error.what}: photogram adjust makes it again") from error
     return levelled(replace(block, tie_points=representative_points(block)))

@@ -6,7 +6,7 @@ of the machine, and gathers all that is found wrong with them.
 
 import shutil
 from collections.abc import Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
@@ -59,13 +59,14 @@ def folder_findings(project: Project) -> list[Finding]:
     return findings
 
 
-def _duplicates(
-    paths: Sequence[Path], headers: Sequence[PhotographHeader], cameras: Sequence[object], executor: Executor
-) -> list[tuple[int, ...]]:
-    return find_duplicates(paths, [header.tags for header in headers], cameras, executor)
+def _headers(paths: Sequence[Path], cameras: Sequence[object]) -> tuple[list[PhotographHeader], list[tuple[int, ...]]]:
+    """Return the headers of photographs, and groups of those that are the same."""
+    with ThreadPoolExecutor(cores()) as executor:
+        headers = read_headers(paths, executor)
+        return headers, find_duplicates(paths, [header.tags for header in headers], cameras, executor)
 
 
-def masks_as_found(project: Project) -> list[Finding]:
+def given_mask_findings(project: Project) -> list[Finding]:
     """Return what is wrong with the masks of a project; only those of photographs with marks of ground points are
     decoded, of the others the size, the kind and, where they have any, the checksums are looked at."""
     if not project.masks.given:
@@ -108,11 +109,6 @@ class CheckedProject:
     tags: tuple[PhotographTags | None, ...]
 
 
-def validate_project(project: Project) -> Findings:
-    """Return everything that can be known to be wrong with a project that has been read, as ``checked_project``."""
-    return checked_project(project).findings
-
-
 def checked_project(project: Project) -> CheckedProject:
     """Return everything that can be known to be wrong with a project that has been read, errors, then warnings, then
     notes, and the tags.
@@ -120,14 +116,12 @@ def checked_project(project: Project) -> CheckedProject:
     Reads the headers of the photographs and asks the machine for its memory and free disk; nothing is decoded but
     photographs suspected to be there twice. Raises OSError where the disk cannot be asked.
     """
-    with ThreadPoolExecutor(cores()) as executor:
-        paths = [p.path for p in project.photographs]
-        headers = read_headers(paths, executor)
-        duplicates = _duplicates(paths, headers, [p.camera for p in project.photographs], executor)
+    photographs = project.photographs
+    headers, duplicates = _headers([p.path for p in photographs], [p.camera for p in photographs])
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     needs = machine_needs(STAGES, project, [header.tags for header in headers], cores())
     survey = check_survey(project, headers, needs, duplicates, free_disk_bytes, free_memory_bytes())
-    findings = Findings(by_severity([*folder_findings(project), *masks_as_found(project), *survey]))
+    findings = Findings(by_severity([*folder_findings(project), *given_mask_findings(project), *survey]))
     return CheckedProject(findings, tuple(header.tags for header in headers))
 
 
@@ -174,10 +168,8 @@ def check_project(project: Path | str, photographs: Path | str | None = None) ->
     try:
         survey = load_project(path, folder)
     except ProjectError as error:
-        with ThreadPoolExecutor(cores()) as executor:
-            # Photographs that are missing are among these errors already.
-            there = [p for p in photograph_paths(path, folder) if isfile(p)]
-            headers = read_headers(there, executor)
-            duplicates = _duplicates(there, headers, [None] * len(there), executor)
+        # Photographs that are missing are among these errors already.
+        there = [p for p in photograph_paths(path, folder) if isfile(p)]
+        headers, duplicates = _headers(there, [None] * len(there))
         return Findings(by_severity([*project_errors(path, error), *header_findings(headers, duplicates)]))
-    return validate_project(survey)
+    return checked_project(survey).findings

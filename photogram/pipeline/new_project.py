@@ -1,7 +1,7 @@
 """A project file from a folder of photographs: their tags, files of ground points, and the MRK files beside them."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
@@ -118,13 +118,18 @@ def _is_mask(path: Path) -> bool:
     return MASKS_FOLDER in path.parts[:-1]
 
 
+def _files(folder: Path, recursive: bool, suffixes: Sequence[str]) -> Iterator[Path]:
+    """Yield the files of a folder, or of those within too, that end so."""
+    paths = folder.rglob("*") if recursive else folder.iterdir()
+    return (path for path in paths if path.suffix.lower() in suffixes and path.is_file())
+
+
 def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
     if not isdir(folder):
         raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
     try:
-        found = folder.rglob("*") if recursive else folder.iterdir()
-        paths = [p.relative_to(folder) for p in found if p.suffix.lower() in SUFFIXES and p.is_file()]
+        paths = [p.relative_to(folder) for p in _files(folder, recursive, SUFFIXES)]
     except OSError as error:
         raise ImageError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
     usable = [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
@@ -150,15 +155,15 @@ def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
 
 
 def _inspect(folder: Path, names: Sequence[str], progress: Progress) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
-    found: list[TaggedPhotograph | LeftOut] = []
+    tagged, unreadable = list[TaggedPhotograph](), list[LeftOut]()
     with ThreadPoolExecutor(cores()) as executor:
-        for result in executor.map(lambda name: _inspected(folder, name), names):
-            found.append(result)
-            progress(len(found), len(names), result.name)
-    return (
-        [p for p in found if isinstance(p, TaggedPhotograph)],
-        [p for p in found if isinstance(p, LeftOut)],
-    )
+        for done, result in enumerate(executor.map(lambda name: _inspected(folder, name), names), 1):
+            if isinstance(result, LeftOut):
+                unreadable.append(result)
+            else:
+                tagged.append(result)
+            progress(done, len(names), result.name)
+    return tagged, unreadable
 
 
 def _without_duplicates(
@@ -215,17 +220,14 @@ def _geoid(geoid: str | None, project: Path) -> str | None:
 
 def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
     """Return the MRK files beside the photographs with their rows; those that cannot be used with the reason."""
-    found = folder.rglob("*") if recursive else folder.iterdir()
-    paths = sorted(
-        p for p in found if p.suffix.lower() == ".mrk" and p.is_file() and not _is_hidden(p.relative_to(folder))
-    )
+    paths = sorted(p for p in _files(folder, recursive, (".mrk",)) if not _is_hidden(p.relative_to(folder)))
     files = []
     for path in paths:
         here = path.relative_to(folder).parent.as_posix()
-        beside = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
+        neighbours = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
         written = _relative(path, project)
         try:
-            matching = match_rows(read_mrk(path), beside or names)
+            matching = match_rows(read_mrk(path), neighbours or names)
             files.append(DraftPositions(written, matching.rows, matching.error))
         except ProjectError as error:
             lines = str(error).splitlines()
@@ -236,14 +238,14 @@ def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -
 
 def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
     """Return the folder of masks beside the photographs or among them, None where there is none."""
-    beside = [folder.absolute().parent / MASKS_FOLDER, folder / MASKS_FOLDER]
-    found = next((path for path in beside if isdir(path)), None)
-    if found is None:
+    places = [folder.absolute().parent / MASKS_FOLDER, folder / MASKS_FOLDER]
+    masks = next((path for path in places if isdir(path)), None)
+    if masks is None:
         return None
     try:
-        return DraftMasks(_relative(found, project), len(find_masks(found, names).of_photograph))
+        return DraftMasks(_relative(masks, project), len(find_masks(masks, names).of_photograph))
     except ImageError as error:
-        return DraftMasks(_relative(found, project), error=str(error).splitlines()[0])
+        return DraftMasks(_relative(masks, project), error=str(error).splitlines()[0])
 
 
 # ---- the file --------------------------------------------------------------------------------------------------------

@@ -16,7 +16,10 @@ from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run, r
 from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stage_names import STAGE_NAMES, StageName
 from photogram.pipeline.stages.comparison import stored_comparisons
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.orientation import stored_orientation, transferred_tie_points
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
+from photogram.pipeline.stages.stored_adjustment import CLOUDS, stored_adjustment, stored_cloud
 from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import Summary
@@ -89,7 +92,7 @@ class OpenedSurvey:
         """Return the key points of the photograph of a name. Needs the stage `features`. Raises ProjectError where
         there is no such photograph."""
         number = self._number(photograph)
-        return self._read("features", lambda run: run.features(number))
+        return self._read("features", lambda run: stored_features(run, number))
 
     def pixels(self, photograph: str) -> ByteArray:
         """Return the photograph of a name as red, green, blue (height_px, width_px, 3). Raises ProjectError where there
@@ -100,28 +103,23 @@ class OpenedSurvey:
 
     def tie_points(self) -> TiePoints:
         """Return the tie points of the whole block, without positions. Needs the stage `transfer`."""
-        return self._read("transfer", Run.transferred_tie_points)
+        return self._read("transfer", transferred_tie_points)
 
     def orientation(self) -> Orientation:
         """Return the starting poses and the resections. Needs the stage `orientation`."""
-        return self._read("orientation", Run.orientation)
+        return self._read("orientation", stored_orientation)
 
     def adjustment(self) -> Adjustment:
         """Return the joint adjustment: estimates, residuals, covariances. Needs the stage `adjustment`."""
-        return self._read("adjustment", Run.adjustment)
+        return self._read("adjustment", stored_adjustment)
 
     def cloud(self, name: str) -> PointCloud:
         """Return a cloud of tie points: ``adjusted`` (needs the stage `adjustment`), or intersected linearly from the
         starting poses, ``linear_2view`` or ``linear_3view`` (need the stage `intersection`). Raises ProjectError for
         another name."""
-        stages: dict[str, StageName] = {
-            "adjusted": "adjustment",
-            "linear_2view": "intersection",
-            "linear_3view": "intersection",
-        }
-        if name not in stages:
-            raise ProjectError(f"there is no cloud {name!r}; the clouds are {', '.join(stages)}")
-        return self._read(stages[name], lambda run: run.cloud(name))
+        if name not in CLOUDS:
+            raise ProjectError(f"there is no cloud {name!r}; the clouds are {', '.join(sorted(CLOUDS))}")
+        return self._read(CLOUDS[name], lambda run: stored_cloud(run, name))
 
     def surface(self) -> Raster:
         """Return the DSM, heights in m, NaN in its holes. Needs the stage `surface`."""

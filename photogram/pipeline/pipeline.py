@@ -71,6 +71,13 @@ def stage_named(name: str) -> Stage:
     raise WorkspaceError(f"there is no stage {name!r}; the stages are {', '.join(s.name for s in STAGES)}")
 
 
+def _first_and_last(start: str | None, until: str | None) -> tuple[int, int]:
+    """Return the numbers of the first stage that is repeated and of the last that is done. Raises WorkspaceError as
+    ``stage_named``."""
+    first = len(STAGES) if start is None else STAGES.index(stage_named(start))
+    return first, len(STAGES) - 1 if until is None else STAGES.index(stage_named(until))
+
+
 def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str], *, anew: bool = False) -> str:
     """Return the fingerprint that a stage should have, by those of the stages before it, which are complete.
 
@@ -86,12 +93,13 @@ def _fingerprint(run: Run, stage: Stage, marks: Mapping[str, str], *, anew: bool
     return under(stage.settings(run))
 
 
-def fingerprints(run: Run) -> dict[str, str]:
-    """Return the fingerprint that every stage should have. Needs the stage `pairs`."""
+def fingerprints(run: Run) -> Iterator[tuple[Stage, str]]:
+    """Yield every stage, in their order, with the fingerprint that it should have. Those from `matches` on need the
+    stages before it."""
     marks: dict[str, str] = {}
     for stage in STAGES:
         marks[stage.name] = _fingerprint(run, stage, marks)
-    return marks
+        yield stage, marks[stage.name]
 
 
 def _present(run: Run, stage: Stage, mark: str) -> bool:
@@ -107,10 +115,9 @@ def is_up_to_date(run: Run, name: str) -> bool:
     Reads the photographs whole, once in a run, for their checksums. Raises WorkspaceError where there is no such stage,
     DamagedStageError where a file of one is missing or was changed.
     """
-    last, marks = stage_named(name), dict[str, str]()
-    for stage in STAGES:
-        marks[stage.name] = _fingerprint(run, stage, marks)
-        if not _present(run, stage, marks[stage.name]):
+    last = stage_named(name)
+    for stage, mark in fingerprints(run):
+        if not _present(run, stage, mark):
             return False
         if stage is last:
             break
@@ -124,9 +131,7 @@ def remaining_stages(project: Project, start: str | None = None, until: str | No
     where one that it needs is, even if that should come to the same result. Raises WorkspaceError where there is no
     such stage.
     """
-    names = [stage.name for stage in STAGES]
-    first = len(names) if start is None else names.index(stage_named(start).name)
-    last = len(names) - 1 if until is None else names.index(stage_named(until).name)
+    first, last = _first_and_last(start, until)
     workspace = Workspace(project.work)
     marks, remaining = dict[str, str](), list[str]()
     with ThreadPoolExecutor(1) as unused:
@@ -204,9 +209,7 @@ def run_pipeline(
     last). ``pool`` are processes that do pieces of the stages, on this machine or others, in place of threads. Raises a
     PhotogramError that says what the user can fix.
     """
-    names = [stage.name for stage in STAGES]
-    first = len(names) if start is None else names.index(stage_named(start).name)
-    last = names.index(stage_named(until).name) if until else len(names) - 1
+    first, last = _first_and_last(start, until)
     with open_run(project, executor, pool) as run:
         make_folder(project.results)  # what cannot be written must show before hours of work
         reason = unwritable(project.results)
@@ -216,7 +219,7 @@ def run_pipeline(
         if foreign:
             raise WorkspaceError(f"{project.results}: {some(foreign)}: {FOREIGN}: {FOREIGN_REMEDY}")
         _Progress(run, watcher or Watcher(), first, last).go_on()
-    return read_report(project.results / NUMBERS) if last == len(names) - 1 else None
+    return read_report(project.results / NUMBERS) if last == len(STAGES) - 1 else None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose, project_points
 from photogram.geodesy.frames import LocalFrame
 from photogram.measures.mark_covariances import isotropic_px2
@@ -33,9 +33,15 @@ def sample_block(tie_points: int = 200) -> Block:
     """
     rng = np.random.default_rng(1)
     camera = Camera(
-        "sample", 1200, 900, 1800.0, np.array([602.5, 447.5]), np.array([-0.08, 0.06, -0.01, 0.0]),
-        np.array([0.0004, -0.0003]), np.array(_CALIBRATION_SIGMAS),
-    )  # fmt: skip
+        "sample",
+        1200,
+        900,
+        1800.0,
+        principal_point_px=np.array([602.5, 447.5]),
+        radial=np.array([-0.08, 0.06, -0.01, 0.0]),
+        tangential=np.array([0.0004, -0.0003]),
+        sigmas=np.array(_CALIBRATION_SIGMAS),
+    )
     place = np.array([(i * BASE_M, s * ACROSS_M) for s in range(STRIPS) for i in range(IN_STRIP)])
     centres = np.column_stack([place, np.full(len(place), HEIGHT_M)]) + 0.5 * rng.standard_normal((len(place), 3))
     poses = [Pose(_DOWN, centre) for centre in centres]
@@ -82,7 +88,7 @@ def _ground(count: int, rng: np.random.Generator) -> FloatArray:
 
 def _rays(
     camera: Camera, poses: list[Pose], ground: FloatArray, sigma_px: float, rng: np.random.Generator
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], np.ndarray[tuple[int], np.dtype[np.int64]], FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Return photograph, point and noisy pixel of every ray, by photograph."""
     pixel = np.array([project_points(camera, pose, ground) for pose in poses])
     last = np.array([camera.width_px, camera.height_px]) - 1.0

@@ -52,10 +52,10 @@ def read_results(folder: Path) -> Report:
 
 def cloud_of(folder: Path) -> Path:
     """Return the densest cloud of a folder of results. Raises ReportError where there is none."""
-    found = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
-    if found is None:
+    cloud = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
+    if cloud is None:
         raise ReportError(f"{folder}: no point cloud found, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
-    return found
+    return cloud
 
 
 def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mapping[str, Path], tuple[str, ...]]:

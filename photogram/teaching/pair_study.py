@@ -12,6 +12,8 @@ from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, make_folder_within
 from photogram.files.npz_json import write_json
 from photogram.pipeline.pipeline import open_run
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.matches import stored_matches
 from photogram.project.project import Project
 from photogram.sfm.tie_points.matching import candidate_matches
 from photogram.teaching.figures import inliers_by_iteration, inliers_by_sample_size
@@ -35,7 +37,7 @@ def candidate_pixels(project: Project, names: Sequence[str], ratio: float) -> tu
     candidate matches, not verified. Needs the stage `matches`. Raises ProjectError where the pair is not matched."""
     names = list(names)
     with open_run(project) as run:
-        known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in run.matches()}
+        known = {(run.names[m.first], run.names[m.second]): (m.first, m.second) for m, _ in stored_matches(run)}
         if not known:
             raise ProjectError(f"{project.path}: no pair of photographs was matched")
         if tuple(names[::-1]) in known:
@@ -45,7 +47,7 @@ def candidate_pixels(project: Project, names: Sequence[str], ratio: float) -> tu
             raise ProjectError(f"the pair {' '.join(names)} is not matched; the pairs are: {pairs}")
         first, second = names if names else next(iter(known))
         pair = known[first, second]
-        features = [run.features(i) for i in pair]
+        features = [stored_features(run, i) for i in pair]
     index = candidate_matches(features[0], features[1], replace(project.matching, ratio=ratio))
     cameras = [project.cameras[project.photographs[i].camera] for i in pair]
     pixel = [undistort(c, f.pixel[index[:, k]]) for k, (c, f) in enumerate(zip(cameras, features, strict=True))]

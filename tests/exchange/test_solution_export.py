@@ -22,6 +22,7 @@ from photogram.exchange.formats.recognition import read_solution
 from photogram.exchange.formats.table import WRITERS
 from photogram.exchange.solution_export import adjusted_solution, export_solution
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.projection import PARAMETER_NAMES, Model
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan
@@ -86,7 +87,7 @@ def test_every_format_is_written(adjusted_survey: Path, tmp_path: Path, form: So
         shutil.copytree(adjusted_survey / "photographs", tmp_path, dirs_exist_ok=True)
     found = read_solution(target / "sparse" if form == "undistorted" else target)
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        block = run.adjusted_block()
+        block = block_as_adjusted(run)
     assert len(found.photographs) == len(block.photographs)
     if form != "metashape":
         assert len(found.tie_points) == pytest.approx(len(block.tie_points), rel=0.02)

@@ -16,13 +16,18 @@ from photogram.exchange.solution_export import adjusted_solution, export_solutio
 from photogram.exchange.solution_import import import_solution
 from photogram.files.solutions.stored_solutions import read_stored, write_stored
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.matches import selected_pairs, stored_matches
+from photogram.pipeline.stages.orientation import stored_orientation
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted, stored_adjustment
+from photogram.pipeline.stages.tie_points import stored_tie_points
 from photogram.results import Adjustment
 from photogram.teaching.pair_study import candidate_pixels
 
 
 def adjusted(project: Path) -> Adjustment:
     with open_run(load_project(project)) as run:
-        return run.adjustment()
+        return stored_adjustment(run)
 
 
 def largest_difference_in_sigmas(one: Adjustment, other: Adjustment) -> float:
@@ -67,7 +72,7 @@ def test_adjusted_again_it_is_the_same(
         project.write_text(yaml.safe_dump(values))
     run_pipeline(load_project(project), until="adjustment")
     with open_run(load_project(project)) as run:
-        orientation, after = run.orientation(), run.adjustment()
+        orientation, after = stored_orientation(run), stored_adjustment(run)
     assert orientation.method == "start"
     assert orientation.registered.all()
     if form == "opf":
@@ -120,7 +125,7 @@ def test_photographs_are_found_near_the_solution_or_asked_for(adjusted_survey: P
 
 def test_missing_and_foreign_photographs_are_left_out(adjusted_survey: Path, tmp_path: Path) -> None:
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        solution = adjusted_solution(run.adjustment(), "map")
+        solution = adjusted_solution(stored_adjustment(run), "map")
     smaller = replace(solution.cameras[0], name="other", width_px=300, height_px=200,
                       principal_point_px=np.array([150.0, 100.0]))  # fmt: skip
     first, second, *others = solution.photographs
@@ -145,14 +150,14 @@ def database_of(survey: Path, path: Path) -> None:
     connection = sqlite3.connect(path)
     connection.executescript(SCHEMA)
     with open_run(load_project(survey / "project.yaml")) as run:
-        camera = run.adjusted_block().cameras[0]
+        camera = block_as_adjusted(run).cameras[0]
         values = [camera.focal_px, camera.focal_px, *(camera.principal_point_px + 0.5), *np.zeros(4)]
         connection.execute("INSERT INTO cameras VALUES (1, 4, 400, 300, ?)", (np.array(values).tobytes(),))
         for i, name in enumerate(run.names):
-            pixel = (run.features(i).pixel + 0.5).astype("<f4")
+            pixel = (stored_features(run, i).pixel + 0.5).astype("<f4")
             connection.execute("INSERT INTO images VALUES (?, ?, 1)", (i + 1, name))
             connection.execute("INSERT INTO keypoints VALUES (?, ?, 2, ?)", (i + 1, len(pixel), pixel.tobytes()))
-        for matches, good in run.matches():
+        for matches, good in stored_matches(run):
             pair = (matches.first + 1) * 2147483647 + matches.second + 1
             index = matches.index[good].astype("<u4")
             connection.execute(
@@ -170,10 +175,10 @@ def test_matches_of_a_database_become_tie_points(adjusted_survey: Path, tmp_path
     assert (made.draft.tie_points, made.draft.poses) == ("theirs", "own")
     run_pipeline(load_project(tmp_path / "project.yaml"), until="orientation")
     with open_run(load_project(tmp_path / "project.yaml")) as run:
-        found = run.tie_points()
-        assert run.orientation().registered.all()
+        found = stored_tie_points(run)
+        assert stored_orientation(run).registered.all()
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        expected = run.tie_points()
+        expected = stored_tie_points(run)
     assert len(found) == len(expected)
     np.testing.assert_array_equal(found.photograph, expected.photograph)
     np.testing.assert_allclose(found.pixel, expected.pixel, atol=1e-4)  # single precision
@@ -198,7 +203,7 @@ def test_another_start_is_read_again_and_a_deleted_one_named(adjusted_survey: Pa
     with open_run(load_project(project)) as run:
         first, matched = run.workspace.mark("tie_points"), run.workspace.mark("matches")
         assert all("not_needed" in run.workspace.stored(stage) for stage in ("features", "pairs", "matches"))
-        assert (list(run.selected_pairs()), list(run.matches())) == ([], [])
+        assert (list(selected_pairs(run)), list(stored_matches(run))) == ([], [])
         assert not run.workspace.has("features", "00000.npz")
     with pytest.raises(ProjectError, match=r"project.yaml: no pair of photographs was matched"):
         candidate_pixels(load_project(project), (), 0.8)
@@ -209,7 +214,7 @@ def test_another_start_is_read_again_and_a_deleted_one_named(adjusted_survey: Pa
     with open_run(load_project(project)) as run:
         assert run.workspace.mark("tie_points") != first
         assert run.workspace.mark("matches") == matched
-        assert len(run.tie_points()) == pytest.approx(len(half), abs=2)
+        assert len(stored_tie_points(run)) == pytest.approx(len(half), abs=2)
     (tmp_path / "solution.npz").unlink()
     with pytest.raises(ProjectError, match=r"start.solution: file .*solution.npz not found"):
         load_project(project)

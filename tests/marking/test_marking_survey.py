@@ -11,6 +11,7 @@ from PIL import Image
 from photogram.errors import ImageError, ProjectError, WorkspaceError
 from photogram.marking.marking_survey import adjusted_block, open_marking
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
@@ -65,7 +66,7 @@ def test_an_adjusted_survey_gives_its_adjusted_poses_and_some_tie_points(adjuste
     block = adjusted_block(open_marking(adjusted_survey / "project.yaml"))
     assert block is not None
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        whole = run.adjusted_block()
+        whole = block_as_adjusted(run)
     for pose, expected in zip(block.poses, whole.poses, strict=True):
         assert pose is not None
         assert expected is not None

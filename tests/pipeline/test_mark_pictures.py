@@ -15,7 +15,13 @@ from photogram.files.photographs.images import read_patches, read_photograph
 from photogram.files.tables.surveyed_points import IMPORTED
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.publishing import mark_pictures as module
-from photogram.pipeline.stages.publishing.mark_pictures import FINEST_PX, HALF_PX, MOST_HALF_PX, mark_pictures
+from photogram.pipeline.stages.publishing.mark_pictures import (
+    FINEST_PX,
+    HALF_PX,
+    MOST_HALF_PX,
+    mark_kinds,
+    mark_pictures,
+)
 from photogram.report.figures.mark_patches import PhotographPatch, figure_key, mark_figure
 from photogram.report.record.ground import GroundPointRecord
 
@@ -166,7 +172,7 @@ def test_a_copy_of_a_photograph_gives_it_the_kinds_of_its_marks(
 ) -> None:
     with_tables(adjusted_survey, edit, lambda _: "circle")
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        kinds = run.mark_kinds()
+        kinds = mark_kinds(run)
         assert set(kinds.values()) == {"circle"}
         first = run.project.control_points[0]
         i, j = first.mark_photograph[:2].tolist()
@@ -175,12 +181,12 @@ def test_a_copy_of_a_photograph_gives_it_the_kinds_of_its_marks(
         original = np.arange(len(run.names))
         original[i] = j  # the first photograph is a copy of the second, which has a mark of its own
         stored = SimpleNamespace(original=original)
-        monkeypatch.setattr("photogram.pipeline.store.run.read_record", lambda *_: stored)
-        assert run.mark_kinds()[first.name, run.names[j]] == "circle"
-        assert (first.name, run.names[i]) not in run.mark_kinds()
+        monkeypatch.setattr("photogram.pipeline.stages.publishing.mark_pictures.read_record", lambda *_: stored)
+        assert mark_kinds(run)[first.name, run.names[j]] == "circle"
+        assert (first.name, run.names[i]) not in mark_kinds(run)
         alone = replace(
             other, mark_photograph=first.mark_photograph[:1], mark_pixel=first.mark_pixel[:1],
             mark_covariance_px2=first.mark_covariance_px2[:1], mark_kind=("ring",),
         )  # fmt: skip
         object.__setattr__(run.project, "control_points", (alone,))
-        assert run.mark_kinds() == {(first.name, run.names[j]): "ring"}
+        assert mark_kinds(run) == {(first.name, run.names[j]): "ring"}

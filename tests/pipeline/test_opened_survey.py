@@ -12,6 +12,9 @@ from photogram.errors import ProjectError, WorkspaceError
 from photogram.pipeline.opened_survey import open_survey
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages.comparison import stored_comparisons
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.orientation import stored_orientation, transferred_tie_points
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment, stored_cloud
 from photogram.pipeline.stages.stored_surface import StoredSurface
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -21,8 +24,8 @@ def test_results_are_those_that_the_run_holds(adjusted_survey: Path) -> None:
     project = adjusted_survey / "project.yaml"
     opened = open_survey(str(project))
     with open_run(load_project(project)) as run:
-        adjustment, cloud, surface = run.adjustment(), run.cloud("adjusted"), StoredSurface(run).heights()
-        orientation, tie, features = run.orientation(), run.transferred_tie_points(), run.features(1)
+        adjustment, cloud, surface = stored_adjustment(run), stored_cloud(run, "adjusted"), StoredSurface(run).heights()
+        orientation, tie, features = stored_orientation(run), transferred_tie_points(run), stored_features(run, 1)
         pixels, compared = run.pixels(1), stored_comparisons(run)
     assert opened.adjustment().sigma0 == adjustment.sigma0
     assert np.array_equal(opened.cloud("adjusted").position_map_m, cloud.position_map_m)

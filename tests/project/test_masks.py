@@ -11,7 +11,7 @@ from photogram.errors import ProjectError
 from photogram.exchange.solution_export import export_solution
 from photogram.exchange.solution_import import import_solution
 from photogram.files.photographs.masks import write_mask
-from photogram.pipeline.input_validation import check_project, validate_project
+from photogram.pipeline.input_validation import check_project, checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project
 from photogram.project.masks import ProjectMasks
@@ -128,9 +128,9 @@ def test_check_warns_of_marks_in_masked_pixels_and_keeps_them(masked: Path) -> N
     masked_marks = marks_in_masks(project, lambda _: USED)
     below = sum(int((point.mark_pixel[:, 1] >= 199.5).sum()) for point in project.control_points)
     assert len(masked_marks) == below > 0
-    found = [f for f in validate_project(project) if "masked pixels" in f.text]
+    found = [f for f in checked_project(project).findings if "masked pixels" in f.text]
     assert [f.severity for f in found] == ["warning"]
-    assert not [f for f in validate_project(project) if f.severity == "error"]
+    assert not [f for f in checked_project(project).findings if f.severity == "error"]
 
 
 def test_many_faults_are_counted() -> None:

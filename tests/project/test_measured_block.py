@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 
 from photogram.errors import ProjectError, WorkspaceError
 from photogram.files.npz_json import read_json, read_json_as, write_json
 from photogram.files.photographs.images import read_tags
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.store.stored_results import read_measured, write_measured
+from photogram.pipeline.store.stored_photographs import read_measured, write_measured
 from photogram.project.measured.measured_block import (
     MeasuredPhotographs,
     PhotographNote,
@@ -67,7 +66,7 @@ def test_what_is_stored_is_read_back_bit_for_bit(pristine_survey: Path, tmp_path
     )
     mixed = MeasuredPhotographs(measured.frame, (first, bare, arm, measured.photographs[3]), np.array([0, 1, 2, 0]))
     write_measured(tmp_path / "measured.npz", mixed)
-    found = read_measured(tmp_path / "measured.npz", project, {"origin_map_m": measured.frame.origin_map_m})
+    found = read_measured(tmp_path / "measured.npz", project, measured.frame.origin_map_m)
     assert found.frame == measured.frame
     np.testing.assert_array_equal(found.original, mixed.original)
     for one, other in zip(found.photographs, mixed.photographs, strict=True):
@@ -90,12 +89,12 @@ def test_notes_that_are_something_else_are_refused(
     pristine_survey: Path, tmp_path: Path, spoilt: dict[str, object], place: str
 ) -> None:
     notes = notes_of(load_project(pristine_survey / "project.yaml"))
-    path, types = tmp_path / "tags.json", TypeAdapter(list[PhotographNote])
+    path, kind = tmp_path / "tags.json", list[PhotographNote]
     write_json(path, notes)
-    assert read_json_as(path, types) == notes
+    assert read_json_as(path, kind) == notes
     write_json(path, [{**notes[0], **spoilt}, *notes[1:]])
     with pytest.raises(WorkspaceError, match=rf"tags\.json: cannot be read \(.*{place} is damaged\): delete it"):
-        read_json_as(path, types)
+        read_json_as(path, kind)
 
 
 def test_a_copy_hands_its_marks_to_the_original(pristine_survey: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 
 from photogram.camera import project_points
 from photogram.geodesy.frames import LocalFrame
-from photogram.pipeline.input_validation import validate_project
+from photogram.pipeline.input_validation import checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.sfm.similarity import fit_similarity
@@ -163,7 +163,7 @@ def test_a_facade_in_the_map(facade: Path, site: SimulatedSurvey) -> None:
 
 
 def test_points_above_a_camera_that_looks_level_accuse_nobody(facade: Path) -> None:
-    found = validate_project(load_project(facade / "project.yaml"))
+    found = checked_project(load_project(facade / "project.yaml")).findings
     assert not [f.text for f in (*found.errors, *found.warnings) if " above " in f.text or "disagree" in f.text]
 
 

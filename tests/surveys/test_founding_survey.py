@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from photogram.files.maps.rasters import read_raster
 from photogram.pipeline.pipeline import load_project, open_run
+from photogram.pipeline.stages.orientation import stored_orientation
 
 ROOT = Path(__file__).resolve().parents[2]
 P3P_TO_GNSS_M = {"100_0002_0067.JPG": 0.387, "100_0002_0068.JPG": 0.459, "100_0002_0100.JPG": 0.418}
@@ -169,7 +170,7 @@ def test_camera_from_the_matlab_file(
     outcome = photogram("adjust", project, "--photographs", data / "images", "--until", "orientation")
     assert outcome.code == 0, outcome.err
     with open_run(load_project(project, data / "images")) as run:
-        block, orientation = run.block(), run.orientation()
+        block, orientation = run.block(), stored_orientation(run)
     for photograph, resection in zip(block.photographs, orientation.resections, strict=True):
         assert resection is not None
         centre, gnss = block.frame.map_from_world(np.array([resection.p3p.position_world_m, photograph.gnss_world_m]))

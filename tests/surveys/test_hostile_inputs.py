@@ -43,6 +43,7 @@ from photogram.files.poses import write_pose_table
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.files.tables.position_tables import read_positions
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.pipeline.store.run import Run as Survey
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.document import Document, read_entry, read_settings
@@ -564,7 +565,7 @@ def test_formulas_are_text_in_tables() -> None:
 def test_a_formula_as_a_photographs_name(tmp_path: Path, finished_survey: Path) -> None:
     with ThreadPoolExecutor(1) as executor:
         project = load_project(finished_survey / "project.yaml")
-        result = Survey(project, Workspace(project.work), executor).adjustment()
+        result = stored_adjustment(Survey(project, Workspace(project.work), executor))
     named = tuple(replace(p, name="=cmd|' /C calc'!A0") for p in result.block.photographs)
     write_pose_table(tmp_path / "t.csv", replace(result, block=replace(result.block, photographs=named)))
     rows = list(csv.reader(line for line in (tmp_path / "t.csv").open() if not line.startswith("#")))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment, stored_verdict
 from photogram.results import Adjustment
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -66,8 +67,8 @@ def test_what_was_left_out_is_left_out_when_it_is_read_back(adjusted_survey: Pat
     edit(project, spoil)
     run_pipeline(load_project(project), until="adjustment")
     with open_run(load_project(project)) as run:
-        result: Adjustment = run.adjustment()
-        verdict = run.verdict()
+        result: Adjustment = stored_adjustment(run)
+        verdict = stored_verdict(run)
         stored = json.loads(run.workspace.file("adjustment", "verdict.json").read_text(encoding="utf-8"))
     assert json.loads(json.dumps(verdict)) == stored
     accused = verdict["accused"]

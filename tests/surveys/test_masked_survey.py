@@ -17,6 +17,8 @@ from photogram.files.npz_json import read_json
 from photogram.files.photographs.images import read_photograph, read_tags, write_photograph
 from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.orientation import transferred_tie_points
 from photogram.report.record.report import Report
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -71,14 +73,14 @@ def test_the_orthophoto_shows_the_gear_only_without_a_mask(both: dict[str, tuple
 def test_nothing_is_measured_in_masked_pixels(both: dict[str, tuple[Path, Report]]) -> None:
     folder, _ = both["masked"]
     with open_run(load_project(folder / "project.yaml")) as run:
-        places = [run.features(i).pixel for i in range(4)] + [run.transferred_tie_points().pixel]
-        free = [run.features(i) for i in range(4)]
+        places = [stored_features(run, i).pixel for i in range(4)] + [transferred_tie_points(run).pixel]
+        free = [stored_features(run, i) for i in range(4)]
     for pixel in places:
         column, row = np.rint(pixel).astype(int).T
         assert USED[row, column].all()
     assert min(map(len, free)) > 300
     with open_run(load_project(both["free"][0] / "project.yaml")) as run:
-        column, row = np.rint(run.features(0).pixel).astype(int).T
+        column, row = np.rint(stored_features(run, 0).pixel).astype(int).T
     assert np.count_nonzero(~USED[row, column]) > 20
 
 

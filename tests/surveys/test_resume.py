@@ -20,6 +20,8 @@ import yaml
 
 from photogram.pipeline.pipeline import STAGES, fingerprints, load_project, open_run, run_pipeline
 from photogram.pipeline.stage import Stage, Watcher
+from photogram.pipeline.stages.orientation import stored_orientation
+from photogram.pipeline.stages.stored_adjustment import stored_adjustment, stored_resections
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.pipeline.store.workspace import Workspace
 from photogram.report.identity import VOLATILE
@@ -270,7 +272,7 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
 
     def marks() -> dict[str, str]:
         with open_run(load_project(project)) as run:
-            return fingerprints(run)
+            return {stage.name: mark for stage, mark in fingerprints(run)}
 
     def depending(change: Callable[[dict[str, Any]], object]) -> list[str]:
         project.write_text(original)
@@ -328,11 +330,11 @@ def test_a_corrected_control_point_repeats_the_adjustment_alone(adjusted_survey:
         assert stages_run(adjusted_survey, until="adjustment") == ["adjustment"], correct.__doc__
         assert stages_run(adjusted_survey, until="adjustment") == []
     with open_run(load_project(project)) as run:
-        corrected, resections = run.adjustment(), run.resections()
+        corrected, resections = stored_adjustment(run), stored_resections(run)
     assert stages_run(adjusted_survey, start="photographs", until="adjustment") == NAMES[: NAMES.index("dense")]
     assert stages_run(adjusted_survey, until="adjustment") == []
     with open_run(load_project(project)) as run:
-        anew, orientation = run.adjustment(), run.orientation()
+        anew, orientation = stored_adjustment(run), stored_orientation(run)
     assert orientation.method == "attitude"
     # tie points were transferred before the correction, so that the last hundredths of a pixel are others
     sigma_m = np.sqrt(np.linalg.eigvalsh(anew.covariances.position_m2)[:, 0])

@@ -19,7 +19,7 @@ from photogram.camera import Pose, project_points
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.pipeline.store.stored_results import read_adjusted_block, read_adjustment, write_adjustment
+from photogram.pipeline.stages.stored_adjustment import read_adjusted_block, read_adjustment, write_adjustment
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, CommonError

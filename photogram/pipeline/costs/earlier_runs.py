@@ -25,7 +25,7 @@ class StageMeasured:
 
 def measured_stages(workspace: Workspace) -> dict[str, StageMeasured]:
     """Return what the stages took that are complete in a work folder; of damaged ones nothing."""
-    found = {}
+    measured = {}
     for name in STAGE_NAMES:
         try:
             summary = workspace.summary(name, StageNote) if workspace.mark(name) else StageNote()
@@ -33,8 +33,8 @@ def measured_stages(workspace: Workspace) -> dict[str, StageMeasured]:
             continue  # the run says so, and makes it again
         if "seconds" in summary:
             seconds = summary["seconds"] - summary.get("compilation_seconds", 0.0)
-            found[name] = StageMeasured(max(seconds, 0.0), summary.get("peak_memory_bytes"))
-    return found
+            measured[name] = StageMeasured(max(seconds, 0.0), summary.get("peak_memory_bytes"))
+    return measured
 
 
 def corrected(predicted: Mapping[str, float], measured: Mapping[str, StageMeasured]) -> dict[str, float]:

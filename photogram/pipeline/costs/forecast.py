@@ -104,8 +104,8 @@ def forecast(
 
 def compiled_share(stages: Sequence[Stage]) -> dict[str, float]:
     """Return which share of each stage's kernels is compiled for this machine."""
-    found = dict[str, float]()
+    share = dict[str, float]()
     for stage in stages:
         compiled, there = kernels(stage.costs.kernels)
-        found[stage.name] = compiled / there if there else 1.0
-    return found
+        share[stage.name] = compiled / there if there else 1.0
+    return share

@@ -33,8 +33,10 @@ from photogram.survey import Features
 
 DENSE_ROOMS = ("photogram.surface.dense", "photogram.projection")
 
-PICTURE_PX, DESCRIPTORS, CELLS, PLAIN_PX = 512, 2500, 128, 2048
-GSD_M, FLYING_M, BASE_PX = 0.1, 60.0, 96
+PICTURE_PX, PLAIN_PX = 512, 2048
+DESCRIPTORS, CELLS = 2500, 128
+GSD_M, FLYING_M = 0.1, 60.0
+BASE_PX = 96
 LEAST_ROUNDS, LEAST_SECONDS = 2, 0.5
 LIMITS = (0.1, 10.0)
 """What a machine may differ from the reference by; beyond it something else than the machine was measured."""

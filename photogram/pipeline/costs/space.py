@@ -61,14 +61,15 @@ def stage_memory_bytes(stages: Sequence[Stage], extent: Extent) -> dict[str, tup
     What a stage takes in small pieces stays with the process (ALLOCATED_SHARE of it) and serves the next stages; whole
     rasters come on top of that and are given back.
     """
-    found, stays, lower = dict[str, tuple[float, str]](), 0.0, FEWER
+    needs = dict[str, tuple[float, str]]()
+    stays, lower = 0.0, FEWER
     for stage in stages:
         pieces, rasters, remedy = stage.costs.memory(extent)
         taken = max(pieces, stays + rasters)
         lower = remedy if max(pieces, rasters) > stays else lower
-        found[stage.name] = (PROGRAM_BYTES + taken, lower)
+        needs[stage.name] = (PROGRAM_BYTES + taken, lower)
         stays = max(stays, ALLOCATED_SHARE * taken)
-    return found
+    return needs
 
 
 def machine_needs(

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from typing_extensions import TypedDict
@@ -19,9 +18,22 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import ADJUSTED_BYTES, LIBRARIES_BYTES, Costs, Memory, Rate
 from photogram.pipeline.stages.features import orientation_thresholds
-from photogram.pipeline.store.dependence import control_fingerprint
-from photogram.pipeline.store.run import RESECTIONS, Run
-from photogram.pipeline.store.stored_results import StoredResections, verdict_to, write_adjustment
+from photogram.pipeline.stages.orientation import (
+    control_fingerprint,
+    georeferenced_by,
+    stored_orientation,
+    transferred_tie_points,
+)
+from photogram.pipeline.stages.stored_adjustment import (
+    FIXED,
+    RESECTIONS,
+    VERDICT,
+    StoredResections,
+    verdict_to,
+    write_adjustment,
+)
+from photogram.pipeline.stages.tie_points import stored_tie_points
+from photogram.pipeline.store.run import Run
 from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
@@ -50,32 +62,29 @@ class AdjustmentSummary(TypedDict, total=False):
     """Number of attitudes of the gimbal not used."""
 
 
-def _sigma_map_m(
-    frame: LocalFrame, covariance_m2: np.ndarray[Any, np.dtype[np.float64]]
-) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _sigma_map_m(frame: LocalFrame, covariance_m2: FloatArray) -> FloatArray:
     R = frame.rotation_world_from_map(np.zeros(3))
     return np.asarray(np.sqrt(np.einsum("ki,nkl,li->ni", R, covariance_m2, R)))
 
 
 def _resections(run: Run) -> tuple[Resection | None, ...]:
     """Return the resections from the control points as they are now; of copies of a photograph none."""
-    block = replace(run.block(), tie_points=run.tie_points())
+    block = replace(run.block(), tie_points=stored_tie_points(run))
     original = np.array([note.get("copy_of") is None for note in run.notes()], dtype=bool)
     part, kept = part_of_block(block, original)
-    found = dict(zip(kept.tolist(), confirmed_resections(part, orientation_thresholds(run.project)), strict=True))
-    return tuple(found.get(i) for i in range(len(block.photographs)))
+    confirmed = dict(zip(kept.tolist(), confirmed_resections(part, orientation_thresholds(run.project)), strict=True))
+    return tuple(confirmed.get(i) for i in range(len(block.photographs)))
 
 
 def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummary:
     """Adjust the block jointly."""
-    orientation, as_placed = run.orientation(), control_fingerprint(run.project) == run.georeferenced_by().control
-    block = replace(run.block(), tie_points=run.transferred_tie_points(), poses=orientation.poses)
+    orientation = stored_orientation(run)
+    as_placed = control_fingerprint(run.project) == georeferenced_by(run).control
+    block = replace(run.block(), tie_points=transferred_tie_points(run), poses=orientation.poses)
     resections = orientation.resections
     if not as_placed or block.is_free:  # the scale of a free block hangs on distances that may have changed
-        block, resections = (
-            georeferenced_again(block, orientation, orientation_thresholds(run.project)),
-            _resections(run),
-        )
+        block = georeferenced_again(block, orientation, orientation_thresholds(run.project))
+        resections = _resections(run)
     block = without_attitudes(block) if block.is_free else block
     measured = block
     if orientation.method != "control":
@@ -102,8 +111,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     write_record(folder / "adjusted.npz", cloud)
     write_adjustment(folder, result)
     write_record(folder / RESECTIONS, StoredResections(resections))
-    write_json(folder / "held.json", held_parameters(block.cameras, result, verdict.focal_lengths))
-    write_json(folder / "verdict.json", verdict_to(verdict, blunders))
+    write_json(folder / FIXED, held_parameters(block.cameras, result, verdict.focal_lengths))
+    write_json(folder / VERDICT, verdict_to(verdict, blunders))
     return {
         "sigma0": result.sigma0,
         "converged": result.converged,

@@ -14,6 +14,7 @@ from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import map_heights
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Rate
+from photogram.pipeline.stages.stored_adjustment import CLOUDS, stored_cloud
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
 from photogram.quality.cloud_comparison import Comparison, compare_to_reference, triangulate
@@ -56,8 +57,8 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSumm
     if run.project.reference is not None:
         given = _with_map_heights(run.project, read_reference(run.project.reference, run.project.product_crs))
         reference = triangulate(given) if isinstance(given, PointCloud) else given
-        for name in ("linear_2view", "linear_3view", "adjusted"):
-            cloud = run.cloud(name)
+        for name in CLOUDS:
+            cloud = stored_cloud(run, name)
             if len(cloud) >= 3:
                 comparison = compare_to_reference(cloud, reference)
                 write_record(folder / f"{name}.npz", comparison)

@@ -24,8 +24,8 @@ from photogram.pipeline.stage_costs import (
     Memory,
     Rate,
 )
+from photogram.pipeline.stages.photographs import stretches
 from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame
-from photogram.pipeline.store.dependence import stretches
 from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -197,9 +197,9 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     prior = first_prior(dense.known, level, outer, dense.scene.frame.origin_map_m[2])
     if number:
         prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
-    found = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
-    around = {} if last else {"start_m": found.start_m, "agreement": found.agreement}
-    store.write(block, around | ({} if found.heights is None else vars(found.heights)))
+    matching = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
+    around = {} if last else {"start_m": matching.start_m, "agreement": matching.agreement}
+    store.write(block, around | ({} if matching.heights is None else vars(matching.heights)))
 
 
 _PICTURES = PieceType(_Matching.read, _make_pictures)

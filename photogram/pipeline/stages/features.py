@@ -12,7 +12,7 @@ from photogram.files.records import read_record, write_record
 from photogram.machine import within_half_of_memory
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
-from photogram.pipeline.store.dependence import given_masks, starts_from_tie_points, stretches
+from photogram.pipeline.stages.photographs import stretches
 from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
@@ -41,6 +41,11 @@ class FeaturesSummary(TypedDict, total=False):
     """Number of photographs with a mask, if any."""
     masked_share: float
     """Mean share that their masks leave out, if there are any."""
+
+
+def starts_from_tie_points(project: Project) -> bool:
+    """Return whether the tie points of a project are those of the solution that it starts from."""
+    return project.start is not None and project.start.tie_points == "theirs"
 
 
 def coarseness_of(project: Project, photograph: int) -> float:
@@ -115,11 +120,11 @@ def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
     masked = [i for i in range(len(run.names)) if run.project.masks.of(i)]
     if not masked:
         return None
-    found = list(run_pieces(run, folder, _MASKED, masked))
-    errors = [share for share in found if isinstance(share, str)]
+    shares = list(run_pieces(run, folder, _MASKED, masked))
+    errors = [share for share in shares if isinstance(share, str)]
     if errors:
         raise ImageError("\n".join(dict.fromkeys(errors)))
-    return {run.names[i]: share for i, share in zip(masked, found, strict=True) if not isinstance(share, str)}
+    return {run.names[i]: share for i, share in zip(masked, shares, strict=True) if not isinstance(share, str)}
 
 
 def _detect(work: StageWork, index: int) -> int:
@@ -136,6 +141,11 @@ def _detect(work: StageWork, index: int) -> int:
 _DETECTED = PieceType(stage_work, _detect)
 
 
+def stored_features(run: Run, index: int) -> Features:
+    """Return the key points of one photograph. Needs the stage `features`."""
+    return read_record(run.workspace.file("features", f"{index:05d}.npz"), Features)
+
+
 def _words(summary: FeaturesSummary) -> str:
     counts, masks = summary["key_points"], summary.get("masks", 0)
     text = f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
@@ -145,7 +155,8 @@ def _words(summary: FeaturesSummary) -> str:
 def _settings(run: Run) -> object:
     project = run.project
     none = ["not needed"] if starts_from_tie_points(project) else []
-    return [run.photograph_fingerprints, project.features, project.quality, *none, *given_masks(run), *stretches(run)]
+    masks = [run.mask_fingerprints] if project.masks.given else []
+    return [run.photograph_fingerprints, project.features, project.quality, *none, *masks, *stretches(run)]
 
 
 AT_ONCE = 0.7

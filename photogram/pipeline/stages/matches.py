@@ -1,5 +1,6 @@
 """The stages `pairs` and `matches`: which photographs are compared, and what they show alike."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,11 +8,10 @@ from threadpoolctl import threadpool_limits
 from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray
-from photogram.files.npz_json import read_arrays, write_arrays, write_json
+from photogram.files.npz_json import read_arrays, read_json, write_arrays, write_json
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Extent, Memory, Rate
-from photogram.pipeline.stages.features import NOT_NEEDED, coarseness_of
-from photogram.pipeline.store.dependence import starts_from_tie_points
+from photogram.pipeline.stages.features import NOT_NEEDED, coarseness_of, starts_from_tie_points, stored_features
 from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
 from photogram.pipeline.store.run import Run
 from photogram.sfm.tie_points.ground_depth import Pairs, with_ground_depth
@@ -52,7 +52,7 @@ def select_photograph_pairs(run: Run, folder: Path) -> SelectedPairs:
     photographs = [block.photographs[i] for i in used]
     similar = None
     if any(photograph.gnss_world_m is None for photograph in photographs):
-        similar = most_similar(lambda i: run.features(used[i]), len(used), 3 * settings.retrieved)
+        similar = most_similar(lambda i: stored_features(run, used[i]), len(used), 3 * settings.retrieved)
     selected = select_pairs(photographs, block.cameras, settings, similar=similar)
 
     def verified(pairs: Pairs) -> list[bool]:
@@ -77,6 +77,11 @@ def choose_pairs(run: Run, folder: Path, progress: Progress) -> PairsSummary:
     }
 
 
+def selected_pairs(run: Run) -> list[tuple[int, int]]:
+    """Return the pairs of photographs to be matched. Needs the stage `pairs`."""
+    return [(int(i), int(j)) for i, j in read_json(run.workspace.file("pairs", "pairs.json"))]
+
+
 PAIRS: Stage = Stage(
     "pairs",
     "Pairs",
@@ -98,7 +103,7 @@ def _matched(run: Run, pair: tuple[int, int]) -> tuple[Matches, BoolArray]:
     project, (i, j) = run.project, pair
     cameras = (project.cameras[project.photographs[i].camera], project.cameras[project.photographs[j].camera])
     coarser = max(coarseness_of(project, i), coarseness_of(project, j))
-    return match_pair(pair, cameras, (run.features(i), run.features(j)), project.matching, coarser)
+    return match_pair(pair, cameras, (stored_features(run, i), stored_features(run, j)), project.matching, coarser)
 
 
 def _verified(work: StageWork, pair: tuple[int, int]) -> bool:
@@ -124,15 +129,24 @@ _MATCHED = PieceType(stage_work, _match)
 
 def match_photographs(run: Run, folder: Path, progress: Progress) -> MatchesSummary:
     """Match and verify all selected pairs, one file per pair; pairs that an interrupted run has finished are kept."""
-    pairs, verified = run.selected_pairs(), 0
+    pairs, verified = selected_pairs(run), 0
     with threadpool_limits(1, "blas"):  # the pairs keep the cores busy already
-        for done, ((i, j), found) in enumerate(zip(pairs, run_pieces(run, folder, _MATCHED, pairs), strict=True)):
-            verified += found
-            progress(done + 1, len(pairs), f"{run.names[i]} – {run.names[j]}")
+        matched = zip(pairs, run_pieces(run, folder, _MATCHED, pairs), strict=True)
+        for done, ((i, j), is_verified) in enumerate(matched, 1):
+            verified += is_verified
+            progress(done, len(pairs), f"{run.names[i]} – {run.names[j]}")
     write_json(folder / "pairs.json", pairs)
     if starts_from_tie_points(run.project):
         return {"not_needed": NOT_NEEDED}
     return {"pairs": len(pairs), "verified_pairs": verified}
+
+
+def stored_matches(run: Run) -> Iterator[tuple[Matches, BoolArray]]:
+    """Yield candidate matches of every pair, and which are verified, one pair after the other. Needs the stage
+    `matches`."""
+    for first, second in read_json(run.workspace.file("matches", "pairs.json")):
+        arrays = read_arrays(run.workspace.file("matches", f"{first:05d}-{second:05d}.npz"))
+        yield Matches(first, second, arrays["index"]), arrays["verified"]
 
 
 MATCH_BYTES = 10.0
@@ -149,9 +163,9 @@ MATCHES: Stage = Stage(
     "matches",
     "Matching",
     ("features",),
-    lambda run: [run.selected_pairs(), run.project.matching, run.project.cameras],
+    lambda run: [selected_pairs(run), run.project.matching, run.project.cameras],
     match_photographs,
-    line_of(MatchesSummary, lambda said: f"{said['verified_pairs']} of {things(said['pairs'], 'pair')} verified"),
+    line_of(MatchesSummary, lambda made: f"{made['verified_pairs']} of {things(made['pairs'], 'pair')} verified"),
     Costs(
         0.02,
         (Rate("comparisons", 1.0, "matches"), Rate("pairs", 0.02)),

@@ -14,21 +14,17 @@ from photogram.adjustment.oriented_subset import part_of_block
 from photogram.arrays import BoolArray
 from photogram.camera import Camera, Pose
 from photogram.files.atomic import make_folder
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import file_fingerprint, fingerprint, read_json, write_json
 from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.files.records import read_record, write_record
+from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import LIBRARIES_BYTES, TIE_POINT_BYTES, Costs, Memory, Rate
 from photogram.pipeline.stages.features import orientation_thresholds, transfer_thresholds
-from photogram.pipeline.store.dependence import (
-    automatic_masks,
-    control_fingerprint,
-    orientation_as_made,
-    orientation_settings,
-)
+from photogram.pipeline.stages.tie_points import stored_tie_points
 from photogram.pipeline.store.pieces import PieceType, run_pieces
-from photogram.pipeline.store.run import AUTOMATIC_MASKS, ORIENTATION_FILE, PLACED_BY, Run, mask_file
-from photogram.pipeline.store.stored_results import GeoreferencedBy, starting_poses
+from photogram.pipeline.store.run import AUTOMATIC_MASKS, Run, mask_file
+from photogram.project.project import Project
 from photogram.project.rigs.entries import bands_of
 from photogram.projection import CX
 from photogram.sfm.known_poses import KnownPoses
@@ -82,6 +78,35 @@ class IntersectionSummary(TypedDict):
     """Number of points from three views."""
 
 
+ORIENTATION_FILE, PLACED_BY = "orientation.npz", "placed_by.json"
+
+
+@dataclass(frozen=True)
+class GeoreferencedBy:
+    """What an orientation owes to control points: ``control`` is the fingerprint of those that it was made with,
+    ``poses`` whether any pose is a resection from them. Where none is, the block came from its tie points, and control
+    points have only placed it in the world."""
+
+    control: str
+    poses: bool
+
+
+def control_fingerprint(project: Project) -> str:
+    """Return the fingerprint of the project's ground points with their roles and marks."""
+    return fingerprint(project.control_points_in(LocalFrame(project.crs, (0.0, 0.0, 0.0), "grid")))
+
+
+def _readable(orientation: Orientation, names: Sequence[str]) -> dict[str, object]:
+    """Return starting poses and resections as people read them, by photograph."""
+    rows = zip(names, orientation.poses, orientation.resections, orientation.component, orientation.reason, strict=True)
+    keys = ("name", "pose", "resection", "component", "reason")
+    return {
+        "method": orientation.method,
+        "photographs": [dict(zip(keys, row, strict=True)) for row in rows],
+        "parameters": orientation.parameters,
+    }
+
+
 def _with_copies(orientation: Orientation, kept: Sequence[int], copies: Sequence[str | None]) -> Orientation:
     """Return the orientation of the photographs ``kept`` as one of all; the others are ``copies`` of those named."""
     place = {i: k for k, i in enumerate(kept)}
@@ -107,18 +132,18 @@ def _known_poses(run: Run, block: Block) -> KnownPoses | None:
 
 def orient_photographs(run: Run, folder: Path, progress: Progress) -> OrientationSummary:
     """Find a starting pose for every photograph that can be joined to the block, by its tie points or by its rig."""
-    block = replace(run.block(), tie_points=run.tie_points())
+    block = replace(run.block(), tie_points=stored_tie_points(run))
     copies = [note.get("copy_of") for note in run.notes()]
     part, kept = part_of_block(block, np.array([copy is None for copy in copies], dtype=bool))
     known = _known_poses(run, block)
-    found = orient(
+    of_part = orient(
         part, orientation_thresholds(run.project), progress, None if known is None else known.only(kept.tolist())
     )
     if part.rigs:
-        found = carried_by_masters(part, found)
-    orientation = _with_copies(found, kept.tolist(), copies)
+        of_part = carried_by_masters(part, of_part)
+    orientation = _with_copies(of_part, kept.tolist(), copies)
     write_record(folder / ORIENTATION_FILE, orientation)
-    write_json(folder / "poses.json", starting_poses(orientation, run.names))
+    write_json(folder / "poses.json", _readable(orientation, run.names))
     write_json(folder / PLACED_BY, GeoreferencedBy(control_fingerprint(run.project), orientation.rests_on_control))
     registered = int(orientation.registered.sum())
     progress(len(run.names), len(run.names), f"{registered} of {len(run.names)} oriented")
@@ -129,9 +154,19 @@ def orient_photographs(run: Run, folder: Path, progress: Progress) -> Orientatio
     }
 
 
+def stored_orientation(run: Run) -> Orientation:
+    """Return starting poses and resections. Needs the stage `orientation`."""
+    return read_record(run.workspace.file("orientation", ORIENTATION_FILE), Orientation)
+
+
+def georeferenced_by(run: Run) -> GeoreferencedBy:
+    """Return what the orientation owes to control points. Needs the stage `orientation`."""
+    return GeoreferencedBy(**read_json(run.workspace.file("orientation", PLACED_BY)))
+
+
 def _oriented_tie_points(run: Run, orientation: Orientation) -> TiePoints:
     """Return the tie points with positions, and those of their observations that agree with the oriented block."""
-    block, tie_points = run.block(), run.tie_points()
+    block, tie_points = run.block(), stored_tie_points(run)
     camera_of = block.camera_of
     cameras = orientation.calibrated(block.cameras)
     structure = Structure.oriented(
@@ -145,8 +180,8 @@ def _used(run: Run, folder: Path, index: int) -> BoolArray | None:
     used, path = run.given_mask(index), folder / mask_file(index)
     if not path.is_file():
         return used
-    found = read_mask(path)
-    return found if used is None else used & found
+    automatic = read_mask(path)
+    return automatic if used is None else used & automatic
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +221,7 @@ class _Transfer:
         """Return what another process wrote."""
         tie_points = read_record(folder / _WINDOWS / "tie_points.npz", TiePoints)
         patches = read_record(folder / _WINDOWS / "patches.npz", Patches)
-        return _Transfer.of(run, folder, run.orientation(), tie_points, patches)
+        return _Transfer.of(run, folder, stored_orientation(run), tie_points, patches)
 
 
 _WINDOWS = "windows"
@@ -262,7 +297,7 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> TransferS
 
     Poses from control points alone are too rough to predict places by; there the tie points stay as they are.
     """
-    project, orientation, joined = run.project, run.orientation(), run.tie_points()
+    project, orientation, joined = run.project, stored_orientation(run), stored_tie_points(run)
     masked: TransferSummary = mask_sky(run, folder, orientation, progress) if "sky" in project.masks.auto else {}
     if orientation.method == "control" or project.transfer.correlation == 1.0:
         write_record(folder / "tie_points.npz", joined)
@@ -288,9 +323,14 @@ def transfer_tie_points(run: Run, folder: Path, progress: Progress) -> TransferS
     }
 
 
+def transferred_tie_points(run: Run) -> TiePoints:
+    """Return the tie points with what was measured of them in further photographs. Needs the stage `transfer`."""
+    return read_record(run.workspace.file("transfer", "tie_points.npz"), TiePoints)
+
+
 def intersect_clouds(run: Run, folder: Path, progress: Progress) -> IntersectionSummary:
     """Intersect tie points linearly from the photographs as oriented, from two and from three views each."""
-    block, tie_points, orientation = run.block(), run.transferred_tie_points(), run.orientation()
+    block, tie_points, orientation = run.block(), transferred_tie_points(run), stored_orientation(run)
     camera_of = block.camera_of
     ideal = ideal_observations(orientation.calibrated(block.cameras), camera_of, tie_points)
     counts = list[int]()
@@ -329,11 +369,27 @@ def _intersection_words(summary: IntersectionSummary) -> str:
     return f"{summary['linear_2view']} points from two views, {summary['linear_3view']} from three"
 
 
+def _settings(run: Run, control: str) -> object:
+    start = run.project.start
+    known_poses = [] if start is None or start.poses == "own" else [file_fingerprint(start.solution)]
+    return [run.project.orientation, control, *known_poses]
+
+
+def _as_made(run: Run) -> object | None:
+    """Return what the stage `orientation` was made under where every pose came from tie points, whatever the control
+    points now are: they place such a block in the world, which the adjustment does again. None where one came from
+    control points, or the stage is not there."""
+    if run.workspace.mark("orientation") is None or not run.workspace.has("orientation", PLACED_BY):
+        return None
+    placed = georeferenced_by(run)
+    return None if placed.poses else _settings(run, placed.control)
+
+
 ORIENTATION: Stage = Stage(
     "orientation",
     "Orientation",
     ("photographs", "tie_points"),
-    orientation_settings,
+    lambda run: _settings(run, control_fingerprint(run.project)),
     orient_photographs,
     line_of(OrientationSummary, _orientation_words),
     Costs(
@@ -343,7 +399,7 @@ ORIENTATION: Stage = Stage(
         ("photogram.triangulation", "photogram.projection"),
         memory=lambda extent: Memory(LIBRARIES_BYTES + extent.block_bytes),
     ),
-    orientation_as_made,
+    _as_made,
 )
 
 TRANSFER: Stage = Stage(
@@ -353,7 +409,7 @@ TRANSFER: Stage = Stage(
     lambda run: [
         run.project.transfer,
         run.project.adjustment.tie_point_sigma_px,
-        *automatic_masks(run.project),
+        *([("sky",)] if "sky" in run.project.masks.auto else []),
     ],
     transfer_tie_points,
     line_of(TransferSummary, _transfer_words),

@@ -1,7 +1,7 @@
 """The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif` with its
 rim and its seams, and the bands of companions beside it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from photogram.errors import ProjectError, SurfaceError
 from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.files.maps.cogs import write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
-from photogram.files.npz_json import file_fingerprint, read_json, write_json
+from photogram.files.npz_json import file_fingerprint, write_json
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
@@ -26,7 +26,6 @@ from photogram.pipeline.stage_costs import (
     Rate,
 )
 from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE, make_bands
-from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_HEIGHT,
     CLOSED_SIGMA,
@@ -36,10 +35,11 @@ from photogram.pipeline.stages.orthophoto_pieces import (
     surface_in,
     tiles_of,
 )
-from photogram.pipeline.stages.stored_surface import StoredSurface
-from photogram.pipeline.stages.surface import MatchedHeights, matched, surface_layers
-from photogram.pipeline.stages.surface_frame import GridSummary, cells_in_words, made_frame
-from photogram.pipeline.store.dependence import stretches
+from photogram.pipeline.stages.photographs import stretches
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.stages.stored_surface import LEFT_OUT, StoredSurface, reason_left_out
+from photogram.pipeline.stages.surface import matched, surface_layers
+from photogram.pipeline.stages.surface_frame import GridSummary, cells_in_words, depression, made_frame
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
@@ -67,7 +67,6 @@ from photogram.surface.ortho.outline import (
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
 from photogram.surface.ortho.visibility import WindowedSurface
 from photogram.surface.views import Views
-from photogram.survey import Raster
 from photogram.wording import Progress, some, things
 
 
@@ -91,6 +90,9 @@ class OrthophotoSummary(GridSummary, total=False):
 OUTLINE_FILE = "outline.gpkg"
 """The rim with the seams."""
 
+RIM_FILE = "rim.json"
+"""How many cells the rim holds, and how many of them show nothing."""
+
 LEAST_DEPRESSION_DEG = 40.0
 """Of the median optical axis, below the horizon: what is flatter shows facades, which a plan does not; oblique flights
 for models of towns look down by 45°."""
@@ -98,17 +100,10 @@ for models of towns look down by 45°."""
 
 def left_out_reason(poses: Sequence[Pose | None]) -> str:
     """Return why photographs of these poses make no orthophoto in plan, empty where they do."""
-    down = np.array([-pose.rotation_world_from_camera[2, 2] for pose in poses if pose is not None])
-    if not len(down):
+    below_deg, words = depression(poses)
+    if below_deg >= LEAST_DEPRESSION_DEG:
         return ""
-    depression_deg = float(np.rad2deg(np.arcsin(np.clip(np.median(down), -1.0, 1.0))))
-    if depression_deg >= LEAST_DEPRESSION_DEG:
-        return ""
-    side = f"{depression_deg:.0f}° below" if depression_deg >= 0 else f"{-depression_deg:.0f}° above"
-    return (
-        f"the photographs are oblique (median optical axis {side} the horizon): an orthophoto would not show "
-        "what they show"
-    )
+    return f"the photographs are oblique (median optical axis {words}): an orthophoto would not show what they show"
 
 
 def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSummary:
@@ -117,9 +112,9 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     if not run.project.orthophoto.enabled:
         return {}
     site = made_frame(run)
-    reason = "" if run.project.surface.plane == "auto" else left_out_reason(run.adjusted_block().poses)
-    if not StoredSurface(run).is_there:
-        reason = str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])
+    reason = reason_left_out(run, "surface")
+    if not reason and run.project.surface.plane != "auto":
+        reason = left_out_reason(block_as_adjusted(run).poses)
     if reason:
         write_json(folder / LEFT_OUT, {"left_out": reason})
         return {"left_out": reason}
@@ -172,26 +167,14 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
 
 def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:
     """Return the surface of the run as orthophotos need it, made in a folder that outlives it."""
-    matching = MatchedHeights.of(run) if matched(run) else None
-    whole = None if matching is not None else StoredSurface(run).heights()
-    grid = matching.grid if matching is not None else MapGrid.of(_given(whole))
+    grid, parts = _known_heights(run)
     known, sigma = GridFile(scratch / "known.f32", grid), GridFile(scratch / "sigma.f32", grid)
     height, closed_sigma = GridFile(scratch / CLOSED_HEIGHT, grid), GridFile(scratch / CLOSED_SIGMA, grid)
     for file in (known, sigma, height, closed_sigma):
         file.make()
-    if matching is not None:
-        layers = surface_layers(run)
-        for window in layers.windows:
-            filled, own, source = layers.read(window, "filled", "own", "source")
-            known.write(window, filled)
-            # NaN says too that a cell was not measured; coarser levels are too rough to hide what is behind them
-            measured = np.where(source == MEASURED, own, np.float32(np.nan))
-            # water is shown on its level, which its shore tells
-            sigma.write(window, np.where(source == WATER, np.float32(grid.cell_m), measured))
-    else:
-        values = _given(whole).values
-        known.write(grid.whole, values)
-        sigma.write(grid.whole, np.where(np.isfinite(values), np.float32(0.0), np.float32(np.nan)))
+    for window, heights_m, sigmas_m in parts:
+        known.write(window, heights_m)
+        sigma.write(window, sigmas_m)
 
     def part(window: Window) -> tuple[Float32Array, BoolArray, Float32Array]:
         own = sigma.read(window)
@@ -205,9 +188,24 @@ def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:
     return surface_in(scratch, grid)
 
 
-def _given(raster: Raster | None) -> Raster:
-    assert raster is not None
-    return raster
+def _known_heights(run: Run) -> tuple[MapGrid, Iterable[tuple[Window, Float32Array, Float32Array]]]:
+    """Return the grid of the surface, and window by window its heights with their standard deviations, NaN for cells
+    that were not measured."""
+    nowhere = np.float32(np.nan)
+    if not matched(run):
+        raster = StoredSurface(run).heights()
+        grid = MapGrid.of(raster)
+        return grid, [(grid.whole, raster.values, np.where(np.isfinite(raster.values), np.float32(0.0), nowhere))]
+    layers = surface_layers(run)
+
+    def part(window: Window) -> tuple[Window, Float32Array, Float32Array]:
+        filled, own, source = layers.read(window, "filled", "own", "source")
+        # coarser levels are too rough to hide what is behind them
+        measured = np.where(source == MEASURED, own, nowhere)
+        # water is shown on its level, which its shore tells
+        return window, filled, np.where(source == WATER, np.float32(layers.grid.cell_m), measured)
+
+    return layers.grid, map(part, layers.windows)
 
 
 def edited_seams(project: Project, names: Sequence[str], crs: str) -> ForcedOf | None:
@@ -257,10 +255,10 @@ LATTICE_BYTES = 600.0
 
 def _memory(extent: Extent) -> Memory:
     picture, largest_px = extent.size.orthophoto_cells, extent.largest_px
-    held = min(3.0 * len(extent.project.photographs) * largest_px, max(3.0 * LEAST_CACHED * largest_px, CACHE_BYTES))
+    decoded = min(3.0 * len(extent.project.photographs) * largest_px, max(3.0 * LEAST_CACHED * largest_px, CACHE_BYTES))
     lattice = LATTICE_BYTES * min(picture / SMALLEST_BLOCK**2, LARGEST_LATTICE)
     tiles = min(extent.workers * TILE_BYTES, MATCHED_CELL_BYTES * (picture + extent.cells))
-    made = (4.0 * extent.cells + lattice + held + tiles) * extent.project.orthophoto.enabled
+    made = (4.0 * extent.cells + lattice + decoded + tiles) * extent.project.orthophoto.enabled
     return Memory(LIBRARIES_BYTES + made, remedy="set orthophoto.enabled to false")
 
 

@@ -41,7 +41,7 @@ _WHOLE = ("block_cells", "candidate", "cost", "height_map_m", "sample_map_m", "c
 
 
 class HeldPhotographs:
-    """Decoded photographs by number, the ``held`` last used ones kept; each is decoded once at a time, whoever asks."""
+    """Decoded photographs by number, the ``most`` last used ones kept; each is decoded once at a time, whoever asks."""
 
     @staticmethod
     def of(run: Run, views: Views, share: int = 1) -> HeldPhotographs:
@@ -53,8 +53,8 @@ class HeldPhotographs:
 
         return HeldPhotographs(read, photographs_held(sizes, share))
 
-    def __init__(self, read: Callable[[int], ByteArray], held: int) -> None:
-        self._read, self._held = read, held
+    def __init__(self, read: Callable[[int], ByteArray], most: int) -> None:
+        self._read, self._most = read, most
         self._lock = Lock()
         self._pixels: OrderedDict[int, Future[ByteArray]] = OrderedDict()
 
@@ -64,7 +64,7 @@ class HeldPhotographs:
             mine = number not in self._pixels
             future = self._pixels.setdefault(number, Future())
             self._pixels.move_to_end(number)
-            if len(self._pixels) > self._held:
+            if len(self._pixels) > self._most:
                 self._pixels.popitem(last=False)
         if mine:
             try:
@@ -110,9 +110,9 @@ def looked_at(
     write_arrays(scratch / _LATTICE, {name: np.asarray(getattr(lattice, name)) for name in _WHOLE})
     colours = []
     for view, name in enumerate(run_pieces(run, folder, _BLOCK_SAMPLES, range(len(block_samples.views)))):
-        found = read_arrays(scratch / name)
-        block_samples.take(view, found)
-        colours.append((found["place"], found["colour"]))
+        samples = read_arrays(scratch / name)
+        block_samples.take(view, samples)
+        colours.append((samples["place"], samples["colour"]))
         (scratch / name).unlink()
     return colours
 

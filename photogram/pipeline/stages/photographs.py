@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from photogram.errors import ImageError, PhotogramError, ProjectError
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import file_fingerprint, fingerprint, read_json_as, write_json
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import check_photograph, read_tags
@@ -17,13 +18,13 @@ from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Memory, Rate
-from photogram.pipeline.store.dependence import photographs_as_made, photographs_settings, placing_fingerprint
 from photogram.pipeline.store.pieces import PieceType, StageWork, run_pieces, stage_work
-from photogram.pipeline.store.run import FRAME, MEASURED, STRETCHES, Run
-from photogram.pipeline.store.stored_results import write_measured
+from photogram.pipeline.store.run import FRAME, MEASURED, NOTES, STRETCHES, Run
+from photogram.pipeline.store.stored_photographs import StoredFrame, write_measured
 from photogram.project.measured.measured_block import (
     PhotographNote,
     companions_of,
+    is_amid,
     measured_photographs,
     photograph_note,
 )
@@ -136,31 +137,84 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
     """
     photographs = run.project.photographs
     notes, tags, errors = list[PhotographNote](), list[PhotographTags](), list[str]()
-    for done, found in enumerate(run_pieces(run, folder, _DECODED, range(len(photographs))), 1):
-        if isinstance(found, str):
-            errors.append(found)
+    for done, decoded in enumerate(run_pieces(run, folder, _DECODED, range(len(photographs))), 1):
+        if isinstance(decoded, str):
+            errors.append(decoded)
         else:
-            notes.append(found[0])
-            tags.append(found[1])
+            notes.append(decoded[0])
+            tags.append(decoded[1])
         progress(done, len(photographs), photographs[done - 1].name)
     if errors:
         raise ImageError("\n".join(errors))
-    stretches = found_stretches(run.project, tags, run.executor)
+    of_cameras = found_stretches(run.project, tags, run.executor)
     duplicates, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
     companions_of(run.project, measured)  # for its errors: hours before the exposures are needed
-    write_json(folder / "tags.json", notes)
+    write_json(folder / NOTES, notes)
     write_measured(folder / MEASURED, measured)
-    if stretches:
-        write_json(folder / STRETCHES, {name: [own.low, own.high] for name, own in stretches.items()})
-    placing = placing_fingerprint(run.project)
-    write_json(folder / FRAME, {"origin_map_m": measured.frame.origin_map_m, "placed_by": placing})
+    if of_cameras:
+        write_json(folder / STRETCHES, {name: [own.low, own.high] for name, own in of_cameras.items()})
+    frame: StoredFrame = {
+        "origin_map_m": measured.frame.origin_map_m,
+        "placed_by": _placing_fingerprint(run.project),
+    }
+    write_json(folder / FRAME, frame)
     summary: PhotographsSummary = {"photographs": len(notes)}
     if duplicates:
         summary["copies"] = duplicates
     if frozen:
         summary["frozen_positions"] = frozen
     return summary
+
+
+# ---- what it depends on ----------------------------------------------------------------------------------------------
+
+
+def _height_marks(project: Project) -> list[object]:
+    """Return the height systems as declared: the grid of a geoid counts by what is in it."""
+    heights, geoid = project.heights, project.heights.geoid
+    grid = None if geoid is None or geoid.grid is None else file_fingerprint(Path(geoid.grid))
+    return [heights.output, heights.gnss, heights.gnss_given, None if geoid is None else geoid.vertical, grid]
+
+
+def _placing_fingerprint(project: Project) -> str:
+    """Return the fingerprint of the control coordinates that help to choose the origin of the frame."""
+    return fingerprint([p.control_map_m for p in project.surveyed.control_points if p.role == "control"])
+
+
+def _settings_placed_by(run: Run, placing: str) -> object:
+    project = run.project
+    return [
+        run.photograph_fingerprints,
+        project.cameras,
+        # but for where they lie: a moved folder changes nothing
+        [replace(p, path=Path(p.name)) for p in project.photographs],
+        project.crs,
+        project.world_kind,
+        _height_marks(project),
+        None if project.datum.grid is None else file_fingerprint(Path(project.datum.grid)),
+        placing,
+        *([project.rigs] if project.rigs else []),  # companions are measured by their masters
+    ]
+
+
+def _settings(run: Run) -> object:
+    return _settings_placed_by(run, _placing_fingerprint(run.project))
+
+
+def _as_made(run: Run) -> object | None:
+    """Return what the stage was made under where its frame still serves, None where it does not, or is not there:
+    control points help to choose the origin of the frame, which serves as long as it lies amid the survey."""
+    if run.workspace.mark("photographs") is None or not run.workspace.has("photographs", FRAME):
+        return None
+    frame = read_json_as(run.workspace.file("photographs", FRAME), StoredFrame)
+    serves = is_amid(frame["origin_map_m"], run.project, run.notes())
+    return _settings_placed_by(run, frame["placed_by"]) if serves else None
+
+
+def stretches(run: Run) -> list[object]:
+    """Return what stages depend on that read pixels of more than 8 bits; nothing in a project without such."""
+    return [run.stretches] if run.stretches else []
 
 
 def _words(summary: PhotographsSummary) -> str:
@@ -176,7 +230,7 @@ PHOTOGRAPHS: Stage = Stage(
     "photographs",
     "Photographs",
     (),
-    photographs_settings,
+    _settings,
     read_photographs,
     line_of(PhotographsSummary, _words),
     Costs(
@@ -184,5 +238,5 @@ PHOTOGRAPHS: Stage = Stage(
         (Rate("megapixels", 0.012),),
         memory=lambda extent: Memory(3.0 * extent.workers * extent.largest_px),
     ),
-    photographs_as_made,
+    _as_made,
 )

@@ -1,4 +1,4 @@
-"""What the stage `surface` has stored, read back for later stages and notebooks."""
+"""What the stage `surface` has stored, read back for later stages and notebooks, and why a product was not made."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,24 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.files.maps.rasters import read_raster
-from photogram.files.npz_json import read_arrays
+from photogram.files.npz_json import read_arrays, read_json
 from photogram.geodesy.crs import NO_CRS
+from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.run import Run
 from photogram.survey import Raster
 
 PLANE = "plane.json"
 """File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
+
+LEFT_OUT = "left_out.json"
+"""File of a stage that has made no product, with the reason; not there where it has."""
+
+
+def reason_left_out(run: Run, stage: StageName) -> str:
+    """Return why a stage has made no product, empty where it has."""
+    if not run.workspace.has(stage, LEFT_OUT):
+        return ""
+    return str(read_json(run.workspace.file(stage, LEFT_OUT))["left_out"])
 
 
 @dataclass(frozen=True)

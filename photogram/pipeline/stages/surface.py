@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
+from photogram.arrays import ByteArray, Float32Array, IntArray
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_raster
@@ -32,10 +33,10 @@ from photogram.pipeline.stage_costs import (
     Rate,
 )
 from photogram.pipeline.stages.dense import heights_folder
-from photogram.pipeline.stages.no_surface import LEFT_OUT
-from photogram.pipeline.stages.stored_surface import PLANE, StoredSurface
+from photogram.pipeline.stages.features import starts_from_tie_points, stored_features
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.stages.stored_surface import LEFT_OUT, PLANE, StoredSurface
 from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame, made_frame
-from photogram.pipeline.store.dependence import starts_from_tie_points, surface_settings
 from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -208,15 +209,15 @@ class _Tile:
     deviations, with the datum's part, without, and of the matching alone, what each cell is, how it was matched, and in
     how many photographs it could be."""
 
-    height: NDArray[np.float32]
-    filled: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-    relative: NDArray[np.float32]
-    own: NDArray[np.float32]
-    source: NDArray[np.uint8]
-    confidence: NDArray[np.float32]
-    rays: NDArray[np.uint8]
-    seen: NDArray[np.uint8]
+    height: Float32Array
+    filled: Float32Array
+    sigma: Float32Array
+    relative: Float32Array
+    own: Float32Array
+    source: ByteArray
+    confidence: Float32Array
+    rays: ByteArray
+    seen: ByteArray
 
 
 def matched(run: Run) -> bool:
@@ -249,9 +250,9 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
     wet = "water" in run.project.masks.auto and not starts_from_tie_points(run.project)
     if wet and site.plane is None:
         progress(0, 0, "water")
-        found = _found_water(run, modelling)
-        counts += sum((_flood(store, found, window) for window in store.windows), np.zeros_like(counts))
-        areas = [{"area_m2": a, "level_map_m": h} for a, h in zip(found.area_m2, found.level_m.tolist(), strict=True)]
+        lakes = _found_water(run, modelling)
+        counts += sum((_flood(store, lakes, window) for window in store.windows), np.zeros_like(counts))
+        areas = [{"area_m2": a, "level_map_m": h} for a, h in zip(lakes.area_m2, lakes.level_m.tolist(), strict=True)]
         write_json(folder / WATER_FILE, areas)
         water = {"water_of_grid": int(counts[WATER])}
     crs, plan, note = site.crs, site.plan, site.note
@@ -302,7 +303,7 @@ class _Modelling:
         return _Modelling.of(MatchedHeights.of(run), site, folder)
 
 
-def _make_tile(modelling: _Modelling, item: tuple[Window, Mapping[int, float], int]) -> NDArray[np.int64]:
+def _make_tile(modelling: _Modelling, item: tuple[Window, Mapping[int, float], int]) -> IntArray:
     """Make and write a tile of the surface; returns how many cells are of each of SOURCES."""
     window, least, reach = item
     made = _tile(modelling.heights, modelling.shared, window, least, reach)
@@ -315,7 +316,7 @@ _TILES = PieceType(_Modelling.read, _make_tile)
 
 def _found_water(run: Run, modelling: _Modelling) -> Water:
     """Return the water in the surface as its tiles have it."""
-    store, block = modelling.store, run.adjusted_block()
+    store, block = modelling.store, block_as_adjusted(run)
     grid = store.grid.coarser(CELLS)
 
     def part(window: Window) -> SurfaceCells:
@@ -329,14 +330,14 @@ def _found_water(run: Run, modelling: _Modelling) -> Water:
         pose, camera = block.poses[index], block.cameras[block.photographs[index].camera]
         assert pose is not None
         own = tie.feature[(tie.photograph == index) & (tie.feature != TRANSFERRED)]
-        return key_points_on_ground(index, camera, pose, block.frame, run.features(index), own, grid, cells)
+        return key_points_on_ground(index, camera, pose, block.frame, stored_features(run, index), own, grid, cells)
 
     oriented = [index for index, pose in enumerate(block.poses) if pose is not None]
     points = KeyPoints.joined(list(run.executor.map(key_points, oriented)))
     return find_water(grid, cells, points, modelling.heights.flying_height_m)
 
 
-def _flood(store: BlockFiles, water: Water, window: Window) -> NDArray[np.int64]:
+def _flood(store: BlockFiles, water: Water, window: Window) -> IntArray:
     """Write a tile of the surface anew where it has water; returns by how many cells each of SOURCES grows."""
     level = water.levels_m(window)
     wet = np.isfinite(level)
@@ -384,20 +385,26 @@ def _tile(
     if len(kept) > 1:
         kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), agreed_level(kept[-1], SURE_SHARE)]
     rough = [agreed_level(level, HALF) for _, level in both[1:]]
-    found = without_islands(surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m), grid.cell_m)
-    filled = filled_heights(found.height_m, grid.cell_m, reach)
-    known = np.isfinite(found.height_m)
-    none, own = np.float32(np.nan), np.where(known, found.sigma_m, np.float32(0.0))
-    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, found.height_m, own), none) for s in shared)
+    joined = without_islands(surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m), grid.cell_m)
+    filled = filled_heights(joined.height_m, grid.cell_m, reach)
+    known = np.isfinite(joined.height_m)
+    none, own = np.float32(np.nan), np.where(known, joined.sigma_m, np.float32(0.0))
+    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, joined.height_m, own), none) for s in shared)
     source = np.where(np.isfinite(filled), FILLED, HOLE).astype(np.uint8)
     for cells, code in MEASURED_IN.items():
-        source[found.cells == cells] = code
+        source[joined.cells == cells] = code
     base, at = np.float32(heights.base_map_m), window.within(outer)
-    without = relative[0] if relative else np.full_like(whole, none)
     return _Tile(
-        (found.height_m + base)[at], (filled + base)[at], whole[at], without[at],
-        np.where(known, found.sigma_m, none)[at], source[at], found.correlation[at], found.rays[at], kept[0].seen[at],
-    )  # fmt: skip
+        height=(joined.height_m + base)[at],
+        filled=(filled + base)[at],
+        sigma=whole[at],
+        relative=relative[0][at] if relative else np.full_like(whole[at], none),
+        own=np.where(known, joined.sigma_m, none)[at],
+        source=source[at],
+        confidence=joined.correlation[at],
+        rays=joined.rays[at],
+        seen=kept[0].seen[at],
+    )
 
 
 def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
@@ -411,14 +418,14 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
         return {"left_out": ON_PLANE} if terrain.enabled or contours.enabled else summary
     if terrain.enabled:
         progress(0, 0, "terrain model")
-        found = terrain_from_surface(StoredSurface(run).filled(), terrain)
-        surface, grid = found.heights, MapGrid.of(found.heights)
+        model = terrain_from_surface(StoredSurface(run).filled(), terrain)
+        surface, grid = model.heights, MapGrid.of(model.heights)
         values = [(grid.whole, surface.values)]
         write_cog(folder / "dtm.tif", grid, run.project.product_crs, values, description="height of the terrain")
-        codes = np.where(found.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
+        codes = np.where(model.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
         tiles = [(grid.whole, codes.astype(np.uint8))]
         write_cog_codes(folder / "dtm_source.tif", grid, plan_of(run.project.crs), tiles, categories=TERRAIN_SOURCES)
-        summary["interpolated"] = int(np.count_nonzero(found.interpolated))
+        summary["interpolated"] = int(np.count_nonzero(model.interpolated))
     if contours.enabled:
         progress(0, 0, "contour lines")
         lines = contour_lines(surface or StoredSurface(run).filled(), contours)
@@ -433,7 +440,7 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     settings = run.project.surface
     if settings.spike_minimum_m is None:
-        gsd_m = photographs_ground_sampling_m(run.adjustment().block)
+        gsd_m = photographs_ground_sampling_m(block_as_adjusted(run))
         settings = replace(settings, spike_minimum_m=SPIKE_GSD * float(np.nanmedian(gsd_m)))
     surface = surface_with_sigma(site.cloud(), site.precision(), settings, site.shape())
     raster, note = surface.heights, site.note
@@ -448,6 +455,11 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
     return {"rows": rows, "columns": columns, "cell_m": raster.cell_m}
+
+
+def _surface_settings(run: Run) -> object:
+    surface = run.project.surface
+    return [surface, "water"] if "water" in run.project.masks.auto else surface
 
 
 def _surface_words(summary: SurfaceSummary) -> str:
@@ -489,7 +501,7 @@ SURFACE: Stage = Stage(
     "surface",
     "Surface model",
     ("adjustment", "dense"),
-    surface_settings,
+    _surface_settings,
     model_surface,
     line_of(SurfaceSummary, _surface_words),
     Costs(

@@ -2,22 +2,20 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
-from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray, FloatArray
+from photogram.camera import Pose
 from photogram.files.npz_json import read_json_as, write_json
 from photogram.files.records import read_record
 from photogram.geodesy.crs import NO_CRS, plan_of
 from photogram.grid import MapGrid
-from photogram.pipeline.stages.no_surface import reason_of
+from photogram.pipeline.stages.stored_adjustment import COVARIANCES, block_as_adjusted, stored_cloud
 from photogram.pipeline.stages.stored_surface import PLANE
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stored_results import COVARIANCES
 from photogram.project.rigs.entries import without_products
 from photogram.quality.deformation import GROUND
 from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
@@ -32,6 +30,34 @@ PLANE_FIT = "plane_fit.json"
 """File of the stage `surface`: what report.json says of the plane, used or not."""
 
 
+LEAST_DEPRESSION_DEG = 20.0
+"""Of the median optical axis, below the horizon: what looks flatter shows upright surfaces, which have many heights in
+one place."""
+
+
+def depression(poses: Sequence[Pose | None]) -> tuple[float, str]:
+    """Return by how many degrees the median optical axis of photographs points below the horizon, and that in words;
+    straight down without photographs."""
+    down = np.array([-pose.rotation_world_from_camera[2, 2] for pose in poses if pose is not None])
+    below_deg = float(np.rad2deg(np.arcsin(np.clip(np.median(down), -1.0, 1.0)))) if len(down) else 90.0
+    return below_deg, f"{abs(below_deg):.0f}° {'below' if below_deg >= 0 else 'above'} the horizon"
+
+
+def no_surface(block: Block, *, always: bool = False) -> str:
+    """Return why an adjusted block gives no surface in plan, empty where it does: none without a scale; of photographs
+    that look sideways one where it is wanted ``always``."""
+    if not block.has_scale:
+        return "the network has no scale: give a distance for a surface model, an orthophoto and contour lines"
+    below_deg, words = depression(block.poses)
+    if always or below_deg >= LEAST_DEPRESSION_DEG:
+        return ""
+    return (
+        f"the photographs look sideways (median optical axis {words}): what is upright has many heights in one place "
+        "of the plan; surface: {plane: auto} makes surface and orthophoto on a plane fitted to the tie points, "
+        "{in_plan: always} a surface in plan all the same"
+    )
+
+
 class GridSummary(TypedDict, total=False):
     """What stages say of the grid of their rasters."""
 
@@ -43,11 +69,6 @@ class GridSummary(TypedDict, total=False):
 def cells_in_words(grid: GridSummary) -> str:
     """Return the size of a grid in words."""
     return f"{grid['columns']} × {grid['rows']} cells of {grid['cell_m']:g} m"
-
-
-@cache
-def _plane_types() -> TypeAdapter[PlaneRecord]:
-    return TypeAdapter(PlaneRecord)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +99,7 @@ class SurfaceFrame:
     def block(self, only: Collection[int] | None = None) -> Block:
         """Return the adjusted block, in the frame of the plane where there is one; companions of which no products are
         made have no pose in it, or with ``only`` all photographs but those of these numbers."""
-        block, hidden = self.run.adjusted_block(), without_products(self.run.project.rigs)
+        block, hidden = block_as_adjusted(self.run), without_products(self.run.project.rigs)
         if only is not None or hidden:
             kept = [i not in hidden if only is None else i in only for i in range(len(block.poses))]
             poses = tuple(pose if keep else None for pose, keep in zip(block.poses, kept, strict=True))
@@ -90,7 +111,7 @@ class SurfaceFrame:
 
     def _points_plane_m(self) -> FloatArray:
         assert self.plane is not None
-        return self.plane.plane_from_world(self.run.adjusted_block().tie_points.position_world_m)
+        return self.plane.plane_from_world(block_as_adjusted(self.run).tie_points.position_world_m)
 
     @property
     def beyond(self) -> int:
@@ -100,10 +121,10 @@ class SurfaceFrame:
     def cloud(self) -> PointCloud:
         """Return the adjusted tie points that are part of the surface."""
         if self.plane is None:
-            return self.run.cloud("adjusted")
+            return stored_cloud(self.run, "adjusted")
         points = self._points_plane_m()
         near = self._near(points)
-        return PointCloud(points[near], self.run.adjusted_block().tie_points.colour[near])
+        return PointCloud(points[near], block_as_adjusted(self.run).tie_points.colour[near])
 
     @property
     def _axes(self) -> FloatArray:
@@ -125,14 +146,15 @@ class SurfaceFrame:
     def shape(self) -> ShapePrecision | None:
         """Return how well the shape of the survey is known in the frame, without its datum; None where there are too
         few tie points to say, or no datum."""
-        found = self._covariances().deformation
+        deformation = self._covariances().deformation
         block = self.run.block()
-        if not len(found.place_world_m) or block.is_free:
+        if not len(deformation.place_world_m) or block.is_free:
             return None
         R = self._axes
         place = block.frame.map_from_world if self.plane is None else self.plane.plane_from_world
-        datum = R.T @ found.covariance[GROUND, GROUND] @ R
-        return ShapePrecision(place(found.place_world_m), R.T @ found.shape_covariance_m2 @ R, datum)
+        datum = R.T @ deformation.covariance[GROUND, GROUND] @ R
+        shape = R.T @ deformation.shape_covariance_m2 @ R
+        return ShapePrecision(place(deformation.place_world_m), shape, datum)
 
     def map_m(self, points_m: FloatArray) -> FloatArray:
         """Return points (N, 3) of the surface in the map."""
@@ -164,9 +186,9 @@ class SurfaceFrame:
 
 def fitted_frame(run: Run) -> SurfaceFrame | str:
     """Return the frame in which the surface is to be made, or why none is. Needs the stage `adjustment`."""
-    block, settings = run.adjusted_block(), run.project.surface
+    block, settings = block_as_adjusted(run), run.project.surface
     if settings.plane == "none" or not block.has_scale:
-        return reason_of(block, always=settings.in_plan == "always") or SurfaceFrame(run)
+        return no_surface(block, always=settings.in_plan == "always") or SurfaceFrame(run)
     fit = fit_plane(block.tie_points.position_world_m, block.poses)
     if isinstance(fit, str):
         return f"surface: {{plane: auto}}: {fit}"
@@ -177,7 +199,7 @@ def plane_record(run: Run) -> PlaneRecord | None:
     """Return what the stage `surface` says of the plane, None where none was asked for or none was found."""
     if not run.workspace.has("surface", PLANE_FIT):
         return None
-    return read_json_as(run.workspace.file("surface", PLANE_FIT), _plane_types())
+    return read_json_as(run.workspace.file("surface", PLANE_FIT), PlaneRecord)
 
 
 def made_frame(run: Run) -> SurfaceFrame:

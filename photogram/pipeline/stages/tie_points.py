@@ -8,11 +8,12 @@ from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
 from photogram.errors import ImageError
-from photogram.files.records import write_record
+from photogram.files.npz_json import file_fingerprint
+from photogram.files.records import read_record, write_record
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import TIE_POINT_BYTES, Costs, Memory, Rate
-from photogram.pipeline.stages.features import coarseness_of
-from photogram.pipeline.store.dependence import starts_from_tie_points, tie_points_settings
+from photogram.pipeline.stages.features import coarseness_of, starts_from_tie_points, stored_features
+from photogram.pipeline.stages.matches import stored_matches
 from photogram.pipeline.store.run import Run
 from photogram.project.project import Project
 from photogram.project.schema import REDUCTIONS
@@ -62,8 +63,8 @@ def _given_tie_points(run: Run, given: TiePoints, progress: Progress) -> Joined:
 
 def _joined_matches(run: Run) -> Joined:
     """Return verified matches joined to tie points over all photographs. Raises ImageError where none are."""
-    features = [run.features(i) for i in range(len(run.names))]
-    matches = [Matches(m.first, m.second, m.index[good]) for m, good in run.matches()]
+    features = [stored_features(run, i) for i in range(len(run.names))]
+    matches = [Matches(m.first, m.second, m.index[good]) for m, good in stored_matches(run)]
     sigmas_px = [_key_point_sigmas_px(run.project, i, f) for i, f in enumerate(features)]
     joined = join_matches(features, matches, sigmas_px)
     if not len(joined.tie_points):
@@ -83,6 +84,16 @@ def join_tie_points(run: Run, folder: Path, progress: Progress) -> TiePointsSumm
     return {"tie_points": len(joined.tie_points), "conflicts": joined.conflicts}
 
 
+def stored_tie_points(run: Run) -> TiePoints:
+    """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
+    return read_record(run.workspace.file("tie_points", "tie_points.npz"), TiePoints)
+
+
+def _settings(run: Run) -> object:
+    start, sigma_px = run.project.start, run.project.adjustment.tie_point_sigma_px
+    return sigma_px if start is None or start.tie_points == "own" else [sigma_px, file_fingerprint(start.solution)]
+
+
 def _words(summary: TiePointsSummary) -> str:
     rejected = summary["conflicts"]
     return things(summary["tie_points"], "tie point") + (f", {rejected} contradictory rejected" if rejected else "")
@@ -92,7 +103,7 @@ TIE_POINTS: Stage = Stage(
     "tie_points",
     "Tie points",
     ("features", "matches"),
-    tie_points_settings,
+    _settings,
     join_tie_points,
     line_of(TiePointsSummary, _words),
     Costs(

@@ -85,12 +85,12 @@ class Cluster:
     def _threads(self) -> dict[str, int]:
         """Return how many threads each worker has. Raises WorkspaceError where the scheduler is gone."""
         try:
-            found = self.client.nthreads() if self.client.status == "running" else None
+            workers = self.client.nthreads() if self.client.status == "running" else None
         except (OSError, TimeoutError) as error:
             raise self._lost() from error
-        if found is None:
+        if workers is None:
             raise self._lost()
-        return {str(worker): int(threads) for worker, threads in found.items()}
+        return {str(worker): int(threads) for worker, threads in workers.items()}
 
     def _lost(self) -> WorkspaceError:
         return WorkspaceError(
@@ -99,13 +99,13 @@ class Cluster:
 
     def check(self, order: WorkOrder, paths: Sequence[Path]) -> None:
         """Raise WorkspaceError where there is no worker, or one does not see ``paths`` or has other programs."""
-        found = self.client.run(look_around, order, [str(path) for path in paths], on_error="return")
-        if not found:
+        answers = self.client.run(look_around, order, [str(path) for path in paths], on_error="return")
+        if not answers:
             raise WorkspaceError(
                 f"{self.address}: this scheduler has no workers: start 'dask worker {self.address} --nthreads 1' on "
                 "every machine"
             )
-        for worker, seen in found.items():
+        for worker, seen in answers.items():
             if isinstance(seen, BaseException):
                 raise WorkspaceError(
                     f"the worker {worker} cannot run photogram tasks ({type(seen).__name__}: {seen}): install "

@@ -53,12 +53,13 @@ def peak_memory() -> Iterator[Peak]:
 
     On Linux the system's high-water mark is reset before. Elsewhere only a peak above all earlier ones can be told.
     """
-    found, before, reset = Peak(), _lifetime_peak(), reset_highest_memory()
+    peak, before = Peak(), _lifetime_peak()
+    is_reset = reset_highest_memory()
     try:
-        yield found
+        yield peak
     finally:
         after = _lifetime_peak()
-        if reset:
-            found.bytes = highest_memory()
+        if is_reset:
+            peak.bytes = highest_memory()
         elif after > before:
-            found.bytes = after
+            peak.bytes = after

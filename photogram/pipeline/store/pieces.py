@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from photogram.errors import PhotogramError, WorkspaceError
+from photogram.pipeline.store.memory import highest_memory
 from photogram.pipeline.store.pools import Pool, WorkOrder
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.work_orders import highest_memory_bytes, prepared, remote_run, written_order
+from photogram.pipeline.store.work_orders import prepared, remote_run, written_order
 
 StateT = TypeVar("StateT")
 ItemT = TypeVar("ItemT")
@@ -83,7 +84,7 @@ def _done(order: WorkOrder, kind: PieceType[StateT, ItemT, ResultT], item: ItemT
     """Do a piece in this process, which has nothing but the order, and return with its result the most memory taken."""
     try:
         kept = remote_run(order)
-        return kind.do(prepared(kept, kind.prepare), item), highest_memory_bytes()
+        return kind.do(prepared(kept, kind.prepare), item), highest_memory()
     except PhotogramError:
         raise
     except Exception as error:

@@ -64,8 +64,8 @@ def read_record(results: Path) -> dict[str, str]:
         return {}
     with errors_of(path, "cannot be read"):
         text = path.read_text(encoding="utf-8", errors="replace")
-    found = (_LINE.fullmatch(line) for line in text.splitlines())
-    return {match[2]: match[1] for match in found if match}
+    matches = (_LINE.fullmatch(line) for line in text.splitlines())
+    return {match[2]: match[1] for match in matches if match}
 
 
 def foreign_products(results: Path) -> list[str]:

@@ -1,49 +1,32 @@
-"""One run of a project: what its stages have written, read back as the survey's own types.
+"""One run of a project: its photographs as they are measured, masked and decoded, and the folders of its stages.
 
-A stage reads only what earlier stages have written, so that a resumed run sees exactly what an uninterrupted one sees.
+A stage reads only what earlier stages have written, so that a resumed run sees exactly what an uninterrupted one sees;
+what a stage has stored is read by functions beside it.
 """
 
-from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from photogram.arrays import BoolArray, ByteArray, IntArray
-from photogram.files.npz_json import file_fingerprint, read_arrays, read_json, read_json_as
+from photogram.files.npz_json import file_fingerprint, read_json, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_grey, read_photograph
 from photogram.files.photographs.masks import read_mask, read_masks
-from photogram.files.records import read_record
 from photogram.files.solutions.stored_solutions import read_stored
-from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.store.pools import Pool, WorkOrder
-from photogram.pipeline.store.stored_results import (
-    GeoreferencedBy,
-    StoredPhotographs,
-    StoredResections,
-    StoredVerdict,
-    read_adjusted_block,
-    read_adjustment,
-    read_measured,
-    read_verdict,
-    rejected_from,
-)
+from photogram.pipeline.store.stored_photographs import StoredFrame, read_measured
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.project.start import InitialSolution, start_of
-from photogram.results import Adjustment
-from photogram.sfm.orientation import Orientation
-from photogram.sfm.resection import Resection
-from photogram.survey import Block, Features, Matches, PointCloud, TiePoints
+from photogram.survey import Block
 
-FRAME, MEASURED, PLACED_BY = "frame.json", "measured.npz", "placed_by.json"
-ORIENTATION_FILE, RESECTIONS = "orientation.npz", "resections.npz"
+FRAME, MEASURED, NOTES = "frame.json", "measured.npz", "tags.json"
 
 STRETCHES = "stretches.json"
 """File of the stage `photographs` with the stretch to 8 bits of each camera; not there where none has more."""
@@ -55,11 +38,6 @@ AUTOMATIC_MASKS = "masks.json"
 def mask_file(photograph: int) -> str:
     """Return the file of the stage `transfer` with the automatic mask of a photograph."""
     return f"mask{photograph:05d}.png"
-
-
-@cache
-def _note_types() -> TypeAdapter[list[PhotographNote]]:
-    return TypeAdapter(list[PhotographNote])
 
 
 @dataclass(frozen=True)
@@ -117,8 +95,8 @@ class Run:
         used = self.given_mask(index)
         if self.names[index] not in self.automatically_masked:
             return used
-        found = read_mask(self.workspace.file("transfer", mask_file(index)))
-        return found if used is None else used & found
+        automatic = read_mask(self.workspace.file("transfer", mask_file(index)))
+        return automatic if used is None else used & automatic
 
     def masked(self, indices: IntArray) -> BoolArray:
         """Return which of some photographs have a mask, given or found automatically. Needs the stage `transfer`."""
@@ -174,32 +152,15 @@ class Run:
         mark = self.workspace.mark("photographs") or ""
         if mark not in self._blocks:
             file = self.workspace.file
-            frame = read_json(file("photographs", FRAME))
-            measured = read_measured(file("photographs", MEASURED), self.project, frame)
+            origin_map_m = read_json_as(file("photographs", FRAME), StoredFrame)["origin_map_m"]
+            measured = read_measured(file("photographs", MEASURED), self.project, origin_map_m)
             self._blocks[mark] = block_of(self.project, measured)
         return self._blocks[mark]
-
-    def mark_kinds(self) -> dict[tuple[str, str], str]:
-        """Return how each mark of a ground point was measured, by the names of point and photograph. A copy of a
-        photograph gives its marks to the photograph itself, as in ``block``. Needs the stage `photographs`."""
-        original = read_record(self.workspace.file("photographs", MEASURED), StoredPhotographs).original
-        own, of_copies = dict[tuple[str, str], str](), dict[tuple[str, str], str]()
-        for point in self.project.control_points:
-            for i, kind in zip(point.mark_photograph.tolist(), point.mark_kind, strict=True):
-                kinds = own if original[i] == i else of_copies
-                kinds.setdefault((point.name, self.names[original[i]]), kind)
-        return {**of_copies, **own}
 
     def notes(self) -> list[PhotographNote]:
         """Return what the project, files of positions and tags say of each photograph. Needs the stage
         `photographs`."""
-        return read_json_as(self.workspace.file("photographs", "tags.json"), _note_types())
-
-    def gnss_systems(self) -> list[HeightSystem | None]:
-        """Return the system in which every GNSS height there is was given. Needs the stage `photographs`."""
-        notes = self.notes()
-        systems = self.project.gnss_systems([note["height_is_ellipsoidal"] for note in notes])
-        return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
+        return read_json_as(self.workspace.file("photographs", NOTES), list[PhotographNote])
 
     @cached_property
     def start(self) -> InitialSolution | None:
@@ -210,66 +171,3 @@ class Run:
             return None
         camera_of = [p.camera for p in photographs]
         return start_of(self.names, camera_of, self.project.cameras, read_stored(start.solution))
-
-    def features(self, index: int) -> Features:
-        """Return the key points of one photograph. Needs the stage `features`."""
-        return read_record(self.workspace.file("features", f"{index:05d}.npz"), Features)
-
-    def selected_pairs(self) -> list[tuple[int, int]]:
-        """Return the pairs of photographs to be matched. Needs the stage `pairs`."""
-        return [(int(i), int(j)) for i, j in read_json(self.workspace.file("pairs", "pairs.json"))]
-
-    def matches(self) -> Iterator[tuple[Matches, BoolArray]]:
-        """Yield candidate matches of every pair, and which are verified, one pair after the other. Needs the stage
-        `matches`."""
-        for first, second in read_json(self.workspace.file("matches", "pairs.json")):
-            arrays = read_arrays(self.workspace.file("matches", f"{first:05d}-{second:05d}.npz"))
-            yield Matches(first, second, arrays["index"]), arrays["verified"]
-
-    def orientation(self) -> Orientation:
-        """Return starting poses and resections. Needs the stage `orientation`."""
-        return read_record(self.workspace.file("orientation", ORIENTATION_FILE), Orientation)
-
-    def georeferenced_by(self) -> GeoreferencedBy:
-        """Return what the orientation owes to control points. Needs the stage `orientation`."""
-        return GeoreferencedBy(**read_json(self.workspace.file("orientation", PLACED_BY)))
-
-    def resections(self) -> tuple[Resection | None, ...]:
-        """Return the resections from the control points as they are in the adjustment. Needs the stage
-        `adjustment`."""
-        return read_record(self.workspace.file("adjustment", RESECTIONS), StoredResections).resections
-
-    def tie_points(self) -> TiePoints:
-        """Return the tie points of the whole block, without positions. Needs the stage `tie_points`."""
-        return read_record(self.workspace.file("tie_points", "tie_points.npz"), TiePoints)
-
-    def transferred_tie_points(self) -> TiePoints:
-        """Return the tie points with what was measured of them in further photographs. Needs the stage `transfer`."""
-        return read_record(self.workspace.file("transfer", "tie_points.npz"), TiePoints)
-
-    def cloud(self, name: str) -> PointCloud:
-        """Return a point cloud: linear_2view, linear_3view (stage `intersection`) or adjusted (stage `adjustment`)."""
-        stage = "adjustment" if name == "adjusted" else "intersection"
-        return read_record(self.workspace.file(stage, f"{name}.npz"), PointCloud)
-
-    def adjusted_block(self) -> Block:
-        """Return the block that was adjusted: cameras, poses and tie points as they came out, without what was left
-        out. Needs the stage `adjustment`, of which no covariance is read."""
-        return read_adjusted_block(self.block(), self._of_adjustment, rejected_from(self.verdict()))
-
-    def _of_adjustment(self, name: str) -> Path:
-        return self.workspace.file("adjustment", name)
-
-    def adjustment(self) -> Adjustment:
-        """Return the joint adjustment with all covariances; ``adjusted_block`` is its block alone. Needs the stage
-        `adjustment`."""
-        return read_adjustment(self.adjusted_block(), self._of_adjustment)
-
-    def held(self) -> dict[str, dict[str, str]]:
-        """Return by camera and parameter why it did not come from the photographs. Needs the stage `adjustment`."""
-        return dict(read_json(self.workspace.file("adjustment", "held.json")))
-
-    def verdict(self) -> StoredVerdict:
-        """Return the blunders, what was left out for them, and the accuracy of the check points with them and without.
-        Needs the stage `adjustment`."""
-        return read_verdict(self.workspace.file("adjustment", "verdict.json"))

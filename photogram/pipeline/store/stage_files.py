@@ -5,17 +5,14 @@ what a run that was killed has left can be told from what is damaged. Every proc
 own, since two machines cannot append to one file. When the stage is complete the checksums go to its note.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any
 
 from photogram.files.atomic import observed, remove_leftovers
 from photogram.files.stage_folders import MARKER, NOTE, errors_of
@@ -40,15 +37,6 @@ class StageFile:
     sha256: str
     mtime_ns: int
 
-    @staticmethod
-    def of(value: Mapping[str, Any]) -> StageFile:
-        """Return what ``to_json`` wrote."""
-        return StageFile(int(value["bytes"]), str(value["sha256"]), int(value["mtime_ns"]))
-
-    def to_json(self) -> dict[str, object]:
-        """Return it as JSON."""
-        return asdict(self)
-
 
 def checksum(path: Path) -> Checksum:
     """Return the checksum of a file. Raises OSError where it cannot be read."""
@@ -70,12 +58,12 @@ def looks_unchanged(path: Path, known: StageFile) -> bool:
     """Return whether a file is there that holds what it should: by length and time where nobody wrote to it since, else
     by its content. Raises OSError where it cannot be read."""
     try:
-        found = os.lstat(path)
+        status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    if (found.st_size, found.st_mtime_ns) == (known.bytes, known.mtime_ns):
+    if (status.st_size, status.st_mtime_ns) == (known.bytes, known.mtime_ns):
         return not path.is_symlink()
-    return found.st_size == known.bytes and is_unchanged(path, known)
+    return status.st_size == known.bytes and is_unchanged(path, known)
 
 
 def files_below(folder: Path) -> Iterator[str]:
@@ -127,7 +115,7 @@ def journalled(folder: Path, journal: str = JOURNAL, before: Callable[[], None] 
 def read_journal(folder: Path) -> dict[str, set[Checksum]]:
     """Return the checksums that the journals of a partial folder note, of each file the last of each; what is half a
     line is none. Raises OSError where one cannot be read."""
-    found: dict[str, set[Checksum]] = {}
+    noted: dict[str, set[Checksum]] = {}
     for journal in journals(folder):
         own: dict[str, Checksum] = {}
         for line in journal.read_bytes().split(b"\n")[:-1]:
@@ -135,8 +123,8 @@ def read_journal(folder: Path) -> dict[str, set[Checksum]]:
             if len(parts) == 3 and parts[1].isdecimal():
                 own[parts[2]] = Checksum(int(parts[1]), parts[0])
         for name, known in own.items():
-            found.setdefault(name, set()).add(known)
-    return found
+            noted.setdefault(name, set()).add(known)
+    return noted
 
 
 def remove_all_leftovers(folder: Path) -> None:
@@ -165,7 +153,7 @@ def keep_whole_files(folder: Path) -> list[Path]:
 def files_of(folder: Path) -> dict[str, StageFile]:
     """Return the files of a partial folder that is about to be complete, by name; a checksum on which the journals
     agree is not taken again. Raises OSError where a file cannot be read."""
-    known, found = read_journal(folder), {}
+    known, files = read_journal(folder), {}
     for name in files_below(folder):
         path = folder / name
         status = os.lstat(path)
@@ -173,5 +161,5 @@ def files_of(folder: Path) -> dict[str, StageFile]:
         noted = next(iter(agreed)) if len(agreed) == 1 else None
         if noted is None or noted.bytes != status.st_size:
             noted = checksum(path)
-        found[name] = StageFile(noted.bytes, noted.sha256, status.st_mtime_ns)
-    return found
+        files[name] = StageFile(noted.bytes, noted.sha256, status.st_mtime_ns)
+    return files

@@ -47,7 +47,6 @@ class BlockFiles:
 
     def read(self, window: Window, *names: str) -> tuple[NDArray[Any], ...]:
         """Return arrays over a window. Raises WorkspaceError when one of its blocks is missing or damaged."""
-        rows, columns = window.shape
         whole: dict[str, NDArray[Any]] = {}
         first_row, first_column = window.row // self.side * self.side, window.column // self.side * self.side
         for row in range(first_row, window.row_end, self.side):
@@ -56,14 +55,16 @@ class BlockFiles:
                     row, column, min(row + self.side, self.grid.rows), min(column + self.side, self.grid.columns)
                 )
                 arrays = read_arrays(self.checked(self._path(block)))
-                r0, r1 = max(row, window.row), min(block.row_end, window.row_end)
-                c0, c1 = max(column, window.column), min(block.column_end, window.column_end)
+                inner = Window(
+                    max(row, window.row),
+                    max(column, window.column),
+                    min(block.row_end, window.row_end),
+                    min(block.column_end, window.column_end),
+                )
                 for name in names:
                     part = arrays[name]
-                    target = whole.setdefault(name, np.empty((rows, columns), part.dtype))
-                    target[r0 - window.row : r1 - window.row, c0 - window.column : c1 - window.column] = part[
-                        r0 - row : r1 - row, c0 - column : c1 - column
-                    ]
+                    target = whole.setdefault(name, np.empty(window.shape, part.dtype))
+                    target[inner.within(window)] = part[inner.within(block)]
         return tuple(whole[name] for name in names)
 
 

@@ -26,7 +26,7 @@ from photogram import __version__
 from photogram.errors import WorkspaceError
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import fingerprint, read_json, write_json
-from photogram.pipeline.store.memory import highest_memory, reset_highest_memory
+from photogram.pipeline.store.memory import reset_highest_memory
 from photogram.pipeline.store.pools import WorkOrder
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_files import journalled, own_journal
@@ -47,10 +47,10 @@ def place() -> str:
     return f"{socket.gethostname()}, process {os.getpid()}"
 
 
-def different_programs(expected: dict[str, str | None], found: dict[str, str | None]) -> str:
+def different_programs(expected: dict[str, str | None], there: dict[str, str | None]) -> str:
     """Return what differs between two of ``programs``, empty where nothing does."""
-    names = [name for name in {**expected, **found} if expected.get(name) != found.get(name)]
-    return ", ".join(f"{name} {found.get(name)} in place of {expected.get(name)}" for name in names)
+    names = [name for name in {**expected, **there} if expected.get(name) != there.get(name)]
+    return ", ".join(f"{name} {there.get(name)} in place of {expected.get(name)}" for name in names)
 
 
 def _project_mark(project: Project) -> str:
@@ -133,16 +133,16 @@ def remote_run(order: WorkOrder) -> RemoteRun:
     """Return the order of a stage as this process carries it out, opened once. Raises WorkspaceError where the work
     folder is not there, the order has ended, the project file has changed, or the programs are of other versions."""
     with _lock:
-        found = _open.get(str(order.note))
-        if found is None:
+        kept = _open.get(str(order.note))
+        if kept is None:
             for former in tuple(_open.values()):
                 former.closing.close()
             _open.clear()
-            found = _opened(order)
-            _open[str(order.note)] = found
+            kept = _opened(order)
+            _open[str(order.note)] = kept
         elif not order.note.is_file():
             raise _ended(order)
-        return found
+        return kept
 
 
 def prepared(kept: RemoteRun, prepare: Any) -> Any:  # noqa: ANN401 - whatever the kind of pieces needs
@@ -204,8 +204,3 @@ def other_programs(different: str, where: str) -> WorkspaceError:
     return WorkspaceError(
         f"the worker on {where} has {different}: results would not be the same: install the same versions everywhere"
     )
-
-
-def highest_memory_bytes() -> int | None:
-    """Return the most memory that this process has held since it opened its order."""
-    return highest_memory()

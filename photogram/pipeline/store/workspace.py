@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from photogram.errors import DamagedStageError, WorkspaceError
@@ -84,7 +84,7 @@ class Workspace:
                 value = json.loads(path.read_text(encoding="utf-8"))
                 if value.pop("sha256") != _seal(value):
                     raise DamagedStageError(name, path, _CHANGED)
-                files = {n: StageFile.of(f) for n, f in value.pop("files").items()}
+                files = {n: StageFile(**f) for n, f in value.pop("files").items()}
                 known = _Note(value, files, mtime_ns)
                 self._notes[name] = known
         except (FileNotFoundError, NotADirectoryError) as error:
@@ -188,7 +188,7 @@ class Workspace:
         partial, complete = self.partial(name), self.stage(name)
         with errors_of(partial):
             remove_all_leftovers(partial)  # of processes of a pool that were lost
-            files = {written: known.to_json() for written, known in files_of(partial).items()}
+            files = {written: asdict(known) for written, known in files_of(partial).items()}
             note = {"stage": name, "fingerprint": mark, "format": FORMAT, **summary, "files": files}
             write_json(partial / NOTE, {**note, "sha256": _seal(note)})
             for journal in journals(partial):

@@ -1,9 +1,8 @@
 """What report.json says of cameras on one body."""
 
-from functools import cache
 from typing import Annotated, NotRequired
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.report.record.units import Count, Degrees, Metres, Pixels
@@ -19,12 +18,6 @@ class BandRecord(TypedDict):
     patches: Count
     mean_px: Annotated[list[Pixels], Field(min_length=2, max_length=2)] | None
     rms_px: Pixels | None
-
-
-@cache
-def band_records_type() -> TypeAdapter[dict[str, BandRecord]]:
-    """Return what reads the registration of bands by camera."""
-    return TypeAdapter(dict[str, BandRecord])
 
 
 class RigRecord(TypedDict):

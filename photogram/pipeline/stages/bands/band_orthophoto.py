@@ -19,7 +19,7 @@ from photogram.pipeline.stages.orthophoto_pieces import HeldPhotographs, masks_o
 from photogram.pipeline.stages.surface_frame import SurfaceFrame
 from photogram.pipeline.store.run import Run
 from photogram.project.rigs.entries import bands_of
-from photogram.report.record.rigs import BandRecord, band_records_type
+from photogram.report.record.rigs import BandRecord
 from photogram.surface.ortho.orthophoto import ONLY_MASKED, TILE_CELLS, Orthophoto, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside
 from photogram.surface.ortho.registration import Registration, shifts_in
@@ -93,8 +93,8 @@ def make_bands(
 
     names = ("red", "green", "blue", *(band.name for band in planned))
     write_cog_bands(folder / BANDS_FILE, grid, site.plan, names, tiles(), note=site.note)
-    found = {name: Registration.of(np.concatenate(own)) for name, own in shifts.items()}
-    write_json(folder / REGISTRATION_FILE, {name: _record(own) for name, own in found.items()})
+    records = {name: _record(Registration.of(np.concatenate(own))) for name, own in shifts.items()}
+    write_json(folder / REGISTRATION_FILE, records)
 
 
 def _record(registration: Registration) -> BandRecord:
@@ -110,4 +110,4 @@ def band_records(run: Run) -> Mapping[str, BandRecord]:
     """Return what the stage `orthophoto` has measured of bands, by camera; nothing where it made none."""
     if not run.workspace.has("orthophoto", REGISTRATION_FILE):
         return {}
-    return read_json_as(run.workspace.file("orthophoto", REGISTRATION_FILE), band_records_type())
+    return read_json_as(run.workspace.file("orthophoto", REGISTRATION_FILE), dict[str, BandRecord])

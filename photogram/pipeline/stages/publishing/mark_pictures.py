@@ -9,8 +9,10 @@ import numpy as np
 from photogram.camera import Camera
 from photogram.errors import ImageError
 from photogram.files.photographs.images import read_patches
+from photogram.files.records import read_record
 from photogram.machine import within_half_of_memory
-from photogram.pipeline.store.run import Run
+from photogram.pipeline.store.run import MEASURED, Run
+from photogram.pipeline.store.stored_photographs import StoredPhotographs
 from photogram.report.figures.mark_patches import PhotographPatch, mark_figure, reduced, shown_marks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.record.ground import GroundPointRecord, MarkRecord, NotShownRecord
@@ -35,21 +37,13 @@ class MarkPictures:
     not_shown: list[NotShownRecord]
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """A mark whose surroundings are to be shown."""
-
-    point: str
-    mark: MarkRecord
-
-
 def mark_pictures(run: Run, points: Sequence[GroundPointRecord]) -> MarkPictures:
     """Return pictures of the marks of ground points; of photographs that cannot be read, why."""
     index = {name: i for i, name in enumerate(run.names)}
-    of_photograph: dict[int, list[_Wanted]] = {}
+    of_photograph: dict[int, list[tuple[str, MarkRecord]]] = {}
     for point in points:
         for mark in shown_marks(point):
-            of_photograph.setdefault(index[mark["photograph"]], []).append(_Wanted(point["name"], mark))
+            of_photograph.setdefault(index[mark["photograph"]], []).append((point["name"], mark))
     patches: Patches = {point["name"]: {} for point in points}
     not_shown: list[NotShownRecord] = []
     ordered = sorted(of_photograph)
@@ -57,21 +51,21 @@ def mark_pictures(run: Run, points: Sequence[GroundPointRecord]) -> MarkPictures
     at_once = within_half_of_memory(BYTES_PER_PX * largest)
     for begin in range(0, len(ordered), at_once):
         some = ordered[begin : begin + at_once]
-        for i, found in zip(some, run.executor.map(lambda i: _cut(run, i, of_photograph[i]), some), strict=True):
-            if isinstance(found, str):
-                not_shown.append({"photograph": run.names[i], "reason": found})
+        for i, cut in zip(some, run.executor.map(lambda i: _cut(run, i, of_photograph[i]), some), strict=True):
+            if isinstance(cut, str):
+                not_shown.append({"photograph": run.names[i], "reason": cut})
                 continue
-            for wanted, patch in zip(of_photograph[i], found, strict=True):
-                patches[wanted.point][run.names[i]] = patch
+            for (point_name, _), patch in zip(of_photograph[i], cut, strict=True):
+                patches[point_name][run.names[i]] = patch
     figures = [mark_figure(point, patches[point["name"]]) for point in points]
     return MarkPictures([figure for figure in figures if figure is not None], not_shown)
 
 
-def _cut(run: Run, index: int, wanted: Sequence[_Wanted]) -> list[PhotographPatch] | str:
+def _cut(run: Run, index: int, wanted: Sequence[tuple[str, MarkRecord]]) -> list[PhotographPatch] | str:
     """Return the patches of marks in a photograph, or why it cannot be read."""
     source = run.project.photographs[index]
     camera = run.project.cameras[source.camera]
-    windows = [_window(entry.mark, camera) for entry in wanted]
+    windows = [_window(mark, camera) for _, mark in wanted]
     boxes = [window.box for window in windows]
     try:
         pixels = read_patches(
@@ -113,3 +107,15 @@ def _window(mark: MarkRecord, camera: Camera) -> _Window:
     )
     left, upper = min(left, right - reduction), min(upper, lower - reduction)
     return _Window((left, upper, right, lower), reduction, half_px)
+
+
+def mark_kinds(run: Run) -> dict[tuple[str, str], str]:
+    """Return how each mark of a ground point was measured, by the names of point and photograph. A copy of a photograph
+    gives its marks to the photograph itself, as in the block. Needs the stage `photographs`."""
+    original = read_record(run.workspace.file("photographs", MEASURED), StoredPhotographs).original
+    own, of_copies = dict[tuple[str, str], str](), dict[tuple[str, str], str]()
+    for point in run.project.control_points:
+        for i, kind in zip(point.mark_photograph.tolist(), point.mark_kind, strict=True):
+            kinds = own if original[i] == i else of_copies
+            kinds.setdefault((point.name, run.names[original[i]]), kind)
+    return {**of_copies, **own}

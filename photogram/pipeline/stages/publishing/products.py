@@ -29,9 +29,10 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
-from photogram.pipeline.stages.no_surface import LEFT_OUT, RIM_FILE
 from photogram.pipeline.stages.order import BEFORE_RESULTS
-from photogram.pipeline.stages.stored_surface import StoredSurface
+from photogram.pipeline.stages.orthophoto import RIM_FILE
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
 from photogram.pipeline.stages.surface import (
     WATER_FILE,
     SurfaceSummary,
@@ -92,8 +93,8 @@ def copy_products(run: Run, results: Path) -> list[str]:
     names = []
     for stage in BEFORE_RESULTS:
         # what the keys of a GeoTIFF cannot hold stands beside it
-        beside = [name + CATEGORY_SUFFIX for name in stage.products if name.endswith(".tif")]
-        for name in dict.fromkeys((*stage.products, *beside)):
+        companions = [name + CATEGORY_SUFFIX for name in stage.products if name.endswith(".tif")]
+        for name in dict.fromkeys((*stage.products, *companions)):
             if run.workspace.has(stage.name, name):
                 made = run.workspace.file(stage.name, name)
                 with replacing(results / name) as partial:
@@ -115,7 +116,7 @@ def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
     written. Raises CancelledError, and leaves no file, once the work beside which it is written has ``ended``."""
     if not matched(run):
         return []
-    layers, created = surface_layers(run), flight_date(run.notes(), run.adjusted_block().poses)
+    layers, created = surface_layers(run), flight_date(run.notes(), block_as_adjusted(run).poses)
     site = made_frame(run)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
@@ -190,7 +191,9 @@ def dense_surface(run: Run) -> DenseSurface | None:
     layers = surface_layers(run)
     source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
     names = tuple(
-        p.name for p, pose in zip(run.project.photographs, run.adjusted_block().poses, strict=True) if pose is not None
+        p.name
+        for p, pose in zip(run.project.photographs, block_as_adjusted(run).poses, strict=True)
+        if pose is not None
     )
     surface = StoredSurface(run)
     return DenseSurface(
@@ -240,14 +243,14 @@ def targets_in_orthophoto(
             template = mark_neighbourhood(mark, centres[name], whole.cell_m, block.frame)
             if template is not None:
                 templates[name].append(template)
-    found: dict[str, LocatedTarget | str] = {}
+    targets: dict[str, LocatedTarget | str] = {}
     for name, centre in centres.items():
         corner = centre[:2] + whole.cell_m * (half + 0.5) * np.array([-1.0, 1.0])
         grid = MapGrid(float(corner[0]), float(corner[1]), whole.cell_m, 2 * half + 1, 2 * half + 1)
-        shown = picture_on_grid(path, grid, grid.whole)
-        found[name] = find_target(shown, centre, whole.cell_m, templates[name])
+        picture = picture_on_grid(path, grid, grid.whole)
+        targets[name] = find_target(picture, centre, whole.cell_m, templates[name])
     missing = "fewer than two of its marks intersect"
-    return {point["name"]: found.get(point["name"], missing) for point in points}
+    return {point["name"]: targets.get(point["name"], missing) for point in points}
 
 
 _SAMPLED_CELLS = 4_000_000  # that a median is taken of, about
@@ -258,16 +261,16 @@ def matching_sigma_m(run: Run) -> float | None:
     calibration do to all of them; None where nothing was measured."""
     layers = surface_layers(run)
     step = max(layers.grid.rows * layers.grid.columns // _SAMPLED_CELLS, 1)
-    found = []
+    sigmas = []
     for window in layers.windows:
         own, source = layers.read(window, "own", "source")
-        found.append(own[source == MEASURED][::step])
-    sigma = np.concatenate(found)
+        sigmas.append(own[source == MEASURED][::step])
+    sigma = np.concatenate(sigmas)
     sigma = sigma[np.isfinite(sigma)]
     return float(np.median(sigma)) if len(sigma) else None
 
 
-def _shown(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
+def _as_drawn(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
     """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
     them: where it would hide everything else."""
     shape, relative = made_frame(run).shape(), StoredSurface(run).relative_sigma()
@@ -305,11 +308,11 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
         orthophoto = orthophoto_numbers(picture)
         checks = [point for point in points if checks_plan(point)]
         if checks:
-            found = targets_in_orthophoto(run, site, checks)
-            orthophoto["check_points"] = orthophoto_check_numbers(checks, found, upright=upright)
+            targets = targets_in_orthophoto(run, site, checks)
+            orthophoto["check_points"] = orthophoto_check_numbers(checks, targets, upright=upright)
         drawn.append(drawn_orthophoto(picture, ground))
-    if run.workspace.has("orthophoto", LEFT_OUT):
-        orthophoto = {"left_out": str(read_json(run.workspace.file("orthophoto", LEFT_OUT))["left_out"])}
+    elif reason := reason_left_out(run, "orthophoto"):
+        orthophoto = {"left_out": reason}
     numbers: DenseRecord | None = None
     if dense is not None:
         numbers = dense_numbers(dense, ground, matching_sigma_m(run), upright=upright)
@@ -318,8 +321,8 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
             cells = run.workspace.summary("surface", SurfaceSummary).get("water_of_grid", 0)
             numbers["water"] = water_numbers(areas, cells, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
-        shown, numbers_shown, datum_sigma_m = _shown(run, dense, numbers)
-        drawn += drawn_surface(shown, ground, numbers_shown, target_m, datum_sigma_m)
+        surface, numbers_drawn, datum_sigma_m = _as_drawn(run, dense, numbers)
+        drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m)
     if upright:
         drawn = [on_plane(figure) for figure in drawn]
     names = write_surface_pictures(results / "pictures", drawn)

@@ -1,7 +1,6 @@
 """The report page on disk: written beside report.json, made again from it, and printed as PDF."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from photogram.geodesy.crs import crs_title
 from photogram.pipeline.stages.adjustment import AdjustmentSummary
 from photogram.pipeline.stages.features import MASKED
 from photogram.pipeline.stages.order import BEFORE_RESULTS
+from photogram.pipeline.stages.stored_adjustment import stored_verdict
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
@@ -29,27 +28,15 @@ from photogram.report.record.json_schema import report_schema
 from photogram.report.record.photographs import MasksRecord
 from photogram.report.record.report import Report, SurveyNumbers
 from photogram.report.record.verdict import DeliverableRecord, SurveyRecord
-from photogram.report.versions import versions
 
 PAGE, PRINTED, NUMBERS, FIGURES, VIEW = "report.html", "report.pdf", "report.json", "figures.json", "view.html"
 SCHEMA = "report.schema.json"
 
 
-@dataclass(frozen=True)
-class RunFacts:
-    """What a run knows of the survey beside its adjustment; memory by stage, None where the system cannot tell."""
-
-    survey: SurveyRecord
-    versions: dict[str, str | None]
-    peak_memory_bytes: dict[str, int | None]
-
-
-def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
-    """Return what the run knows of the survey beside its adjustment: days of flight, versions, memory, disbelief."""
-    tags = run.notes()
-    days = sorted(tag["time"][:10] for tag in tags if tag["time"])
-    names = run.project.report
-    survey: SurveyRecord = {
+def survey_record(run: Run) -> SurveyRecord:
+    """Return the days of flight, the map, and what the project calls the survey."""
+    days, names = sorted(note["time"][:10] for note in run.notes() if note["time"]), run.project.report
+    return {
         "flown_first": days[0] if days else None,
         "flown_last": days[-1] if days else None,
         "crs_name": crs_title(run.project.crs),
@@ -57,8 +44,6 @@ def run_facts(run: Run, stages: Sequence[str]) -> RunFacts:
         "client": names.client or None,
         "author": names.author or None,
     }
-    memory = {name: run.workspace.summary(name, StageNote).get("peak_memory_bytes") for name in stages}
-    return RunFacts(survey, versions(), memory)
 
 
 def mask_numbers(run: Run) -> MasksRecord | None:
@@ -94,7 +79,7 @@ def rejected_attitudes(run: Run) -> RejectedAttitudes:
 
 def rejected_blunders(run: Run) -> RejectedBlunders:
     """Return the blunders that the adjustment has rejected, and what they do to the check points."""
-    verdict = run.verdict()
+    verdict = stored_verdict(run)
     return RejectedBlunders(
         verdict["blunders"], verdict["check_points"], verdict["check_points_without"], verdict["focal_lengths"]
     )

@@ -24,6 +24,7 @@ from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.records import write_record
 from photogram.geodesy.crs import NO_CRS, crs_in_words
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
     ADJUSTED_BYTES,
@@ -38,9 +39,11 @@ from photogram.pipeline.stage_costs import (
 )
 from photogram.pipeline.stages.bands.band_orthophoto import band_records
 from photogram.pipeline.stages.comparison import stored_comparisons
-from photogram.pipeline.stages.no_surface import LEFT_OUT
+from photogram.pipeline.stages.features import stored_features
+from photogram.pipeline.stages.matches import stored_matches
 from photogram.pipeline.stages.order import BEFORE_RESULTS
-from photogram.pipeline.stages.publishing.mark_pictures import mark_pictures
+from photogram.pipeline.stages.orientation import stored_orientation
+from photogram.pipeline.stages.publishing.mark_pictures import mark_kinds, mark_pictures
 from photogram.pipeline.stages.publishing.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.publishing.report_files import (
     deliverables,
@@ -48,11 +51,18 @@ from photogram.pipeline.stages.publishing.report_files import (
     mask_numbers,
     rejected_attitudes,
     rejected_blunders,
-    run_facts,
+    survey_record,
     today,
     write_report,
 )
-from photogram.pipeline.stages.stored_surface import StoredSurface
+from photogram.pipeline.stages.stored_adjustment import (
+    CLOUDS,
+    FIXED,
+    stored_adjustment,
+    stored_cloud,
+    stored_resections,
+)
+from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame
 from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
 from photogram.pipeline.store.run import Run
@@ -77,16 +87,11 @@ from photogram.report.numbers.rigs import rig_numbers
 from photogram.report.numbers.statistics import dsm_numbers
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
+from photogram.report.versions import versions
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import Progress, file_stem, things
 
-CLOUDS = ("linear_2view", "linear_3view", "adjusted")
-CLOUD_FILES = {
-    "linear_2view": "points_linear_2view",
-    "linear_3view": "points_linear_3view",
-    "adjusted": "points_adjusted",
-}
 MATCH_PICTURES = 3
 
 
@@ -129,16 +134,16 @@ def publish(run: Run, folder: Path, progress: Progress) -> ResultsSummary:
 def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
     """Write all products and return their names."""
     results, products = run.project.results, list[str]()
-    whole = run.adjustment()
+    whole = stored_adjustment(run)
     result = of_surveyed_points(whole)
     outcome = _Outcome(
-        run, whole, result, ground_overlap(result, run.cloud("adjusted").position_map_m), results, folder
+        run, whole, result, ground_overlap(result, stored_cloud(run, "adjusted").position_map_m), results, folder
     )
     steps = (_clouds, _tables, _photographs, _masks, _pictures, _match_pictures)
     # rasters and the dense cloud are written by libraries that leave Python alone, while it draws
     ended = Event()
-    with ThreadPoolExecutor(1) as beside:
-        surfaces = beside.submit(_surfaces, outcome, ended)
+    with ThreadPoolExecutor(1) as writer:
+        surfaces = writer.submit(_surfaces, outcome, ended)
         try:
             for number, step in enumerate(steps):
                 progress(number, len(steps) + 1, step.__name__.strip("_").replace("_", " "))
@@ -155,11 +160,11 @@ def _clouds(outcome: _Outcome) -> list[str]:
     products = []
     created = flight_date(outcome.run.notes(), outcome.result.block.poses)
     for name in CLOUDS:
-        cloud = outcome.run.cloud(name)
-        crs = outcome.run.project.product_crs
-        write_xyz(outcome.results / f"{CLOUD_FILES[name]}.txt", cloud, 5 if crs == NO_CRS else 3, crs)
-        write_laz(outcome.results / f"{CLOUD_FILES[name]}.laz", cloud, crs, created)
-        products += [f"{CLOUD_FILES[name]}.txt", f"{CLOUD_FILES[name]}.laz"]
+        cloud, crs = stored_cloud(outcome.run, name), outcome.run.project.product_crs
+        text, laz = f"points_{name}.txt", f"points_{name}.laz"
+        write_xyz(outcome.results / text, cloud, 5 if crs == NO_CRS else 3, crs)
+        write_laz(outcome.results / laz, cloud, crs, created)
+        products += [text, laz]
     return products
 
 
@@ -235,7 +240,7 @@ def _pictures(outcome: _Outcome) -> list[str]:
 def _match_pictures(outcome: _Outcome) -> list[str]:
     """Picture the pairs with the most verified matches."""
     run, products = outcome.run, []
-    best = nlargest(MATCH_PICTURES, run.matches(), key=lambda m: (int(m[1].sum()), -m[0].first, -m[0].second))
+    best = nlargest(MATCH_PICTURES, stored_matches(run), key=lambda m: (int(m[1].sum()), -m[0].first, -m[0].second))
     for candidates, verified in best:
         first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
         stems = (file_stem(i + 1, p.name) for i, p in ((candidates.first, first), (candidates.second, second)))
@@ -244,8 +249,8 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
             outcome.results / name,
             run.pixels(candidates.first),
             run.pixels(candidates.second),
-            run.features(candidates.first).pixel[candidates.index[:, 0]],
-            run.features(candidates.second).pixel[candidates.index[:, 1]],
+            stored_features(run, candidates.first).pixel[candidates.index[:, 0]],
+            stored_features(run, candidates.second).pixel[candidates.index[:, 1]],
             verified,
             f"{first.name} and {second.name}",
         )
@@ -256,48 +261,54 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
 def _dsm(run: Run) -> DsmRecord | NoSurfaceRecord:
     surface = StoredSurface(run)
     if not surface.is_there:
-        return {"left_out": str(read_json(run.workspace.file("surface", LEFT_OUT))["left_out"])}
+        return {"left_out": reason_left_out(run, "surface")}
     shape, relative = SurfaceFrame(run).shape(), surface.relative_sigma()
     datum = None if shape is None else shape.datum_covariance_m2
     return dsm_numbers(surface.heights(), surface.sigma(), surface.held_out_m(), relative, datum)
+
+
+def _gnss_systems(run: Run) -> list[HeightSystem | None]:
+    """Return the system in which every GNSS height there is was given."""
+    notes = run.notes()
+    systems = run.project.gnss_systems([note["height_is_ellipsoidal"] for note in notes])
+    return [system for system, note in zip(systems, notes, strict=True) if note["gnss_map_m"] is not None]
 
 
 def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]) -> list[str]:
     """Write the report over everything; ``products`` are the files that were written before it, and ``surfaces`` those
     that are written meanwhile."""
     run = outcome.run
-    clouds = {name: run.cloud(name) for name in CLOUDS}
-    stages = [stage.name for stage in BEFORE_RESULTS]
+    clouds = {name: stored_cloud(run, name) for name in CLOUDS}
+    notes = {stage.name: run.workspace.summary(stage.name, StageNote) for stage in BEFORE_RESULTS}
     adjusted = report_numbers(
         outcome.result,
-        replace(run.orientation(), resections=run.resections()),
+        replace(stored_orientation(run), resections=stored_resections(run)),
         clouds,
         stored_comparisons(run),
         outcome.overlap,
         version=__version__,
-        seconds={name: run.workspace.summary(name, StageNote)["seconds"] for name in stages},
-        fixed=run.held(),
+        seconds={name: note["seconds"] for name, note in notes.items()},
+        fixed=dict(read_json(run.workspace.file("adjustment", FIXED))),
         blunders=rejected_blunders(run),
         rejected=rejected_attitudes(run),
         measured=run.block().surveyed.control_points,
-        mark_kinds=run.mark_kinds(),
+        mark_kinds=mark_kinds(run),
         sources=run.project.camera_source,
     )
-    facts = run_facts(run, stages)
     surface = report_surface(run, adjusted["control_points"], outcome.results)
     numbers: SurveyNumbers = {
         **adjusted,
         "heights": height_numbers(
             run.project.heights,
             outcome.result.block.frame,
-            run.gnss_systems(),
+            _gnss_systems(run),
             [point.heights for point in run.project.surveyed.control_points],
         ),
         "gnss": gnss_numbers(outcome.result, run.notes()),
         "dsm": _dsm(run),
-        "survey": facts.survey,
-        "versions": facts.versions,
-        "peak_memory_bytes": facts.peak_memory_bytes,
+        "survey": survey_record(run),
+        "versions": versions(),
+        "peak_memory_bytes": {name: note.get("peak_memory_bytes") for name, note in notes.items()},
         "processed": today(),
         "deliverables": deliverables(outcome.results, [*products, *surfaces.result(), *surface.pictures]),
     }

@@ -11,7 +11,7 @@ from makers import LEAST_SQUARES, simulated
 from photogram.adjustment.adjustment import adjust
 from photogram.camera import calibrations, field_at
 from photogram.lens.fields import free_field
-from photogram.pipeline.store.stored_results import read_adjusted_block, read_adjustment, write_adjustment
+from photogram.pipeline.stages.stored_adjustment import read_adjusted_block, read_adjustment, write_adjustment
 from photogram.quality.gross_errors.data_snooping import unmeasured, without
 from photogram.results import LensFieldDecision
 from photogram.simulation.survey_plan import SurveyPlan
