@@ -19,29 +19,30 @@ Part = Literal[
     "photographs", "megapixels", "search", "comparisons", "pairs", "key_points", "observations",
     "dense_mcells", "raster_mcells", "contoured_mcells", "terrain_mcells", "orthophoto_mpx", "comparison",
 ]  # fmt: skip
+"""What a rate counts: the fields of Workload."""
 Kind = Literal["features", "matches", "dense", "plain"]
 
 
 @dataclass(frozen=True)
 class Workload:
-    """How much there is to do; megapixels, megacells of the surface that photographs show, and megapixels of the
-    orthophoto; ``raster_mcells`` are those of the rectangle around the surface. Seconds are those of one worker of the
-    reference machine that searches a megapixel, or compares 10⁸ pairs of descriptors."""
+    """How much there is of each part of the work; megapixels, megacells of the surface that photographs show, and
+    megapixels of the orthophoto; ``raster_mcells`` are those of the rectangle around the surface. Of search and
+    comparisons of descriptors it is the seconds of one worker of the reference machine that detector and matcher
+    state."""
 
-    photographs: int
+    photographs: float
     megapixels: float
-    searched_megapixels: float
-    search_s_per_mpx: float
-    match_s_per_product: float
-    key_points: float
+    search: float
+    comparisons: float
     pairs: float
+    key_points: float
     observations: float
     dense_mcells: float
     raster_mcells: float
+    contoured_mcells: float
+    terrain_mcells: float
     orthophoto_mpx: float
-    terrain: bool = False
-    contours: bool = True
-    comparison: bool = False
+    comparison: float
 
 
 @dataclass(frozen=True)

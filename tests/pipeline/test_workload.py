@@ -13,8 +13,14 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.workload import expected_pairs, workload
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.dense import DenseSummary
+from photogram.pipeline.stages.matches import selected_pairs
+from photogram.pipeline.stages.orientation import transferred_tie_points
+from photogram.pipeline.stages.tie_points import stored_tie_points
 from photogram.project.project import Project
+from photogram.sfm.tie_points.detector import detector_named
+from photogram.sfm.tie_points.matching import MATCHERS
 
+SIFT = detector_named("sift").traits
 Survey = tuple[Project, tuple[PhotographTags | None, ...]]
 
 
@@ -28,18 +34,27 @@ def small(pristine_survey: Path) -> Survey:
 def test_pixels_key_points_and_pairs_are_counted(small: Survey) -> None:
     work = workload(*small)
     assert work.photographs == 4
-    assert work.megapixels == work.searched_megapixels == pytest.approx(0.48)
+    assert work.megapixels == pytest.approx(0.48)
+    assert work.search == pytest.approx(0.48 * SIFT.seconds_per_mpx)
     assert work.key_points == pytest.approx(4 * min(800, 6000 * 0.12))
     assert work.pairs == 6
     assert work.comparison
     assert work.dense_mcells > 0
 
 
+def test_twice_the_key_points_are_four_times_the_comparisons(small: Survey) -> None:
+    project, tags = small
+    few, more = (replace(project, features=replace(project.features, maximum=n)) for n in (100, 200))
+    assert workload(more, tags).comparisons == pytest.approx(4 * workload(few, tags).comparisons)
+    products = 6 * 100**2 / 1e8  # of six pairs
+    assert workload(few, tags).comparisons == pytest.approx(MATCHERS[SIFT.metric].seconds * products)
+
+
 def test_pairs_are_those_that_the_stage_selects(finished_survey: Path) -> None:
     project = load_project(finished_survey / "project.yaml")
     tags = [read_tags(p.path) for p in project.photographs]
     with open_run(project) as run:
-        assert expected_pairs(project, tags) == len(run.selected_pairs())
+        assert expected_pairs(project, tags) == len(selected_pairs(run))
 
 
 def test_cells_are_those_of_the_surface_that_is_made(finished_survey: Path) -> None:
@@ -54,7 +69,7 @@ def test_cells_are_those_of_the_surface_that_is_made(finished_survey: Path) -> N
 @pytest.mark.parametrize(
     ("change", "fewer"),
     [
-        (lambda p: replace(p, quality="medium"), "searched_megapixels"),
+        (lambda p: replace(p, quality="medium"), "search"),
         (lambda p: replace(p, features=replace(p.features, maximum=100)), "key_points"),
         (lambda p: replace(p, surface=replace(p.surface, cell_m=5.0)), "dense_mcells"),
         (lambda p: replace(p, dense=replace(p.dense, enabled=False)), "dense_mcells"),
@@ -83,10 +98,10 @@ def test_known_tie_points_are_neither_searched_nor_matched(adjusted_survey: Path
     survey = load_project(project)
     tags = [read_tags(p.path) for p in survey.photographs]
     work = workload(survey, tags)
-    assert (work.searched_megapixels, work.pairs) == (0.0, 0.0)
+    assert (work.search, work.pairs) == (0.0, 0.0)
     run_pipeline(survey, until="transfer")
     with open_run(survey) as run:
-        assert work.key_points == len(run.tie_points().point)
-        assert work.observations == pytest.approx(len(run.transferred_tie_points().point), rel=0.5)
+        assert work.key_points == len(stored_tie_points(run).point)
+        assert work.observations == pytest.approx(len(transferred_tie_points(run).point), rel=0.5)
     own = replace(survey, start=None if survey.start is None else replace(survey.start, tie_points="own"))
     assert workload(own, tags).pairs == 6

@@ -12,44 +12,20 @@ work; on one these take 15 and 20 s more than is stated.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import get_args
 
 from photogram.pipeline.costs.self_test import Speed
 from photogram.pipeline.stage import Stage
-from photogram.pipeline.stage_costs import Part, Workload
-
-
-def amounts(work: Workload) -> dict[Part, float]:
-    """Return how much there is of each part of the work; of search and comparisons the seconds that detector and
-    matcher state."""
-    products = work.pairs * (work.key_points / max(work.photographs, 1)) ** 2 / 1e8
-    found: dict[Part, float] = {
-        "photographs": work.photographs,
-        "megapixels": work.megapixels,
-        "search": work.search_s_per_mpx * work.searched_megapixels,
-        "comparisons": work.match_s_per_product * products,
-        "pairs": work.pairs,
-        "key_points": work.key_points,
-        "observations": work.observations,
-        "dense_mcells": work.dense_mcells,
-        "raster_mcells": work.raster_mcells,
-        "contoured_mcells": work.raster_mcells if work.contours else 0.0,
-        "terrain_mcells": work.raster_mcells if work.terrain else 0.0,
-        "orthophoto_mpx": work.orthophoto_mpx,
-        "comparison": float(work.comparison),
-    }
-    if set(found) != set(get_args(Part)):
-        raise AssertionError("an amount for each part")
-    return found
+from photogram.pipeline.stage_costs import Workload
 
 
 def predicted_seconds(stages: Sequence[Stage], work: Workload, speed: Speed, workers: int) -> dict[str, float]:
     """Return how long each stage takes with so many workers once its kernels are compiled."""
-    amount, seconds = amounts(work), dict[str, float]()
+    seconds = dict[str, float]()
     for stage in stages:
         took = stage.costs.constant_s * speed.plain
         for rate in stage.costs.rates:
-            took += rate.seconds * amount[rate.part] * getattr(speed, rate.kind) / (workers if rate.pieces else 1)
+            amount, slower = getattr(work, rate.part), getattr(speed, rate.kind)
+            took += rate.seconds * amount * slower / (workers if rate.pieces else 1)
         seconds[stage.name] = took
     return seconds
 

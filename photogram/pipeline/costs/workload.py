@@ -50,21 +50,22 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
     size = surface_size(project, tags)
     dense = project.dense.enabled
     cells = size.surface_cells if dense else SPARSE_CELLS_PER_POINT * TIE_POINTS_PER_OBSERVATION * observations
+    raster_mcells = cells / 1e6
+    products = pairs * (key_points / max(len(cameras), 1)) ** 2 / 1e8
     return Workload(
         photographs=len(cameras),
         megapixels=float(pixels.sum()) / 1e6,
-        searched_megapixels=float(searched.sum()),
-        search_s_per_mpx=detector.traits.seconds_per_mpx,
-        match_s_per_product=MATCHERS[detector.traits.metric].seconds,
-        key_points=key_points,
+        search=detector.traits.seconds_per_mpx * float(searched.sum()),
+        comparisons=MATCHERS[detector.traits.metric].seconds * products,
         pairs=pairs,
+        key_points=key_points,
         observations=observations,
         dense_mcells=size.covered_share * size.surface_cells / 1e6 if dense else 0.0,
-        raster_mcells=cells / 1e6,
+        raster_mcells=raster_mcells,
+        contoured_mcells=raster_mcells if project.contours.enabled else 0.0,
+        terrain_mcells=raster_mcells if project.terrain.enabled else 0.0,
         orthophoto_mpx=size.covered_share * size.orthophoto_cells / 1e6,
-        terrain=project.terrain.enabled,
-        contours=project.contours.enabled,
-        comparison=project.reference is not None,
+        comparison=float(project.reference is not None),
     )
 
 
