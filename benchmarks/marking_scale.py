@@ -53,7 +53,8 @@ from lib.marking_command import Answer, MarkCommand, Page, photogram, running
 from PIL import Image
 
 from photogram.arrays import ByteArray
-from photogram.files.photographs.images import PhotographTags, write_photograph
+from photogram.files.photographs.images import write_photograph
+from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import geodetic_from_map
 from photogram.marking.page.server import scale_for
 from photogram.report.printing import browser_options, find_browser

@@ -78,16 +78,16 @@ def _numbers(path: Path, fields: Mapping[str, object], name: str, sizes: tuple[i
 
 def _calibration(path: Path, variables: Mapping[str, object]) -> dict[str, object]:
     """Return the fields of the one calibration in the file, and the file's K."""
-    found = {name: fields for name, value in variables.items() if _RADIAL in (fields := _fields(value))}
+    calibrations = {name: fields for name, value in variables.items() if _RADIAL in (fields := _fields(value))}
     if _RADIAL in variables:
-        found[_RADIAL] = dict(variables)
-    if len(found) != 1:
+        calibrations[_RADIAL] = dict(variables)
+    if len(calibrations) != 1:
         content = ", ".join(sorted(variables)) or "nothing"
         raise ProjectError(
-            f"camera file {path}: {len(found)} calibrations, found {content}, one is expected: save K and one "
+            f"camera file {path}: {len(calibrations)} calibrations, found {content}, one is expected: save K and one "
             "cameraParameters object, or K, RadialDistortion and TangentialDistortion"
         )
-    fields = next(iter(found.values()))
+    fields = next(iter(calibrations.values()))
     if "K" in variables:
         fields["K"] = variables["K"]
     return fields
@@ -111,10 +111,9 @@ def _matrix(path: Path, fields: Mapping[str, object]) -> FloatArray:
             f"camera file {path}: K is {K.tolist()}, expected [[f 0 cx], [0 f cy], [0 0 1]]: "
             "transpose it if it is MATLAB's IntrinsicMatrix"
         )
-    if not K[0, 0] > 0:
-        raise ProjectError(f"camera file {path}: the focal length is {K[0, 0]:g} px: save the calibration again")
-    if not K[1, 1] > 0:
-        raise ProjectError(f"camera file {path}: the focal length is {K[1, 1]:g} px: save the calibration again")
+    for focal_px in (K[0, 0], K[1, 1]):
+        if not focal_px > 0:
+            raise ProjectError(f"camera file {path}: the focal length is {focal_px:g} px: save the calibration again")
     return K
 
 
@@ -122,9 +121,8 @@ def read_camera(path: Path, name: str, width_px: int, height_px: int, pixel_orig
     """Return the camera ``name`` from K and a cameraParameters object, a struct of its fields, or the plain variables.
 
     MATLAB's distortion is Brown–Conrady with k1 k2 [k3] and p1 p2 as photogram's; of K's focal lengths the second is f,
-    and b1 = fx − fy, b2 its skew. ``pixel_origin`` says in whose pixel
-    frame the principal point is; from "matlab" 1 px is subtracted. Raises ProjectError where the file is missing or
-    damaged, something is missing or contradicts itself.
+    and b1 = fx − fy, b2 its skew. ``pixel_origin`` says in whose pixel frame the principal point is; from "matlab" 1 px
+    is subtracted. Raises ProjectError where the file is missing or damaged, something is missing or contradicts itself.
     """
     fields = _calibration(path, _load(path))
     K = _matrix(path, fields)

@@ -24,18 +24,18 @@ FORMAT = 12
 JsonT = TypeVar("JsonT")
 
 
-def _plain(value: object) -> object:
-    """Return a value that JSON can hold, with the same value for the same content."""
+def plain(value: object) -> object:
+    """Return a value that JSON can hold, the same for the same content."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {name: _plain(v) for name, v in asdict(value).items()}
+        return {name: plain(v) for name, v in asdict(value).items()}
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, Path):
         return value.as_posix()
     if isinstance(value, datetime):
@@ -47,7 +47,7 @@ def _plain(value: object) -> object:
 
 def fingerprint(*parts: object) -> str:
     """Return the SHA-256, in hex, of values made of dataclasses, arrays, mappings, sequences, text and numbers."""
-    text = json.dumps([FORMAT, _plain(parts)], sort_keys=True, separators=(",", ":"))
+    text = json.dumps([FORMAT, plain(parts)], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -63,7 +63,7 @@ def file_fingerprint(path: Path) -> str:
 def write_json(path: Path, value: object) -> None:
     """Write ``value`` as JSON, whole or not at all; NaN becomes null."""
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(_plain(value), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value

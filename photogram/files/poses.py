@@ -3,7 +3,6 @@
 import csv
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,19 +38,6 @@ STEADY_DEG = 45.0
 _NO_HEADING = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class _Exterior:
-    """Exterior orientation of one photograph: position and angles with their sigmas, each (3,), and ``looks_deg`` (2,),
-    its heading and its angle off the nadir."""
-
-    position_map_m: FloatArray
-    looks_deg: FloatArray
-    omega_phi_kappa_deg: FloatArray
-    yaw_pitch_roll_deg: FloatArray
-    sigma_position_m: FloatArray
-    sigma_attitude_deg: FloatArray
-
-
 def columns_in(units: MapUnits, names: Sequence[str] = COLUMNS) -> dict[str, str]:
     """Return what columns are called in a map of such units, each by its name in metres."""
     return {name: _in_units(name, units) for name in names}
@@ -75,37 +61,26 @@ def heading_and_nadir_angle_deg(rotation_true_from_camera: FloatArray) -> FloatA
     return np.array([np.rad2deg(np.arctan2(east, north)) % 360.0 if known else np.nan, nadir_angle_deg])
 
 
-def _exterior(result: Adjustment, index: int, pose: Pose) -> _Exterior:
-    frame, position, R = result.block.frame, pose.position_world_m, pose.rotation_world_from_camera
-    world_from_map = frame.rotation_world_from_map(position)
-    covariance = world_from_map.T @ result.covariances.position_m2[index] @ world_from_map
-    true_from_camera = frame.rotation_world_from_true(position).T @ R
-    return _Exterior(
-        frame.map_from_world(position[None])[0],
-        heading_and_nadir_angle_deg(true_from_camera),
-        omega_phi_kappa_deg(world_from_map.T @ R),
-        np.array(gimbal_from_rotation(true_from_camera)),
-        np.sqrt(np.diag(covariance)),
-        np.rad2deg(np.sqrt(np.diag(result.covariances.rotation_rad2[index]))),
-    )
-
-
 def _description(result: Adjustment, photograph: Photograph, registered: bool) -> dict[str, Any]:
     camera = result.block.cameras[photograph.camera].name
     return {"name": photograph.name, "camera": camera, "flight": photograph.flight, "registered": registered}
 
 
-def _figures(exterior: _Exterior, units: MapUnits, finer: int = 0) -> dict[str, float | None]:
-    """Return the figures of _FIGURES, lengths in ``units`` and rounded to four decimals or so many ``finer``, angles to
-    1e-8 degrees; None where one is not known."""
+def _figures(result: Adjustment, index: int, pose: Pose, finer: int = 0) -> dict[str, float | None]:
+    """Return the figures of _FIGURES of a photograph, lengths in the units of the map and rounded to four decimals or
+    so many ``finer``, angles to 1e-8 degrees; None where one is not known."""
+    frame, position, R = result.block.frame, pose.position_world_m, pose.rotation_world_from_camera
+    world_from_map = frame.rotation_world_from_map(position)
+    covariance = world_from_map.T @ result.covariances.position_m2[index] @ world_from_map
+    true_from_camera = frame.rotation_world_from_true(position).T @ R
     values = np.concatenate(
         [
-            exterior.position_map_m / units.factors,
-            exterior.looks_deg,
-            exterior.omega_phi_kappa_deg,
-            exterior.yaw_pitch_roll_deg,
-            exterior.sigma_position_m / units.factors,
-            exterior.sigma_attitude_deg,
+            frame.map_from_world(position[None])[0] / frame.units.factors,
+            heading_and_nadir_angle_deg(true_from_camera),
+            omega_phi_kappa_deg(world_from_map.T @ R),
+            np.array(gimbal_from_rotation(true_from_camera)),
+            np.sqrt(np.diag(covariance)) / frame.units.factors,
+            np.rad2deg(np.sqrt(np.diag(result.covariances.rotation_rad2[index]))),
         ]
     )
     named = zip(_FIGURES, values.tolist(), strict=True)
@@ -126,18 +101,20 @@ def write_pose_table(path: Path, result: Adjustment, crs: str | None = None) -> 
     sigmas of the attitude are about the camera's axes x right, y down, z forward. Raises WorkspaceError where a file
     cannot be written.
     """
-    block, units = result.block, result.block.frame.units
+    block = result.block
     finer = 2 if block.frame.is_local else 0
     with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
         table = csv.DictWriter(stream, COLUMNS, restval="", lineterminator="\n")
-        called = columns_in(units) if block.has_scale else {name: name.removesuffix("_m") for name in COLUMNS}
+        called = (
+            columns_in(block.frame.units) if block.has_scale else {name: name.removesuffix("_m") for name in COLUMNS}
+        )
         table.writerow(called)
         for i, (photograph, pose) in enumerate(zip(block.photographs, block.poses, strict=True)):
             row = {k: table_cell(v) for k, v in _description(result, photograph, True).items() if isinstance(v, str)}
             row["crs"] = crs or block.frame.crs
             row["registered"] = "yes" if pose is not None else "no"
             if pose is not None:
-                figures = _figures(_exterior(result, i, pose), units, finer)
+                figures = _figures(result, i, pose, finer)
                 row |= {name: f"{x:.{_digits(name, finer)}f}" for name, x in figures.items() if x is not None}
             table.writerow(row)
     places = {"easting_m": "CoordX", "northing_m": "CoordY"}
@@ -205,7 +182,7 @@ def write_pose_geojson(path: Path, footprints: Path, result: Adjustment, datum_g
         point, *ring = np.round(geodetic[i], 9).tolist()
         properties = _description(result, photograph, pose is not None)
         if pose is not None:
-            figures = _figures(_exterior(result, i, pose), frame.units)
+            figures = _figures(result, i, pose)
             properties |= {called[name]: figure for name, figure in figures.items()}
         points.append(_feature("Point", point if known[i, 0] else None, properties))
         if known[i, 1]:

@@ -43,13 +43,13 @@ class Errors:
 
     def raise_all(self) -> None:
         """Raise every error noted; return if there is none."""
-        found = sorted(self._errors)
-        shown = [f"{self._path}:{line}: {text}" for line, text in found[:MOST_ERRORS]]
-        if len(found) > MOST_ERRORS:
-            line, more = found[MOST_ERRORS][0], len(found) - MOST_ERRORS
-            shown.append(f"{self._path}:{line}: from this line on {more} more errors: fix those above first")
-        if shown:
-            raise self._error("\n".join(shown))
+        ordered = sorted(self._errors)
+        lines = [f"{self._path}:{line}: {text}" for line, text in ordered[:MOST_ERRORS]]
+        if len(ordered) > MOST_ERRORS:
+            line, more = ordered[MOST_ERRORS][0], len(ordered) - MOST_ERRORS
+            lines.append(f"{self._path}:{line}: from this line on {more} more errors: fix those above first")
+        if lines:
+            raise self._error("\n".join(lines))
 
     def number(self, text: str, what: str, line: int) -> float | None:
         """Return the number that ``text`` holds, None with an error noted where it holds none."""
@@ -74,14 +74,21 @@ class Errors:
 def text_of(path: Path, error: type[PhotogramError]) -> str:
     """Return the text of a file. Raises ``error`` where it cannot be read, is far too large or is not UTF-8."""
     try:
-        return read_whole(path, MOST_BYTES).decode("utf-8-sig")
-    except OSError as fault:
-        raise error(f"{path}:1: cannot be read ({fault.strerror}): check its name and folder") from fault
-    except UnicodeDecodeError as fault:
-        line = fault.object[: fault.start].count(b"\n") + 1
+        data = read_whole(path, MOST_BYTES)
+    except OSError as cause:
+        raise error(f"{path}:1: cannot be read ({cause.strerror}): check its name and folder") from cause
+    return decoded(path, data, error)
+
+
+def decoded(path: Path, data: bytes, error: type[PhotogramError]) -> str:
+    """Return the text that the content of a file is. Raises ``error``, with the line, where it is not UTF-8."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        line = cause.object[: cause.start].count(b"\n") + 1
         raise error(
-            f"{path}:{line}: byte {fault.object[fault.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from fault
+            f"{path}:{line}: byte {cause.object[cause.start]:#04x} is not UTF-8: save the file as text in UTF-8"
+        ) from cause
 
 
 def lines_of(
@@ -104,8 +111,8 @@ def lines_of(
     for number, content in kept:
         if len(content) > LONGEST_LINE:
             errors.note(number, f"is {len(content)} characters long: this is no file with the {holding}")
-        elif found := _UNPRINTABLE.search(content):
-            errors.note(number, f"holds the character {printable(found[0])}, which cannot be printed: remove it")
+        elif match := _UNPRINTABLE.search(content):
+            errors.note(number, f"holds the character {printable(match[0])}, which cannot be printed: remove it")
     errors.raise_all()
     return kept
 

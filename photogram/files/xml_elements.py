@@ -106,10 +106,10 @@ def elements_of(data: bytes, path: Path, error: type[PhotogramError], remedy: st
     builder = _Builder(path)
     try:
         parseString(data, builder, forbid_dtd=True)
-    except SAXParseException as fault:
+    except SAXParseException as cause:
         raise error(
-            f"{path}:{fault.getLineNumber() or 1}: is not valid XML ({printable(fault.getMessage())}): {remedy}"
-        ) from fault
-    except (SAXException, DefusedXmlException, ValueError, LookupError) as fault:
-        raise error(f"{path}:1: is XML that is not read ({printable(shortened(str(fault)))}): {remedy}") from fault
+            f"{path}:{cause.getLineNumber() or 1}: is not valid XML ({printable(cause.getMessage())}): {remedy}"
+        ) from cause
+    except (SAXException, DefusedXmlException, ValueError, LookupError) as cause:
+        raise error(f"{path}:1: is XML that is not read ({printable(shortened(str(cause)))}): {remedy}") from cause
     return builder.root

@@ -88,7 +88,7 @@ def read_pictures(results: Path, report: Report, folder: Path | None, progress: 
     stretches = {n: Stretch(own["low_dn"], own["high_dn"]) for n, own in report.get("stretches", {}).items()}
     camera_of = {name: record["camera"] for name, record in report["photographs"].items()}
     own = {name: stretches[camera_of[name]] for name in names if camera_of[name] in stretches}
-    made, absent = previews(paths, lambda done, total: progress(done, total, ""), stretches=own)
+    made, absent = previews(paths, progress, stretches=own)
     if len(made) < len(names):
         why = next(iter(absent.values()), "their files are not there")
         notes = (*notes, f"Pictures of {len(made)} of {len(names)} photographs; of the others none: {why}")

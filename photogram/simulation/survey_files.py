@@ -10,7 +10,8 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.camera import gimbal_from_rotation
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.npz_json import fingerprint, write_json
-from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
+from photogram.files.photographs.images import write_photograph
+from photogram.files.photographs.tags import Dewarp, PhotographTags
 from photogram.geodesy.frames import geodetic_from_map
 from photogram.simulation.simulated_survey import SimulatedSurvey
 from photogram.survey import Photograph, Role

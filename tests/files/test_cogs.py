@@ -84,25 +84,7 @@ def test_picture_is_a_cog_with_alpha_and_colours_do_not_mix_with_nothing(tmp_pat
     assert (alpha == 0).any()
 
 
-def test_picture_of_a_quality_is_smaller_and_masked(tmp_path: Path) -> None:
-    row, column = np.mgrid[0 : GRID.rows, 0 : GRID.columns]
-    smooth = np.stack([128 + 90 * np.sin((row + k * column) / 60.0) for k in range(4)], axis=2).astype(np.uint8)
-    smooth[..., 3] = 255
-    smooth[:128, :128] = 0
-    write_cog_rgba(tmp_path / "whole.tif", GRID, CRS, tiles(smooth, 256))
-    write_cog_rgba(tmp_path / "jpeg.tif", GRID, CRS, tiles(smooth, 256), quality=90)
-    assert cog_validate(tmp_path / "jpeg.tif", strict=True) == (True, [], [])
-    assert (tmp_path / "jpeg.tif").stat().st_size < 0.4 * (tmp_path / "whole.tif").stat().st_size
-    with rasterio.open(tmp_path / "jpeg.tif") as dataset:
-        known = dataset.dataset_mask() > 0
-        found = np.moveaxis(dataset.read(), 0, 2).astype(float)
-    np.testing.assert_array_equal(known, smooth[..., 3] > 0)
-    assert np.sqrt(np.mean((found - smooth[..., :3])[known] ** 2)) < 3.0
-    with pytest.raises(ValueError, match="from 1 to 100, not 0"):
-        write_cog_rgba(tmp_path / "jpeg.tif", GRID, CRS, [], quality=0)
-
-
-@pytest.mark.parametrize("kind", ["heights", "codes", "picture", "jpeg"])
+@pytest.mark.parametrize("kind", ["heights", "codes", "picture"])
 def test_tiling_does_not_show_in_the_bytes(tmp_path: Path, kind: str) -> None:
     pictures: dict[str, NDArray[Any]] = {"heights": heights(), "codes": picture()[..., 0]}
     whole = pictures.get(kind, picture())
@@ -114,7 +96,7 @@ def test_tiling_does_not_show_in_the_bytes(tmp_path: Path, kind: str) -> None:
         elif kind == "codes":
             write_cog_codes(path, GRID, CRS, source)
         else:
-            write_cog_rgba(path, GRID, CRS, source, quality=80 if kind == "jpeg" else None)
+            write_cog_rgba(path, GRID, CRS, source)
         return path.read_bytes()
 
     first = write("a.tif", tiles(whole, 1000))
@@ -160,8 +142,7 @@ def test_what_does_not_fit_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("quality", [None, 90])
-def test_a_copy_cut_short_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quality: int | None) -> None:
+def test_a_copy_cut_short_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy = rasterio.shutil.copy
 
     def full_disk(source: Path, target: Path, **options: object) -> None:
@@ -172,7 +153,7 @@ def test_a_copy_cut_short_is_no_result(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(rasterio.shutil, "copy", full_disk)
     (tmp_path / "orthophoto.tif").write_bytes(b"from the last run")
     with pytest.raises(WorkspaceError, match=r"orthophoto\.tif: cannot be written"):
-        write_cog_rgba(tmp_path / "orthophoto.tif", GRID, CRS, tiles(picture(), 256), quality)
+        write_cog_rgba(tmp_path / "orthophoto.tif", GRID, CRS, tiles(picture(), 256))
     assert [p.name for p in tmp_path.iterdir()] == ["orthophoto.tif"]
     assert (tmp_path / "orthophoto.tif").read_bytes() == b"from the last run"
 

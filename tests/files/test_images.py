@@ -22,8 +22,6 @@ from photogram.files.atomic import replacing
 from photogram.files.photographs import identification, images
 from photogram.files.photographs.identification import MOST_BYTES, read_content
 from photogram.files.photographs.images import (
-    Dewarp,
-    PhotographTags,
     check_photograph,
     inspect_photograph,
     read_grey,
@@ -35,7 +33,7 @@ from photogram.files.photographs.images import (
     thumbnail,
     write_photograph,
 )
-from photogram.files.photographs.tags import Kind, gimbal_from_camera_angles
+from photogram.files.photographs.tags import Dewarp, Kind, PhotographTags, gimbal_from_camera_angles
 from photogram.files.reading import read_rest, read_whole
 
 READERS = (read_photograph, read_grey, check_photograph)

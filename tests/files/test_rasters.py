@@ -7,7 +7,8 @@ from makers import SharedData
 from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
-from photogram.files.maps.rasters import NODATA, read_raster, write_raster
+from photogram.files.maps.cogs import NODATA
+from photogram.files.maps.rasters import read_raster, write_raster
 from photogram.survey import Raster
 
 CRS = "EPSG:25832"

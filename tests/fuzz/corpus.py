@@ -11,7 +11,8 @@ from PIL import Image
 
 from photogram.files.clouds.points import write_laz
 from photogram.files.maps.rasters import write_raster
-from photogram.files.photographs.images import Dewarp, PhotographTags, write_photograph
+from photogram.files.photographs.images import write_photograph
+from photogram.files.photographs.tags import Dewarp, PhotographTags
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import SurveyPlan

@@ -17,7 +17,8 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera, Pose, project_points, rotation_from_gimbal
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader, equal_files, read_headers
-from photogram.files.photographs.images import PhotographTags, read_tags, write_photograph
+from photogram.files.photographs.images import read_tags, write_photograph
+from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import LocalFrame, geodetic_from_map
 from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.pipeline.costs.space import machine_needs

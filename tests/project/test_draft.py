@@ -18,7 +18,8 @@ from makers import SharedData
 from PIL import Image
 
 from photogram.errors import FrameError, ProjectError
-from photogram.files.photographs.images import Dewarp, PhotographTags, read_photograph, read_tags, write_photograph
+from photogram.files.photographs.images import read_photograph, read_tags, write_photograph
+from photogram.files.photographs.tags import Dewarp, PhotographTags
 from photogram.geodesy.frames import geodetic_from_map, map_from_geodetic
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project

@@ -11,7 +11,8 @@ from makers import SharedData, no_matlab
 
 from photogram.camera import rotation_from_gimbal
 from photogram.errors import ProjectError
-from photogram.files.photographs.images import PhotographTags, read_tags
+from photogram.files.photographs.images import read_tags
+from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.gnss import FLOOR_M, Sigma3, solution_of_rtk_flag
 from photogram.project.findings import Finding

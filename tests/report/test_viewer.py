@@ -173,7 +173,7 @@ def test_bytes_are_little_endian() -> None:
 def test_picture_of_every_photograph_within_the_bytes_allowed(finished_survey: Path) -> None:
     paths = {p.name: p for p in sorted((finished_survey / "photographs").glob("*.JPG"))}
     steps: list[int] = []
-    made, absent = previews(paths, lambda done, _: steps.append(done))
+    made, absent = previews(paths, lambda done, *_: steps.append(done))
     assert (sorted(made), absent, steps) == (sorted(paths), {}, [0, 1, 2, 3])
     assert {Image.open(io.BytesIO(jpeg)).size for jpeg in made.values()} == {(320, 240)}
     assert previews(paths, lambda *_: None)[0] == made  # the same bytes again

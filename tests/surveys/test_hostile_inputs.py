@@ -32,13 +32,8 @@ from photogram.files.arrays import read_npz
 from photogram.files.clouds.points import read_cloud, write_laz
 from photogram.files.maps.rasters import read_raster
 from photogram.files.photographs import identification
-from photogram.files.photographs.images import (
-    PhotographTags,
-    inspect_photograph,
-    read_grey,
-    read_tags,
-    write_photograph,
-)
+from photogram.files.photographs.images import inspect_photograph, read_grey, read_tags, write_photograph
+from photogram.files.photographs.tags import PhotographTags
 from photogram.files.poses import write_pose_table
 from photogram.files.tables.control_files import read_marks, read_points
 from photogram.files.tables.position_tables import read_positions

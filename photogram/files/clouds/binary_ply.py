@@ -42,7 +42,7 @@ def vertices_of(data: bytes) -> NDArray[np.void]:
     if not order or count < 0 or not fields or len({name for name, _ in fields}) != len(fields):
         raise ValueError("its header names no binary format, no element or no properties of their own")
     kind = np.dtype([(name, order + code) for name, code in fields])
-    held = (len(data) - end.end()) // kind.itemsize
-    if held < count:
-        raise ValueError(f"it ends after {held} of {count} vertices")
+    complete = (len(data) - end.end()) // kind.itemsize
+    if complete < count:
+        raise ValueError(f"it ends after {complete} of {count} vertices")
     return np.frombuffer(data, kind, count, end.end())

@@ -112,7 +112,7 @@ def write_cloud(path: Path, cloud: PointCloud, crs: str) -> None:
     suffix = path.suffix.lower()
     if suffix == ".laz":
         write_laz(path, cloud, crs)
-    elif suffix in (".xyz", ".txt", ".csv"):
+    elif suffix in TEXT_SUFFIXES:
         write_xyz(path, cloud, crs=crs)
     else:
         raise ProjectError(f"{path}: clouds are written as .laz, .xyz, .txt or .csv: choose one of these endings")
@@ -225,7 +225,7 @@ def read_las(path: Path) -> laspy.LasData:
     """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing, damaged or cut off."""
     try:
         check_las(path)
-        # the decoder is named, else damage would be tried again with any other one that is installed, and told by that
+        # the decoder is named, else damage would be tried again with any other one that is installed, and named by that
         with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
             points = _all_points(reader)
         damaged = len(points) != reader.header.point_count
@@ -288,7 +288,7 @@ def _columns_of(header: list[str]) -> dict[str, int]:
         name.strip("\"'").lower().removesuffix("[m]").removesuffix("(m)").strip().removesuffix("_m") for name in header
     ]
     columns = ((quantity, [plain.index(n) for n in names if n in plain]) for quantity, names in _COLUMN_NAMES.items())
-    return {quantity: found[0] for quantity, found in columns if found}
+    return {quantity: places[0] for quantity, places in columns if places}
 
 
 def _layout(path: Path, lines: list[str]) -> _Layout:

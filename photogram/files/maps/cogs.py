@@ -5,7 +5,7 @@ it (OGC 21-026, Cloud Optimized GeoTIFF): so memory does not grow with the raste
 alone.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,8 @@ CATEGORY_SUFFIX = ".aux.xml"
 
 # compressing the overviews on their way to the file takes longer than everything else
 _ENVIRONMENT = {"GDAL_CACHEMAX": 64, "COG_TMP_COMPRESSION": "NONE"}
+# more effort takes twice the time and saves 2 % of a photograph
+_PICTURE = {"compress": "deflate", "predictor": "standard", "level": "1", "overview_resampling": "average"}
 _PLACE = {"driver": "GTiff", "tiled": True, "blockxsize": BLOCK_CELLS, "blockysize": BLOCK_CELLS, "sparse_ok": True}
 
 
@@ -97,7 +99,7 @@ def write_cog(
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
     look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
     band = _Band((description,), _unit_name(units), note=note)
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), band, overviews=overviews)
 
 
 def write_cog_codes(
@@ -105,7 +107,6 @@ def write_cog_codes(
     grid: MapGrid,
     crs: str,
     tiles: Iterable[tuple[Window, ByteArray]],
-    overviews: bool = True,
     categories: Sequence[Category] = (),
     note: str = "",
 ) -> None:
@@ -125,7 +126,7 @@ def write_cog_codes(
     if categories:
         colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}
         band = _Band((", ".join(f"{c.code} {c.name}" for c in categories),), colours=colours, note=note)
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews, band, categories)
+    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), band, categories=categories)
 
 
 def _unit_name(units: MapUnits) -> str:
@@ -160,35 +161,20 @@ def write_cog_rgba(
     grid: MapGrid,
     crs: str,
     tiles: Iterable[tuple[Window, ByteArray]],
-    quality: int | None = None,
     note: str = "",
 ) -> None:
     """Write a picture in ``crs`` as a Cloud Optimized GeoTIFF; all or nothing.
 
     ``tiles`` are windows of the grid with red, green, blue and alpha (rows, columns, 4), in any order and of any size;
-    cells in none of them are transparent. Overviews hold means of the cells that are not transparent. Without a
-    ``quality`` the file has an alpha band and loses nothing (DEFLATE with predictor 2), which every reader of GeoTIFF
-    opens. A ``quality`` from 1 to 100 makes it a JPEG of a fifth to a tenth of the size; what is transparent then is a
-    mask within the file instead of a band.
+    cells in none of them are transparent. Overviews hold means of the cells that are not transparent. The file has an
+    alpha band and loses nothing (DEFLATE with predictor 2), which every reader of GeoTIFF opens.
 
     The same values give the same bytes. Raises FrameError where ``crs`` is no map grid, WorkspaceError where
-    the file cannot be written, ValueError where a tile does not fit its window or the grid, or for another quality.
+    the file cannot be written, ValueError where a tile does not fit its window or the grid.
     """
-    if quality is not None and not 1 <= quality <= 100:
-        raise ValueError(f"{path}: the quality of a JPEG is from 1 to 100, not {quality}")
-
-    def bands(window: Window, values: ByteArray) -> ByteArray:
-        _check_tile(path, grid, window, values.shape, (4,))
-        return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
-
     kind = {"count": 4, "dtype": "uint8", "photometric": "rgb", "alpha": "non-premultiplied", "interleave": "pixel"}
-    # more effort takes twice the time and saves 2 % of a photograph
-    look = {"compress": "deflate", "predictor": "standard", "level": "1"} if quality is None else {"compress": "jpeg"}
-    look |= {"overview_resampling": "average"}
-    if quality is not None:
-        look |= {"quality": str(quality), "overview_quality": str(quality)}
     band = _Band(("red", "green", "blue", "alpha"), note=note)
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
+    _write(path, grid, crs, kind, _PICTURE, _by_band(path, grid, tiles, 4), band)
 
 
 def write_cog_bands(
@@ -206,14 +192,18 @@ def write_cog_bands(
     none of them have no data. Raises as ``write_cog_rgba`` does.
     """
 
-    def bands(window: Window, values: ByteArray) -> ByteArray:
-        _check_tile(path, grid, window, values.shape, (len(names),))
-        return np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
-
     kind = {"count": len(names), "dtype": "uint8", "nodata": 0, "photometric": "rgb", "interleave": "pixel"}
-    look = {"compress": "deflate", "predictor": "standard", "level": "1", "overview_resampling": "average"}
     band = _Band(tuple(names), note=note)
-    _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), overviews=True, band=band)
+    _write(path, grid, crs, kind, _PICTURE, _by_band(path, grid, tiles, len(names)), band)
+
+
+def _by_band(
+    path: Path, grid: MapGrid, tiles: Iterable[tuple[Window, ByteArray]], bands: int
+) -> Iterator[tuple[Window, ByteArray]]:
+    """Yield windows with their values (bands, rows, columns) in place of (rows, columns, bands)."""
+    for window, values in tiles:
+        _check_tile(path, grid, window, values.shape, (bands,))
+        yield window, np.ascontiguousarray(np.moveaxis(_bytes(path, values), 2, 0))
 
 
 def _check_tile(path: Path, grid: MapGrid, window: Window, shape: tuple[int, ...], bands: tuple[int, ...] = ()) -> None:
@@ -236,15 +226,16 @@ def _write(
     kind: Mapping[str, Any],
     look: Mapping[str, Any],
     tiles: Iterable[tuple[Window, NDArray[Any]]],
-    overviews: bool,
     band: _Band,
+    *,
     categories: Sequence[Category] = (),
+    overviews: bool = True,
 ) -> None:
     """Write bands (bands, rows, columns) of windows to a GeoTIFF of a ``kind`` and copy it to a COG of a ``look``; what
     its keys cannot hold stands in a file beside it."""
     named, unit_m = written_crs(crs), map_units(crs).plan_m
     written, vertical_code = (None, None) if named is None else geotiff_crs(named)
-    beside = None if named is None else beside_geotiff(named)
+    whole_wkt = None if named is None else beside_geotiff(named)
     place = {
         "height": grid.rows,
         "width": grid.columns,
@@ -280,7 +271,7 @@ def _write(
         if vertical_code is not None:
             set_vertical_key(finished, vertical_code)
         finished.replace(partial)
-    _write_beside(path.with_name(path.name + CATEGORY_SUFFIX), beside, categories)
+    _write_beside(path.with_name(path.name + CATEGORY_SUFFIX), whole_wkt, categories)
 
 
 def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
@@ -293,11 +284,7 @@ def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:
         with rasterio.open(cells) as source, rasterio.open(finished) as copy:
             for row in range(0, copy.height, BLOCK_CELLS):
                 strip = rasterio.windows.Window(0, row, copy.width, min(BLOCK_CELLS, copy.height - row))
-                if not np.array_equal(copy.read(window=strip), source.read(window=strip)) and _lossless(options):
+                if not np.array_equal(copy.read(window=strip), source.read(window=strip)):
                     raise OSError(f"rows from {row} differ from what was written")
     except CPLE_BaseError as error:
         raise OSError(str(error)) from error
-
-
-def _lossless(options: Mapping[str, Any]) -> bool:
-    return bool(options["compress"] == "deflate")

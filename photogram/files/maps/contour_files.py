@@ -1,6 +1,8 @@
-"""Contour lines as a GeoPackage."""
+"""GeoPackages, written whole, and contour lines as one."""
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,29 @@ from photogram.survey import Contours
 
 LAYER = "contours"
 
+DATASET = {"VERSION": "1.3"}
+"""Options of a GeoPackage: programs of a few years ago complain of later versions."""
+
 # GeoPackage stores when a layer was changed; the same lines are to give the same bytes.
-NO_TIME = "2000-01-01T00:00:00.000Z"
+_NO_TIME = "2000-01-01T00:00:00.000Z"
+
+
+@contextmanager
+def geopackage(path: Path) -> Iterator[Path]:
+    """Give a file for the layers of a GeoPackage; it takes the place of ``path`` whole or not at all, and the same
+    layers give the same bytes. Raises WorkspaceError where it cannot be written."""
+    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
+    with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _NO_TIME})
+        file = folder / "layers.gpkg"
+        try:
+            yield file
+        except (DataSourceError, DataLayerError) as error:
+            raise OSError(str(error)) from error
+        finally:
+            pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        file.replace(partial)
 
 
 def write_contours(path: Path, contours: Contours, crs: str) -> None:
@@ -34,28 +57,19 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
     height = contours.height_m / units.height_m
     vertices = np.column_stack([contours.vertex_map_m / units.plan_m, height[of_line]])
     lines = shapely.linestrings(vertices, indices=of_line) if len(contours) else np.zeros(0, dtype=object)
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
-        try:
-            pyogrio.raw.write(
-                folder / "contours.gpkg",
-                geometry=shapely.to_wkb(lines),
-                field_data=[height, contours.is_index],
-                fields=[f"height_{units.height_symbol}", "index"],
-                layer=LAYER,
-                driver="GPKG",
-                geometry_type="LineString Z",
-                crs=None if written is None else plan,
-                dataset_options={"VERSION": "1.3"},  # programs of a few years ago complain of later ones
-                layer_options={
-                    "IDENTIFIER": "Contour lines",
-                    "DESCRIPTION": f"interval {contours.interval_m / units.height_m:g} {units.height_symbol}, {named}",
-                },
-            )
-        except (DataSourceError, DataLayerError) as error:
-            raise OSError(str(error)) from error
-        finally:
-            pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
-        (folder / "contours.gpkg").replace(partial)
+    with geopackage(path) as file:
+        pyogrio.raw.write(
+            file,
+            geometry=shapely.to_wkb(lines),
+            field_data=[height, contours.is_index],
+            fields=[f"height_{units.height_symbol}", "index"],
+            layer=LAYER,
+            driver="GPKG",
+            geometry_type="LineString Z",
+            crs=None if written is None else plan,
+            dataset_options=DATASET,
+            layer_options={
+                "IDENTIFIER": "Contour lines",
+                "DESCRIPTION": f"interval {contours.interval_m / units.height_m:g} {units.height_symbol}, {named}",
+            },
+        )

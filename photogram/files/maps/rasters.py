@@ -19,13 +19,11 @@ from rasterio.vrt import WarpedVRT
 
 from photogram.arrays import ByteArray, Float32Array
 from photogram.errors import FrameError, PhotogramError, ProjectError
-from photogram.files.maps.cogs import NODATA, write_cog
+from photogram.files.maps.cogs import write_cog
 from photogram.files.reading import regular_file_size
 from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
-
-__all__ = ["NODATA", "RasterFile", "open_raster", "picture_on_grid", "read_codes", "read_raster", "write_raster"]
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3

@@ -4,7 +4,7 @@ Two layers: ``outline``, the rim, and ``seams``, a polygon for each piece that i
 photograph's name in the field ``photograph``. What is read needs the second alone.
 """
 
-import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,7 @@ import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from photogram.errors import ProjectError
-from photogram.files.atomic import replacing, scratch_folder
-from photogram.files.maps.contour_files import NO_TIME
+from photogram.files.maps.contour_files import DATASET, geopackage
 from photogram.geodesy.crs import crs_label, map_units, plan_of, same_plan, written_crs
 
 OUTLINE, SEAMS, PHOTOGRAPH = "outline", "seams", "photograph"
@@ -44,33 +43,37 @@ def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: s
     where the file cannot be written.
     """
     written = None if written_crs(crs) is None else plan_of(crs)
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    with replacing(path) as partial, scratch_folder(partial) as folder, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)  # of a local frame on purpose
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": NO_TIME})
-        file = folder / "outline.gpkg"
-        unit_m = map_units(crs).plan_m
-        polygons = np.array([_scaled(seam.polygon, 1.0 / unit_m) for seam in seams], dtype=object)
-        names = np.array([seam.photograph for seam in seams], dtype=object)
-        area = np.array([seam.polygon.area for seam in seams])
-        whole = _scaled(rim, 1.0 / unit_m)
-        parts = np.array([whole if whole.geom_type == "MultiPolygon" else shapely.MultiPolygon([whole])], dtype=object)
-        try:
-            pyogrio.raw.write(
-                file, geometry=shapely.to_wkb(parts), field_data=[np.array([rim.area])], fields=["area_m2"],
-                layer=OUTLINE, driver="GPKG", geometry_type="MultiPolygon", crs=written,
-                dataset_options={"VERSION": "1.3"}, layer_options={"IDENTIFIER": "Rim of the orthophoto"},
-            )  # fmt: skip
-            pyogrio.raw.write(
-                file, geometry=shapely.to_wkb(polygons), field_data=[names, area], fields=[PHOTOGRAPH, "area_m2"],
-                layer=SEAMS, driver="GPKG", geometry_type="Polygon", crs=written, append=True,
-                layer_options={"IDENTIFIER": "Seams", "DESCRIPTION": "the photograph that each part is taken from"},
-            )  # fmt: skip
-        except (DataSourceError, DataLayerError) as error:
-            raise OSError(str(error)) from error
-        finally:
-            pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
-        file.replace(partial)
+    unit_m = map_units(crs).plan_m
+    polygons = np.array([_scaled(seam.polygon, 1.0 / unit_m) for seam in seams], dtype=object)
+    names = np.array([seam.photograph for seam in seams], dtype=object)
+    area = np.array([seam.polygon.area for seam in seams])
+    whole = _scaled(rim, 1.0 / unit_m)
+    parts = np.array([whole if whole.geom_type == "MultiPolygon" else shapely.MultiPolygon([whole])], dtype=object)
+    with geopackage(path) as file:
+        pyogrio.raw.write(
+            file,
+            geometry=shapely.to_wkb(parts),
+            field_data=[np.array([rim.area])],
+            fields=["area_m2"],
+            layer=OUTLINE,
+            driver="GPKG",
+            geometry_type="MultiPolygon",
+            crs=written,
+            dataset_options=DATASET,
+            layer_options={"IDENTIFIER": "Rim of the orthophoto"},
+        )
+        pyogrio.raw.write(
+            file,
+            geometry=shapely.to_wkb(polygons),
+            field_data=[names, area],
+            fields=[PHOTOGRAPH, "area_m2"],
+            layer=SEAMS,
+            driver="GPKG",
+            geometry_type="Polygon",
+            crs=written,
+            append=True,
+            layer_options={"IDENTIFIER": "Seams", "DESCRIPTION": "the photograph that each part is taken from"},
+        )
 
 
 def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]:
@@ -87,11 +90,9 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
             f"seams {path}: their CRS is not that of the project, {crs_label(plan_of(crs))}: "
             f"reproject the layer (ogr2ogr -t_srs {crs_label(plan_of(crs))} OUT.gpkg {path.name})"
         )
-    known = {name.casefold(): name for name in names}
-    known |= {
-        Path(name).stem.casefold(): name for name in names if _stems(names).count(Path(name).stem.casefold()) == 1
-    }
-    found, errors = [], []
+    stems = Counter(_stem(name) for name in names)
+    known = {name.casefold(): name for name in names} | {_stem(name): name for name in names if stems[_stem(name)] == 1}
+    polygons, errors = [], []
     unit_m = map_units(crs).plan_m
     for number, (shape, name) in enumerate(zip(shapely.from_wkb(geometry).tolist(), photograph, strict=True), 1):
         where = f"polygon {number}"
@@ -102,12 +103,12 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
         elif str(name or "").casefold() not in known:
             errors.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
         else:
-            found.append(NamedPolygon(known[str(name).casefold()], _scaled(shapely.force_2d(shape), unit_m)))
-    errors += _overlaps(found)
+            polygons.append(NamedPolygon(known[str(name).casefold()], _scaled(shapely.force_2d(shape), unit_m)))
+    errors += _overlaps(polygons)
     if errors:
         more = f" (and {len(errors) - 3} more)" if len(errors) > 3 else ""
         raise ProjectError(f"seams {path}, layer {layer}: {'; '.join(errors[:3])}{more}")
-    return found
+    return polygons
 
 
 def _scaled(shape: Geometry, factor: float) -> Geometry:
@@ -115,8 +116,8 @@ def _scaled(shape: Geometry, factor: float) -> Geometry:
     return shape if factor == 1.0 else shapely.transform(shape, lambda place: place * factor)
 
 
-def _stems(names: Sequence[str]) -> list[str]:
-    return [Path(name).stem.casefold() for name in names]
+def _stem(name: str) -> str:
+    return Path(name).stem.casefold()
 
 
 def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:

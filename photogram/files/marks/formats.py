@@ -82,9 +82,9 @@ def format_of(path: Path) -> MarkFormat:
     name = path.name.lower()
     if path.suffix.lower() == ".txt" and "gcp_list" in name:
         return "gcp_list"
-    found: dict[str, MarkFormat] = {".xml": "metashape", ".csv": "csv"}
-    if path.suffix.lower() in found:
-        return found[path.suffix.lower()]
+    by_suffix: dict[str, MarkFormat] = {".xml": "metashape", ".csv": "csv"}
+    if path.suffix.lower() in by_suffix:
+        return by_suffix[path.suffix.lower()]
     raise ControlPointError(
         f"{path}: its name does not tell the format: give --format {', '.join(MARK_FORMATS[:-1])} or {MARK_FORMATS[-1]}"
     )

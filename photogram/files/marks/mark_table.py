@@ -11,8 +11,7 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, check_marks, rows_of
-from photogram.files.tables.control_files import Row as _Row
+from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, Row, check_marks, rows_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource, Proposal
 from photogram.files.text_lines import Errors, lines_of, quoted
 
@@ -77,7 +76,7 @@ def write_proposals(path: Path, proposals: Iterable[Proposal]) -> None:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _two(row: _Row, columns: tuple[str, str], line: int, errors: Errors) -> tuple[float, float] | None:
+def _two(row: Row, columns: tuple[str, str], line: int, errors: Errors) -> tuple[float, float] | None:
     texts = [row.get(column, "") for column in columns]
     if not any(texts):
         return None
@@ -85,7 +84,7 @@ def _two(row: _Row, columns: tuple[str, str], line: int, errors: Errors) -> tupl
     return None if first is None or second is None else (first, second)
 
 
-def _mark(row: _Row, line: int, errors: Errors) -> Mark | None:
+def _mark(row: Row, line: int, errors: Errors) -> Mark | None:
     pixel = _two(row, ("u", "v"), line, errors)
     sigma_px = _two(row, ("sigma_u", "sigma_v"), line, errors)
     raw_pixel = _two(row, ("raw_u", "raw_v"), line, errors)
@@ -108,7 +107,7 @@ def _mark(row: _Row, line: int, errors: Errors) -> Mark | None:
         return None
 
 
-def _read(path: Path, proposed: bool) -> list[tuple[Mark, _Row]]:
+def _read(path: Path, proposed: bool) -> list[tuple[Mark, Row]]:
     lines = lines_of(path, ControlPointError, "marks", "#")
     known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[7:], "score")}}
     needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))

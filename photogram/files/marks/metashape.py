@@ -39,28 +39,28 @@ def holds_metashape_markers(first_line: str) -> bool:
 
 def _one_chunk(path: Path, root: Element) -> Element:
     chunks = [*root.all("document", "chunk"), *root.all("document", "chunks", "chunk")]
-    held = [chunk for chunk in chunks if any(chunk.all("markers", "marker"))]
-    if not held:
+    marked = [chunk for chunk in chunks if any(chunk.all("markers", "marker"))]
+    if not marked:
         line = root.children[0].line if root.children else 1
         raise ControlPointError(f"{path}:{line}: holds no markers of Metashape: export them with Tools, Export Markers")
-    if len(held) > 1:
+    if len(marked) > 1:
         raise ControlPointError(
-            f"{path}:{held[1].line}: holds markers of {len(held)} chunks: export those of one chunk at a time"
+            f"{path}:{marked[1].line}: holds markers of {len(marked)} chunks: export those of one chunk at a time"
         )
-    return held[0]
+    return marked[0]
 
 
 def _sigma_m(reference: Element, name: str, errors: Errors) -> PartialSigma3:
     """Return the accuracies: sx, sy and sz, or sxy and sz as before version 1.3."""
-    found = []
+    sigmas = []
     for column in ("sx", "sy", "sz"):
         text = reference.attributes.get(column) or (reference.attributes.get("sxy") if column != "sz" else None)
         value = None if not text else errors.number(text, f"{column} of {name}", reference.line)
         if value is not None and not SIGMA_M[0] <= value <= SIGMA_M[1]:
             allowed = f"from {SIGMA_M[0]:g} to {SIGMA_M[1]:g}"
             errors.note(reference.line, f"{column} of {name} must be {allowed}, found {text}: correct it in Metashape")
-        found.append(value)
-    return found[0], found[1], found[2]
+        sigmas.append(value)
+    return sigmas[0], sigmas[1], sigmas[2]
 
 
 def _named(elements: Iterable[Element], what: str, errors: Errors) -> dict[str, tuple[str, Element]]:
@@ -101,7 +101,7 @@ def _points(markers: Mapping[str, tuple[str, Element]], errors: Errors) -> list[
 
 def _photographs(chunk: Element, frame: Element | None, errors: Errors) -> dict[str, str]:
     """Return the names of photographs by the numbers of their cameras: the file's where it is told, else the label."""
-    cameras = (camera for held in chunk.all("cameras") for camera in held.below("camera"))
+    cameras = (camera for group in chunk.all("cameras") for camera in group.below("camera"))
     names = {number: label for number, (label, _) in _named(cameras, "camera", errors).items()}
     for camera in frame.all("cameras", "camera") if frame else ():
         for photo in camera.all("photo"):
@@ -144,14 +144,14 @@ def read_markers(path: Path) -> MarkerFile:
     points, photographs = _points(markers, errors), _photographs(chunk, frame, errors)
     pinned: list[Mark] = []
     others: list[Mark] = []
-    for held in frame.all("markers", "marker") if frame else ():
-        number = held.attributes.get("marker_id", "")
+    for marker in frame.all("markers", "marker") if frame else ():
+        number = marker.attributes.get("marker_id", "")
         if number not in markers:
             errors.note(
-                held.line, f"marker_id {shortened(number)!r} is no marker of the chunk: export the markers again"
+                marker.line, f"marker_id {shortened(number)!r} is no marker of the chunk: export the markers again"
             )
             continue
-        for location in held.all("location"):
+        for location in marker.all("location"):
             mark = _mark(location, markers[number][0], photographs, errors)
             if mark is not None:
                 (pinned if location.attributes.get("pinned", "").lower() in ("true", "1") else others).append(mark)
@@ -227,14 +227,14 @@ def write_markers(
         ElementTree.SubElement(listed, "camera", id=number, label=name)
     markers = ElementTree.SubElement(chunk, "markers")
     frame = ElementTree.SubElement(ElementTree.SubElement(chunk, "frames"), "frame", id="0")
-    held = ElementTree.SubElement(frame, "markers")
+    located = ElementTree.SubElement(frame, "markers")
     for i, name in enumerate(names):
         marker = ElementTree.SubElement(markers, "marker", id=str(i), label=name)
         if name in given:
             ElementTree.SubElement(marker, "reference", _reference(given[name]))
         if name not in own:
             continue
-        place = ElementTree.SubElement(held, "marker", marker_id=str(i))
+        place = ElementTree.SubElement(located, "marker", marker_id=str(i))
         for mark, pin in own[name]:
             x, y = map(to_corner, mark.pixel)
             ElementTree.SubElement(place, "location", camera_id=cameras[mark.photograph], pinned=pin, x=x, y=y)

@@ -55,7 +55,7 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
     ControlPointError with a line for each error.
     """
     errors = Errors(path, ControlPointError)
-    rows = [(line, _fields(text)) for line, text in lines_of(path, ControlPointError, "marks", "#")]
+    rows = [(line, _fields(content)) for line, content in lines_of(path, ControlPointError, "marks", "#")]
     picture = _column(rows)
     read = []
     for line, fields in rows:
@@ -64,8 +64,8 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
             continue
         photograph, point = fields[picture].replace("\\", "/"), fields[1 - picture]
         if not _is_picture(photograph) or not point:
-            found = shortened(fields[picture])
-            errors.note(line, f"no photograph and point in the first two fields, found {found!r}: give both names")
+            text = shortened(fields[picture])
+            errors.note(line, f"no photograph and point in the first two fields, found {text!r}: give both names")
             continue
         if errors.name(photograph, "the photograph", line) is None or errors.name(point, "the point", line) is None:
             continue

@@ -6,6 +6,7 @@ nor the differences between photographs change.
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -146,13 +147,20 @@ def damaged(path: Path, reason: object) -> ImageError:
     )
 
 
+@contextmanager
+def _damage_of(path: Path) -> Iterator[None]:
+    """Raise what decoding a photograph within the block raises as an ImageError."""
+    try:
+        yield
+    except _DECODING as error:
+        raise damaged(path, error.__cause__ or error) from error  # rasterio keeps what GDAL said as the cause
+
+
 def sampled_values(path: Path, data: bytes, layout: Layout, step: int) -> Values:
     """Return every ``step``-th pixel value along rows and columns of a photograph, all channels, (n,), while all of it
     is decoded. Raises ImageError where that is not possible."""
-    try:
+    with _damage_of(path):
         return np.concatenate([values[-top % step :: step, ::step].ravel() for top, values in _strips(data, layout)])
-    except _DECODING as error:
-        raise damaged(path, error.__cause__ or error) from error  # rasterio keeps what GDAL said as the cause
 
 
 def stretched_picture(
@@ -162,9 +170,7 @@ def stretched_picture(
     ImageError where it cannot be decoded."""
     width, height = size_px
     pixels = np.empty((height, width) if layout.channels == 1 else (height, width, 3), np.uint8)
-    try:
+    with _damage_of(path):
         for top, values in _strips(data, layout):
             pixels[top : top + len(values)] = stretch.applied(values)
-    except _DECODING as error:
-        raise damaged(path, error.__cause__ or error) from error  # rasterio keeps what GDAL said as the cause
     return Image.fromarray(pixels)

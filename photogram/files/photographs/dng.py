@@ -97,17 +97,17 @@ def preview_of(path: Path, data: bytes, first: Directory) -> bytes:
     offsets = first.get(_SUB_DIRECTORIES, ())
     listed = offsets if isinstance(offsets, tuple) else (offsets,)
     directories = [first, *(_directory(data, int(offset)) for offset in listed[:MOST_DIRECTORIES])]
-    sizes, found = _whole_sizes(directories), list[tuple[int, int]]()
+    sizes, previews = _whole_sizes(directories), list[tuple[int, int]]()
     if not sizes:
         raise ValueError("no raw pixels among its directories")
     for directory in directories:
         jpeg = _jpeg_of(data, directory)
         if jpeg is not None:
-            found.append(_size(directory))
-            if found[-1] in sizes:
+            previews.append(_size(directory))
+            if previews[-1] in sizes:
                 return jpeg
     width, height = sizes[0]
-    largest = max(found, key=lambda size: size[0] * size[1], default=None)
+    largest = max(previews, key=lambda size: size[0] * size[1], default=None)
     has = "no preview in it" if largest is None else f"its largest preview has {largest[0]} × {largest[1]} px"
     raise ImageError(
         f"photograph {path}: DNG of {width} × {height} px, {has}, and photogram develops no raw: {_REMEDY}"

@@ -37,25 +37,31 @@ _SIGNATURES = (b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PN
 Image.MAX_IMAGE_PIXELS = None
 
 _MODES = ("RGB", "L", "RGBA")
-MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
+_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _LEADING_BYTES = 1 << 17  # more than most cameras write before the pixels
 JPEGS = ("JPEG", "MPO")
 
 
+def segments_of(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield the segments of a JPEG file (ITU-T T.81, annex B.1.1): the marker of each, where it begins behind that, and
+    where it ends by the length that it states, which may be beyond the file."""
+    end = 2
+    while (match := _MARKER.search(data, end)) is not None:
+        begin = match.end()
+        end = begin + int.from_bytes(data[begin : begin + 2], "big")
+        yield match[1][0], begin, end
+
+
 def jpeg_is_whole(data: bytes) -> bool:
-    """Tell whether the first picture of a JPEG file reaches its end marker (ITU-T T.81, annex B.1.1).
+    """Tell whether the first picture of a JPEG file reaches its end marker.
 
     libjpeg fills what a card's lost clusters left as zeros with grey, and says nothing.
     """
-    position = 2
-    while (found := MARKER.search(data, position)) is not None:
-        marker = found[1][0]
+    for marker, _, end in segments_of(data):
         if marker == _END_OF_IMAGE:
             return True
-        length = int.from_bytes(data[found.end() : found.end() + 2], "big")
-        position = found.end() + length
-        if marker != START_OF_SCAN and position > len(data):
+        if marker != START_OF_SCAN and end > len(data):
             return False
     return False
 
@@ -100,11 +106,9 @@ def read_leading(path: Path) -> bytes:
 
 def _end_of_headers(data: bytes) -> int | None:
     """Return where the first scan of a JPEG file begins (ITU-T T.81, annex B.1), None where it has not begun."""
-    position = 2
-    while (found := MARKER.search(data, position)) is not None:
-        position = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
-        if found[1][0] == START_OF_SCAN:
-            return position if position <= len(data) else None
+    for marker, _, end in segments_of(data):
+        if marker == START_OF_SCAN:
+            return end if end <= len(data) else None
     return None
 
 

@@ -20,7 +20,6 @@ from photogram.files.atomic import replacing
 from photogram.files.photographs.depth import Stretch, Values, damaged, sampled_values, stretched_picture
 from photogram.files.photographs.identification import (
     JPEGS,
-    MARKER,
     START_OF_SCAN,
     Identified,
     check_pixels,
@@ -28,27 +27,11 @@ from photogram.files.photographs.identification import (
     open_picture,
     read_content,
     read_leading,
+    segments_of,
     usable,
 )
 from photogram.files.photographs.tag_packets import DAMAGE
 from photogram.files.photographs.tags import DJI_NUMBERS, Dewarp, PhotographTags
-
-__all__ = [
-    "Dewarp",
-    "PhotographTags",
-    "check_photograph",
-    "inspect_photograph",
-    "read_grey",
-    "read_leading_tags",
-    "read_patches",
-    "read_photograph",
-    "read_small",
-    "read_tags",
-    "read_window",
-    "sample_values",
-    "thumbnail",
-    "write_photograph",
-]
 
 _SEQUENTIAL_FRAMES = (0xC0, 0xC1)
 _SAMPLED_PIXELS = 500_000  # at least, of a photograph that has so many
@@ -72,16 +55,14 @@ def _cut_below(data: bytes, rows: int, height: int) -> bytes | None:
     A decoder goes no farther down, and takes that share of the time. A row needs what is above it, and where colours
     are at half the resolution the next one: up to 32 rows at the end may differ.
     """
-    position, place, components = 2, 0, 0
-    while (found := MARKER.search(data, position)) is not None:
-        marker, begin = found[1][0], found.end()
+    place, components = 0, 0
+    for marker, begin, _ in segments_of(data):
         if marker in _SEQUENTIAL_FRAMES:
             place, components = begin + 3, data[begin + 7]  # after the segment's length and the precision
         elif marker == START_OF_SCAN:
             if not place or data[begin + 2] != components or data[place : place + 2] != height.to_bytes(2, "big"):
                 return None
             return data[:place] + rows.to_bytes(2, "big") + data[place + 2 :]
-        position = begin + int.from_bytes(data[begin : begin + 2], "big")
     return None
 
 

@@ -20,7 +20,7 @@ from PIL import Image, UnidentifiedImageError
 from photogram.arrays import BoolArray
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
-from photogram.files.photographs.identification import FORMATS, LARGEST_PIXELS, MOST_BYTES, jpeg_is_whole
+from photogram.files.photographs.identification import FORMATS, JPEGS, LARGEST_PIXELS, MOST_BYTES, jpeg_is_whole
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 from photogram.files.reading import read_whole
 from photogram.wording import some
@@ -56,7 +56,8 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
     except OSError as error:
         raise ImageError(f"the folder {folder} cannot be read ({error.strerror})") from error
     named, called = _photographs_by_key(photographs), _photographs_by_key([PurePosixPath(n).name for n in photographs])
-    found, others, errors = defaultdict[int, list[str]](list), list[str](), list[str]()
+    masks = defaultdict[int, list[str]](list)
+    others, errors = list[str](), list[str]()
     for path in paths:
         name = path.relative_to(folder).as_posix()
         if any(part.startswith(".") for part in PurePosixPath(name).parts):
@@ -66,13 +67,13 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
             several = some([photographs[i] for i in fits])
             errors.append(f"{name} fits several photographs, {several}: call it {name_of_mask(photographs[fits[0]])}")
         elif fits:
-            found[fits[0]].append(name)
+            masks[fits[0]].append(name)
         else:
             others.append(name)
-    for i, names in sorted(found.items()):
+    for i, names in sorted(masks.items()):
         if len(names) > 1:
             errors.append(f"{photographs[i]} has {len(names)} masks, {some(names)}: keep one")
-    if not found and not errors:
+    if not masks and not errors:
         there = (
             f"{some(others)} {'fits' if len(others) == 1 else 'fit'} none" if others else "there is no picture in it"
         )
@@ -82,7 +83,7 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
         )
     if errors:
         raise ImageError("\n".join(errors))
-    return MaskFiles({photographs[i]: folder / names[0] for i, names in sorted(found.items())}, tuple(others))
+    return MaskFiles({photographs[i]: folder / names[0] for i, names in sorted(masks.items())}, tuple(others))
 
 
 def _photographs_by_key(names: Sequence[str]) -> dict[str, list[int]]:
@@ -112,8 +113,8 @@ def _fitting(mask: str, photographs: dict[str, list[int]]) -> list[int]:
     return photographs.get(whole) or photographs.get(_MARKED.sub("", whole)) or []
 
 
-def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> tuple[Image.Image, bytes]:
-    """Return a mask, not decoded yet, and the content of its file."""
+def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> Image.Image:
+    """Return a mask, not decoded yet."""
     try:
         data = read_whole(path, MOST_BYTES)
     except FileNotFoundError as error:
@@ -144,9 +145,9 @@ def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> 
         raise ImageError(
             f"mask {path}: pixel type {picture.mode}, photogram reads 1-bit, grey and colour: export it as 8-bit PNG"
         )
-    if picture.format in ("JPEG", "MPO") and not jpeg_is_whole(data):
+    if picture.format in JPEGS and not jpeg_is_whole(data):
         raise _damaged(path, "its image data is truncated")
-    return picture, data
+    return picture
 
 
 def _damaged(path: Path, reason: object) -> ImageError:
@@ -158,7 +159,7 @@ def _damaged(path: Path, reason: object) -> ImageError:
 def check_mask(path: Path, size_px: tuple[int, int]) -> None:
     """Raise ImageError where a mask is missing, is no picture or not of ``size_px``, width and height, or the checksums
     of a PNG show damage; nothing is decoded."""
-    picture, _ = _opened(path, size_px, None)
+    picture = _opened(path, size_px, None)
     try:
         picture.verify()
     except DAMAGE as error:
@@ -172,7 +173,7 @@ def read_mask(path: Path, size_px: tuple[int, int] | None = None, sha256: str | 
     same as black. Raises ImageError as ``check_mask``, where the pixels cannot be decoded, nothing is left, black and
     transparency contradict each other, or the SHA-256 of the content is not ``sha256``, in hex.
     """
-    picture, _ = _opened(path, size_px, sha256)
+    picture = _opened(path, size_px, sha256)
     try:
         picture.load()
     except DAMAGE as error:
@@ -204,7 +205,7 @@ def read_masks(
 
 
 def _used(path: Path, picture: Image.Image) -> BoolArray:
-    if picture.format in ("JPEG", "MPO"):
+    if picture.format in JPEGS:
         return np.asarray(np.asarray(picture.convert("L")) >= JPEG_BLACK)
     if picture.mode in ("1", "I", "I;16", "I;16B"):
         return np.asarray(np.asarray(picture) != 0)

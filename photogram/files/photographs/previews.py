@@ -1,7 +1,7 @@
 """Small pictures of photographs, as many as fit into so many bytes, for pages."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -11,6 +11,7 @@ from photogram.arrays import ByteArray
 from photogram.errors import ImageError
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.images import read_small
+from photogram.wording import Progress
 
 MAXIMUM_BYTES = 3_000_000
 """Of all previews of a page together: four million characters in base64."""
@@ -29,7 +30,7 @@ def _jpeg(pixels: ByteArray, longest_px: int, quality: int) -> bytes:
 
 def previews(
     paths: Mapping[str, Path],
-    progress: Callable[[int, int], None],
+    progress: Progress,
     maximum_bytes: int = MAXIMUM_BYTES,
     stretches: Mapping[str, Stretch] = MappingProxyType({}),
 ) -> tuple[dict[str, bytes], dict[str, str]]:
@@ -49,7 +50,7 @@ def previews(
     pixels: dict[str, ByteArray] = {}
     absent: dict[str, str] = {}
     for done, (name, path) in enumerate(paths.items()):
-        progress(done, len(paths))
+        progress(done, len(paths), "")
         try:
             pixels[name] = read_small(path, _STEPS[start][0], stretches.get(name))
         except ImageError as error:

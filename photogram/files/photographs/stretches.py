@@ -89,14 +89,14 @@ def camera_stretches(
     ``photographs`` are names and paths, ``cameras`` the numbers of their cameras, ``bits`` those of their tags. Raises
     ImageError with every camera whose photographs differ in these, and as ``find_stretch``.
     """
-    found, errors = dict[str, Stretch](), list[str]()
+    stretches, errors = dict[str, Stretch](), list[str]()
     for number, camera in enumerate(camera_names):
         own = [i for i, c in enumerate(cameras) if c == number]
         mixed = mixed_depths([photographs[i][0] for i in own], [bits[i] for i in own])
         if mixed:
             errors.append(f"camera {camera}: {mixed}: {MIXED_REMEDY}")
         elif own and bits[own[0]] > 8:
-            found[camera] = find_stretch([photographs[i][1] for i in own], executor)
+            stretches[camera] = find_stretch([photographs[i][1] for i in own], executor)
     if errors:
         raise ImageError("\n".join(errors))
-    return found
+    return stretches

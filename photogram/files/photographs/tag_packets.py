@@ -64,8 +64,8 @@ def xmp_of(picture: Image.Image) -> tuple[dict[str, str], str]:
         return {}, f"the XMP tags are not valid XML ({printable(shortened(str(error)))}), only EXIF is used"
     values: dict[str, str] = {}
     for qualified, text in _properties(root):
-        found = _NAME.fullmatch(qualified)
-        space, name = (found[1] or "", found[2]) if found else ("", qualified)
+        match = _NAME.fullmatch(qualified)
+        space, name = (match[1] or "", match[2]) if match else ("", qualified)
         if space != _RDF and text.strip():
             key = f"Camera:{name}" if "/camera/" in space.lower() else name
             values.setdefault(key, printable(text.strip()))

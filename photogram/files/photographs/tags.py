@@ -262,10 +262,12 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
     except ZeroDivisionError:
         return None  # as EXIF writes a value that is not known
     except ValueError as error:
-        raise ImageError(
-            f"photograph {path}: XMP tag {name} is {shortened(text)!r}, not a number: correct or remove the tag"
-        ) from error
+        raise _unusable(path, name, text, "not a number") from error
     return number
+
+
+def _unusable(path: Path, name: str, text: str, why: str) -> ImageError:
+    return ImageError(f"photograph {path}: XMP tag {name} is {shortened(text)!r}, {why}: correct or remove the tag")
 
 
 def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
@@ -276,15 +278,10 @@ def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
     try:
         fx, fy, cx, cy, k1, k2, p1, p2, k3 = (float(part) for part in rest.split(","))
     except ValueError as error:
-        raise ImageError(
-            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, expected "
-            "'date;fx,fy,cx,cy,k1,k2,p1,p2,k3': correct or remove the tag"
-        ) from error
+        expected = "expected 'date;fx,fy,cx,cy,k1,k2,p1,p2,k3'"
+        raise _unusable(path, "DewarpData", text, expected) from error
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (fx, fy, cx, cy, k1, k2, p1, p2, k3)):
-        raise ImageError(
-            f"photograph {path}: XMP tag DewarpData is {shortened(text)!r}, not a calibration: correct or remove "
-            "the tag"
-        )
+        raise _unusable(path, "DewarpData", text, "not a calibration")
     centre_x, centre_y = (_xmp_number(xmp, f"CalibratedOpticalCenter{axis}", path) for axis in "XY")
     size = (2.0 * centre_x, 2.0 * centre_y) if centre_x and centre_y else None
     applied = _xmp_number(xmp, "DewarpFlag", path) == 1
@@ -297,21 +294,16 @@ def _camera_calibration(xmp: Mapping[str, str], path: Path) -> dict[str, object]
     Its principal point and tangential terms are not read: Pix4D's page leaves open which way their axes point.
     """
     focal_mm = _xmp_number(xmp, "Camera:PerspectiveFocalLength", path) or None
-    text = xmp.get("Camera:PerspectiveDistortion", "")
+    name = "Camera:PerspectiveDistortion"
+    text = xmp.get(name, "")
     if focal_mm is None or not text:
         return {"calibrated_focal_mm": focal_mm}
     try:
         r1, r2, r3, _, _ = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise ImageError(
-            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, expected "
-            "'R1,R2,R3,T1,T2': correct or remove the tag"
-        ) from error
+        raise _unusable(path, name, text, "expected 'R1,R2,R3,T1,T2'") from error
     if not all(abs(figure) <= LARGEST_FIGURE for figure in (r1, r2, r3)):
-        raise ImageError(
-            f"photograph {path}: XMP tag Camera:PerspectiveDistortion is {shortened(text)!r}, not a "
-            "distortion: correct or remove the tag"
-        )
+        raise _unusable(path, name, text, "not a distortion")
     return {"calibrated_focal_mm": focal_mm, "calibrated_radial": (r1, r2, r3)}
 
 
@@ -349,7 +341,6 @@ def gimbal_from_camera_angles(yaw_deg: float, pitch_deg: float, roll_deg: float)
 
 
 def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
-    found: dict[str, float | None] = {}
     for names in (
         [DJI_NUMBERS[field] for field in _GIMBAL],
         ["CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"],
@@ -360,8 +351,8 @@ def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
     yaw, pitch, roll = (_xmp_number(xmp, f"Camera:{name}", path) for name in ("Yaw", "Pitch", "Roll"))
     # Cameras without an attitude sensor write zeros.
     if yaw is not None and pitch is not None and roll is not None and (yaw, pitch, roll) != (0.0, 0.0, 0.0):
-        found = dict(zip(_GIMBAL, gimbal_from_camera_angles(yaw, pitch, roll), strict=True))
-    return found
+        return dict(zip(_GIMBAL, gimbal_from_camera_angles(yaw, pitch, roll), strict=True))
+    return {}
 
 
 # ---- position ------------------------------------------------------------------------------------------------------

@@ -35,8 +35,8 @@ def _of_maker_note(note: bytes) -> Velocity | None:
     entries = {tag: (kind, n, value) for tag, kind, n, value in _ENTRY.iter_unpack(note[2 : 2 + count * _ENTRY.size])}
     if entries.get(1, (0, 0, b""))[2] != b"DJI\0":
         return None
-    found = [entries.get(tag) for tag in _SPEEDS]
-    speeds = [struct.unpack("<f", e[2])[0] for e in found if e is not None and e[:2] == (_FLOAT, 1)]
+    own = [entries.get(tag) for tag in _SPEEDS]
+    speeds = [struct.unpack("<f", e[2])[0] for e in own if e is not None and e[:2] == (_FLOAT, 1)]
     return _believed(speeds) if len(speeds) == len(_SPEEDS) else None
 
 

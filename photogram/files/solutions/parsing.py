@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.errors import ExchangeError
 from photogram.files.reading import read_whole
-from photogram.files.text_lines import LONGEST_NAME
+from photogram.files.text_lines import LONGEST_NAME, decoded
 from photogram.wording import is_number, printable, shortened
 
 MOST_BYTES = 8_000_000_000
@@ -39,14 +39,7 @@ def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 
 def text_of(path: Path, most_bytes: int = MOST_BYTES) -> str:
     """Return the text of a file. Raises ExchangeError where it cannot be read, is larger, or is not UTF-8."""
-    data = bytes_of(path, most_bytes)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise ExchangeError(
-            f"{path}:{line}: byte {data[error.start]:#04x} is not UTF-8: save the file as text in UTF-8"
-        ) from error
+    return decoded(path, bytes_of(path, most_bytes), ExchangeError)
 
 
 # ---- names and paths -----------------------------------------------------------------------------------------------
@@ -59,13 +52,13 @@ def file_of(where: str, text: str) -> PurePosixPath:
     where its last part is no name of a file, it is too long, or it holds a character that cannot be printed.
     """
     file = PurePosixPath(text.replace("\\", "/"))
-    shown = repr(shortened(printable(text)))
+    named = repr(shortened(printable(text)))
     if file.name in ("", ".", ".."):
-        raise ExchangeError(f"{where}: {shown} is no name of a photograph: name its file in the other program")
+        raise ExchangeError(f"{where}: {named} is no name of a photograph: name its file in the other program")
     if len(file.name) > LONGEST_NAME or len(text) > _LONGEST_PATH:
-        raise ExchangeError(f"{where}: the name {shown} is longer than that of any file: check the file")
+        raise ExchangeError(f"{where}: the name {named} is longer than that of any file: check the file")
     if _CONTROL.search(text):
-        raise ExchangeError(f"{where}: the name {shown} holds a character that cannot be printed: rename the file")
+        raise ExchangeError(f"{where}: the name {named} holds a character that cannot be printed: rename the file")
     return file
 
 

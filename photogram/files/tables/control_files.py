@@ -194,9 +194,9 @@ def _read_gcp_list(path: Path, lines: Sequence[tuple[int, str]], errors: Errors)
     text = _COMMENT.sub("", header).strip()
     headed = not NUMBER.fullmatch(text.split()[0])
     crs = _header_crs(text) if headed else None
-    found = [_observation(n, line, errors) for n, line in lines[1 if headed else 0 :]]
-    rows = [row for row in found if row is not None]
-    if not found:
+    observations = [_observation(n, line, errors) for n, line in lines[1 if headed else 0 :]]
+    rows = [row for row in observations if row is not None]
+    if not observations:
         errors.note(first, f"no points after the first line: each line after it is {_GCP_LIST}")
     points: dict[str, SurveyedPoint] = {}
     read = []
@@ -268,24 +268,24 @@ def rows_of(
     separator = _separator(text)
     header = _fields(text, separator, number, errors)
     if (bool(header) and _plain(header[0]) == PROPOSED) != proposed:
-        found = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
+        content = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
         remedy = "give a table of proposals" if proposed else "confirm them, and give the table of marks"
-        raise ControlPointError(f"{path}:{number}: {found}: {remedy}")
+        raise ControlPointError(f"{path}:{number}: {content}: {remedy}")
     if proposed:
         header = ["point", *header[1:]]
     places = _columns(header, number, known, needed, errors)
     # Without its columns no row means anything.
     errors.raise_all()
     rows = []
-    faulty = False
+    has_bad_rows = False
     for line, content in lines[1:]:
         fields = _fields(content, separator, line, errors)
         if any(fields[len(header) :]):
-            faulty = True
+            has_bad_rows = True
             errors.note(line, f"{len(fields)} fields, but the first line names {len(header)}: check separators, quotes")
         elif any(fields):
             rows.append((line, {m: fields[i] if i < len(fields) else "" for m, i in places.items()}))
-    if not rows and not faulty and not may_be_empty:
+    if not rows and not has_bad_rows and not may_be_empty:
         errors.note(number, "no rows after the first line")
     return header, rows, errors
 

@@ -97,28 +97,28 @@ def gps_time(week: int, seconds: float) -> datetime | None:
 
 
 def _mrk_row(line: int, text: str, errors: Errors) -> PositionRow | None:
-    found = _MRK_LINE.fullmatch(" ".join(text.split()))
-    numbers = [] if found is None else [errors.number(found[k], "each value", line) for k in (2, *range(4, 13))]
-    if found is None:
+    fields = _MRK_LINE.fullmatch(" ".join(text.split()))
+    if fields is None:
         errors.note(line, f"is not a line of a DJI MRK file: expected {_MRK_FORM}")
         return None
+    numbers = [errors.number(fields[k], "each value", line) for k in (2, *range(4, 13))]
     known = [n for n in numbers if n is not None]
     if len(known) < len(numbers):
         return None
     seconds, north_mm, east_mm, down_mm, latitude, longitude, height, *sigma = known
-    time = gps_time(int(found[3]), seconds)
+    time = gps_time(int(fields[3]), seconds)
     if time is None:
-        errors.note(line, f"week {found[3]} and {seconds:.10g} s is not a GPS time: correct the line")
+        errors.note(line, f"week {fields[3]} and {seconds:.10g} s is not a GPS time: correct the line")
         return None
     check_sigmas(line, sigma, errors)
     row = PositionRow(
         line,
         (longitude, latitude, height),
-        number=int(found[1]),
+        number=int(fields[1]),
         gps_time=time,
         # zero stands for not known
         sigma_m=(sigma[1], sigma[0], sigma[2]) if min(sigma) > 0 else None,
-        solution=solution_of_rtk_flag(int(found[13])),
+        solution=solution_of_rtk_flag(int(fields[13])),
         lever_arm_m=(east_mm / 1000.0, north_mm / 1000.0, -down_mm / 1000.0),
     )
     check_on_globe(row, errors)

@@ -148,7 +148,7 @@ def _solution(text: str, line: int, errors: Errors) -> Solution:
 
 def _sigma(row: Row, line: int, errors: Errors) -> Sigma3 | None:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
-    found: dict[str, float] = {}
+    stated: dict[str, float] = {}
     for column in ("sigma", "sigma_plan", "sigma_east", "sigma_north", "sigma_height"):
         text = row.get(column, "")
         value = errors.number(text, column, line) if text else None
@@ -157,12 +157,10 @@ def _sigma(row: Row, line: int, errors: Errors) -> Sigma3 | None:
         elif value is not None:
             check_sigmas(line, [value], errors)
         if value:  # zero stands for not known
-            found[column] = value
-    plan = found.get("sigma_plan", found.get("sigma"))
-    sigma = (
-        found.get("sigma_east", plan), found.get("sigma_north", plan), found.get("sigma_height", found.get("sigma")),
-    )  # fmt: skip
-    east, north, up = sigma
+            stated[column] = value
+    whole = stated.get("sigma")
+    plan = stated.get("sigma_plan", whole)
+    east, north, up = stated.get("sigma_east", plan), stated.get("sigma_north", plan), stated.get("sigma_height", whole)
     return None if east is None or north is None or up is None else (east, north, up)
 
 
@@ -178,11 +176,11 @@ def _attitude(row: Row, line: int, errors: Errors) -> Triple | None:
 
 
 def _time(text: str) -> datetime | None:
-    found = _TIME.fullmatch(text.strip())
-    if found is None:
+    fields = _TIME.fullmatch(text.strip())
+    if fields is None:
         return None
-    year, month, day, hour, minute = (int(found[k]) for k in range(1, 6))
-    second = float(found[6])
+    year, month, day, hour, minute = (int(fields[k]) for k in range(1, 6))
+    second = float(fields[6])
     try:
         return datetime(year, month, day, hour, minute, int(second), round(second % 1 * 1e6) % 1_000_000)
     except ValueError:
@@ -228,19 +226,19 @@ def _file(
         if any(fields[len(names) :]):
             errors.note(line, f"{len(fields)} fields, but the first line names {len(names)}: check separators, quotes")
         elif any(fields):
-            row = {meaning: fields[i] if i < len(fields) else "" for meaning, i in places.items()}
-            table.append((line, row))
-            if "photograph" in places and not row["photograph"]:
+            cells = {meaning: fields[i] if i < len(fields) else "" for meaning, i in places.items()}
+            table.append((line, cells))
+            if "photograph" in places and not cells["photograph"]:
                 errors.note(line, "has no photograph: give its file name")
-            errors.name(row.get("photograph", ""), "the photograph", line)
+            errors.name(cells.get("photograph", ""), "the photograph", line)
     if not lines:
         errors.note(number, "no rows after the first line")
     rows = _rows(table, (first, second), errors, gps_times)
     if geographic is None:
         geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 90.0 for r in rows)
     if geographic:
-        for row_ in rows:
-            check_on_globe(row_, errors)
+        for row in rows:
+            check_on_globe(row, errors)
     errors.raise_all()
     return PositionFile(path, kind, geographic, tuple(rows))
 
@@ -285,13 +283,8 @@ def read_pos(path: Path) -> PositionFile:
         if time is not None:
             times[n] = time
         elif fields:
-            errors.note(
-                n,
-                (
-                    f"{shortened(' '.join(fields[:2]))!r} is not a time: expected date and clock, or GPS week "
-                    "and seconds"
-                ),
-            )
+            text = shortened(" ".join(fields[:2]))
+            errors.note(n, f"{text!r} is not a time: expected date and clock, or GPS week and seconds")
     errors.raise_all()
     return _file(path, "pos", (number, names), split, times)
 

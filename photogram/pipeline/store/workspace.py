@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from photogram.errors import DamagedStageError, WorkspaceError
-from photogram.files.npz_json import FORMAT, _plain, write_json
+from photogram.files.npz_json import FORMAT, plain, write_json
 from photogram.files.stage_folders import (
     COMPLETE,
     LOCK,
@@ -54,7 +54,7 @@ class _Note:
 
 def _seal(value: Mapping[str, object]) -> str:
     """Return the checksum that a note carries of itself."""
-    return hashlib.sha256(json.dumps(_plain(value), sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
