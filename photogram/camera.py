@@ -39,6 +39,9 @@ from photogram.projection import (
 VERTICAL = 1e-7
 """Level part of an optical axis, of unit length, below which it counts as vertical."""
 
+_ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_BODY_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
 _ALONG_EASTING = 1e-9
 """What of an optical axis, of unit length, is not along the easting below which φ counts as ±90°."""
 
@@ -75,7 +78,7 @@ class LensField:
         return np.asarray(self.functions @ self.coefficients)
 
     @property
-    def held(self) -> LensField:
+    def fixed(self) -> LensField:
         """Return the field with its coefficients fixed."""
         return replace(self, sigmas=np.zeros_like(self.sigmas))
 
@@ -458,9 +461,7 @@ def rotation_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> F
     Rz = np.array([[cos(y), -sin(y), 0.0], [sin(y), cos(y), 0.0], [0.0, 0.0, 1.0]])
     Ry = np.array([[cos(p), 0.0, sin(p)], [0.0, 1.0, 0.0], [-sin(p), 0.0, cos(p)]])
     Rx = np.array([[1.0, 0.0, 0.0], [0.0, cos(r), -sin(r)], [0.0, sin(r), cos(r)]])
-    E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return np.asarray(E @ Rz @ Ry @ Rx @ B)
+    return np.asarray(_ENU_FROM_NED @ Rz @ Ry @ Rx @ _BODY_FROM_CAMERA)
 
 
 def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float, float]:
@@ -470,9 +471,7 @@ def gimbal_from_rotation(rotation_true_north: FloatArray) -> tuple[float, float,
     Of a photograph that looks straight down or up only the sum or the difference of yaw and roll is known: roll is 0
     there.
     """
-    E = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    B = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    M = E.T @ rotation_true_north @ B.T
+    M = _ENU_FROM_NED.T @ rotation_true_north @ _BODY_FROM_CAMERA.T
     level = np.hypot(M[0, 0], M[1, 0])
     pitch = np.arctan2(-M[2, 0], level)  # the arcsine of nearly 1 would lose half of the digits
     if level < VERTICAL:

@@ -56,6 +56,12 @@ class Window:
         row_end, column_end = min(self.row_end, other.row_end), min(self.column_end, other.column_end)
         return Window(row, column, row_end, column_end) if row < row_end and column < column_end else None
 
+    def tiles(self, side: int) -> Iterator[Window]:
+        """Yield windows of ``side`` × ``side`` cells of this one, smaller at the south and east, row by row."""
+        for row in range(self.row, self.row_end, side):
+            for column in range(self.column, self.column_end, side):
+                yield Window(row, column, min(row + side, self.row_end), min(column + side, self.column_end))
+
     def coarser(self, cells: int) -> Window:
         """Return the window of a grid whose cells are so many times as large, around this one."""
         return Window(self.row // cells, self.column // cells, -(-self.row_end // cells), -(-self.column_end // cells))
@@ -125,9 +131,7 @@ class MapGrid:
 
     def tiles(self, side: int) -> Iterator[Window]:
         """Yield windows of ``side`` × ``side`` cells, smaller at the south and east, row by row."""
-        for row in range(0, self.rows, side):
-            for column in range(0, self.columns, side):
-                yield Window(row, column, min(row + side, self.rows), min(column + side, self.columns))
+        return self.whole.tiles(side)
 
     def centres_map_m(self, window: Window) -> tuple[FloatArray, FloatArray]:
         """Return eastings (columns,) and northings (rows,) of the centres of a window's cells."""
@@ -159,8 +163,9 @@ def vertical_nodes(frame: LocalFrame, grid: MapGrid, window: Window) -> FloatArr
     """Return base points and steps up (R, C, 6) of the vertical lines at every LATTICE_CELLS-th corner of cells, from
     the last one before a window of a grid to the first one behind it. Raises FrameError where the map has no such
     place."""
-    rows, columns = (np.arange(a // LATTICE_CELLS, -(-b // LATTICE_CELLS) + 1) * LATTICE_CELLS
-                     for a, b in ((window.row, window.row_end), (window.column, window.column_end)))  # fmt: skip
+    around = window.coarser(LATTICE_CELLS)
+    rows = np.arange(around.row, around.row_end + 1) * LATTICE_CELLS
+    columns = np.arange(around.column, around.column_end + 1) * LATTICE_CELLS
     east, north = grid.west_map_m + columns * grid.cell_m, grid.north_map_m - rows * grid.cell_m
     base = np.full(rows.size * columns.size, frame.origin_map_m[2])
     place = np.column_stack([np.tile(east, len(rows)), np.repeat(north, len(columns)), base])

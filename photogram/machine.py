@@ -35,8 +35,8 @@ def free_memory_bytes() -> int:
     """Return the memory that this process may take and that nothing else holds now, where the system tells (Linux);
     else as ``memory_bytes``."""
     with suppress(OSError, ValueError, LookupError):
-        told = dict(line.split(":", 1) for line in _AVAILABLE.read_text().splitlines())
-        return min(memory_bytes(), 1024 * int(told["MemAvailable"].split()[0]))
+        entries = dict(line.split(":", 1) for line in _AVAILABLE.read_text().splitlines())
+        return min(memory_bytes(), 1024 * int(entries["MemAvailable"].split()[0]))
     return memory_bytes()
 
 

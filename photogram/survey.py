@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray, check_shape
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, check_shape
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
 from photogram.constraints.rigs import Companion, give_scale
@@ -29,6 +28,15 @@ from photogram.wording import html_table, text_table, things
 Role = Literal["control", "check"]
 Roles = tuple[Role, Role]
 """The role of a ground point in plan and in height."""
+
+
+def check_shapes(record: object, **shapes: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless the arrays of a record, by the names of their fields, have these shapes, where None
+    stands for any length; a field that is None is passed over."""
+    for name, shape in shapes.items():
+        array = getattr(record, name)
+        if array is not None:
+            check_shape(name, array, shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +100,8 @@ class Photograph:
     def __post_init__(self) -> None:
         if (self.gnss_world_m is None) != (self.gnss_sigma_m is None):
             raise ValueError(f"{self.name}: a GNSS position needs sigmas, and sigmas need a position")
-        if self.gnss_world_m is not None and self.gnss_sigma_m is not None:
-            check_shape("gnss_world_m", self.gnss_world_m, (3,))
-            check_shape("gnss_sigma_m", self.gnss_sigma_m, (3,))
-        if self.lever_arm_camera_m is not None:
-            check_shape("lever_arm_camera_m", self.lever_arm_camera_m, (3,))
-        if self.velocity_world_m_s is not None:
-            check_shape("velocity_world_m_s", self.velocity_world_m_s, (3,))
-        if self.attitude_world_from_camera is not None:
-            check_shape("attitude_world_from_camera", self.attitude_world_from_camera, (3, 3))
+        check_shapes(self, gnss_world_m=(3,), gnss_sigma_m=(3,), lever_arm_camera_m=(3,), velocity_world_m_s=(3,))
+        check_shapes(self, attitude_world_from_camera=(3, 3))
 
 
 CommonErrorKind = Literal["attitude", "lever_arm", "time_offset", "drift"]
@@ -127,9 +128,9 @@ class CommonError:
     """Directions (3, d) of a lever arm along the camera's axes: those that nothing else can take over."""
 
     def __post_init__(self) -> None:
-        check_shape("value", self.value, self.sigma.shape)
+        check_shapes(self, value=self.sigma.shape)
         if self.kind == "lever_arm":
-            check_shape("basis", self.basis, (3, len(self.sigma)))
+            check_shapes(self, basis=(3, len(self.sigma)))
 
     def of(self, photograph: Photograph) -> bool:
         """Return whether a photograph's measurements have it."""
@@ -159,11 +160,7 @@ class Features:
 
     def __post_init__(self) -> None:
         n = len(self.pixel)
-        check_shape("pixel", self.pixel, (n, 2))
-        check_shape("size_px", self.size_px, (n,))
-        check_shape("angle_rad", self.angle_rad, (n,))
-        check_shape("descriptor", self.descriptor, (n, None))
-        check_shape("colour", self.colour, (n, 3))
+        check_shapes(self, pixel=(n, 2), size_px=(n,), angle_rad=(n,), descriptor=(n, None), colour=(n, 3))
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -184,7 +181,7 @@ class Matches:
     """Indices (M, 2) into the features of both."""
 
     def __post_init__(self) -> None:
-        check_shape("index", self.index, (None, 2))
+        check_shapes(self, index=(None, 2))
 
     def __len__(self) -> int:
         return len(self.index)
@@ -218,13 +215,8 @@ class TiePoints:
 
     def __post_init__(self) -> None:
         n, p = len(self.photograph), len(self.position_world_m)
-        check_shape("photograph", self.photograph, (n,))
-        check_shape("point", self.point, (n,))
-        check_shape("feature", self.feature, (n,))
-        check_shape("pixel", self.pixel, (n, 2))
-        check_shape("sigma_px", self.sigma_px, (n,))
-        check_shape("position_world_m", self.position_world_m, (p, 3))
-        check_shape("colour", self.colour, (p, 3))
+        check_shapes(self, photograph=(n,), point=(n,), feature=(n,), pixel=(n, 2), sigma_px=(n,))
+        check_shapes(self, position_world_m=(p, 3), colour=(p, 3))
         if n and (np.any(np.diff(self.point) < 0) or self.point[0] < 0 or self.point[-1] >= p):
             raise ValueError("observations of tie points must be sorted by point, with points numbered from 0")
 
@@ -244,7 +236,7 @@ class TiePoints:
         """Number (P,) of observations of each point."""
         return np.bincount(self.point, minlength=len(self)).astype(np.int64)
 
-    def select(self, points: NDArray[np.bool_], observations: NDArray[np.bool_] | None = None) -> TiePoints:
+    def select(self, points: BoolArray, observations: BoolArray | None = None) -> TiePoints:
         """Keep the points of the mask (P,), and of their observations those of the mask (N,); points are renumbered."""
         keep = points[self.point] if observations is None else points[self.point] & observations
         renumbered = np.cumsum(points) - 1
@@ -285,7 +277,7 @@ class ControlPoints:
     """Measured image coordinates (M, 2)."""
     mark_covariance_px2: FloatArray
     """Covariances (M, 2, 2) of u and v; infinite variances for a rejected mark."""
-    controlled: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
+    controlled: BoolArray = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
     """Which of easting, northing and height (G, 3) are control; all those of a control point and none of a check point
     if not given."""
 
@@ -296,14 +288,11 @@ class ControlPoints:
         is_control = np.array([role == "control" for role in self.role], dtype=bool)
         if g and not len(self.controlled):
             object.__setattr__(self, "controlled", np.repeat(is_control[:, None], 3, axis=1))
-        check_shape("controlled", self.controlled, (g, 3))
+        check_shapes(self, controlled=(g, 3))
         if np.any(self.controlled.any(axis=1) != is_control):
             raise ValueError("a control point has at least one controlled coordinate, a check point none")
-        check_shape("position_world_m", self.position_world_m, (g, 3))
-        check_shape("sigma_m", self.sigma_m, (g, 3))
-        check_shape("mark_point", self.mark_point, (m,))
-        check_shape("mark_pixel", self.mark_pixel, (m, 2))
-        check_shape("mark_covariance_px2", self.mark_covariance_px2, (m, 2, 2))
+        check_shapes(self, position_world_m=(g, 3), sigma_m=(g, 3))
+        check_shapes(self, mark_point=(m,), mark_pixel=(m, 2), mark_covariance_px2=(m, 2, 2))
 
     def __len__(self) -> int:
         return len(self.name)
@@ -350,9 +339,7 @@ class ControlPoints:
 
     def fully_controlled(self) -> ControlPoints:
         """Return the points whose three coordinates are control: those that can say where something is."""
-        whole: NDArray[np.bool_] = np.asarray(
-            self.controlled.all(axis=1) & np.isfinite(self.position_world_m).all(axis=1)
-        )
+        whole: BoolArray = np.asarray(self.controlled.all(axis=1) & np.isfinite(self.position_world_m).all(axis=1))
         return self.with_roles(["control" if w else "check" for w in whole]).with_role("control")
 
 
@@ -388,7 +375,7 @@ class Block:
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):
             raise ValueError("one pose, or None, per photograph")
-        check_shape("gnss_offset_sigma_m", self.gnss_offset_sigma_m, (3,))
+        check_shapes(self, gnss_offset_sigma_m=(3,))
 
     @property
     def camera_of(self) -> IntArray:
@@ -462,11 +449,7 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         n = len(self.position_map_m)
-        check_shape("position_map_m", self.position_map_m, (n, 3))
-        if self.colour is not None:
-            check_shape("colour", self.colour, (n, 3))
-        if self.sigma_m is not None:
-            check_shape("sigma_m", self.sigma_m, (n, 3))
+        check_shapes(self, position_map_m=(n, 3), colour=(n, 3), sigma_m=(n, 3))
 
     def __len__(self) -> int:
         return len(self.position_map_m)
@@ -513,7 +496,7 @@ class PointCloud:
 class Raster:
     """A grid of square cells in the project's CRS."""
 
-    values: NDArray[np.float32]
+    values: Float32Array
     """Values (rows, columns), rows going south; NaN for no data."""
     west_map_m: float
     """Easting of the outer corner of cell (0, 0)."""
@@ -523,7 +506,7 @@ class Raster:
     """Side of a cell."""
 
     def __post_init__(self) -> None:
-        check_shape("values", self.values, (None, None))
+        check_shapes(self, values=(None, None))
         if not self.cell_m > 0:
             raise ValueError("the cell size of a raster must be positive")
 
@@ -581,8 +564,7 @@ class Contours:
     """Side of the contoured cells."""
 
     def __post_init__(self) -> None:
-        check_shape("vertex_map_m", self.vertex_map_m, (None, 2))
-        check_shape("first", self.first, (len(self.height_m) + 1,))
+        check_shapes(self, vertex_map_m=(None, 2), first=(len(self.height_m) + 1,))
 
     def __len__(self) -> int:
         return len(self.height_m)
@@ -591,6 +573,6 @@ class Contours:
         return f"<Contours: {things(len(self), 'line')}, every {self.interval_m:g} m>"
 
     @property
-    def is_index(self) -> NDArray[np.bool_]:
+    def is_index(self) -> BoolArray:
         """Return which lines (L,) are index contours."""
         return np.asarray(np.rint(self.height_m / self.interval_m).astype(np.int64) % INDEX_EVERY == 0)

@@ -15,10 +15,10 @@ RoleName = Literal["control", "check"]
 def _picture_size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
-    found = re.fullmatch(r"\s*([1-9]\d{0,5})\s*[xX×]\s*([1-9]\d{0,5})\s*", text)
-    if found is None:
+    sides = re.fullmatch(r"\s*([1-9]\d{0,5})\s*[xX×]\s*([1-9]\d{0,5})\s*", text)
+    if sides is None:
         raise typer.BadParameter(f"{text!r} is not a size in pixels: write width x height, 4000x3000 for example")
-    return int(found[1]), int(found[2])
+    return int(sides[1]), int(sides[2])
 
 
 def init(

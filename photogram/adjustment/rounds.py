@@ -65,7 +65,7 @@ def _with_cameras_fixed(block: Block) -> Block:
     return replace(
         block,
         cameras=tuple(
-            replace(c, sigmas=np.zeros_like(c.sigmas), field=None if c.field is None else c.field.held)
+            replace(c, sigmas=np.zeros_like(c.sigmas), field=None if c.field is None else c.field.fixed)
             for c in block.cameras
         ),
     )

@@ -55,7 +55,8 @@ _LONGEST_LABEL = 60  # characters
 _ZONE = re.compile(r"(.*\bzone )(\d+)(.*)")
 
 
-def _any_crs(name: str) -> CRS:
+def any_crs(name: str) -> CRS:
+    """Return the CRS called ``name``. Raises FrameError where PROJ does not know it, and for NO_CRS."""
     if name == NO_CRS:
         raise FrameError("crs: none: a local frame has no map grid: name the CRS of the site for what needs one")
     try:
@@ -69,7 +70,7 @@ def _any_crs(name: str) -> CRS:
 def projected_crs(name: str) -> CRS:
     """Return the plan of the CRS called ``name`` (EPSG:25832, a PROJ string, WKT), in its own unit. Raises FrameError
     unless it is a map grid, or a local grid derived from one, whose axes have one unit of length."""
-    crs = _any_crs(name)
+    crs = any_crs(name)
     horizontal = _upper(crs)
     if not (horizontal.is_projected or _is_derived(horizontal)):
         raise FrameError(
@@ -89,8 +90,7 @@ def projected_crs(name: str) -> CRS:
 def is_geographic(name: str) -> bool:
     """Return whether the CRS called ``name``, or the part of it in plan, has longitude and latitude. Raises FrameError
     where PROJ does not know it."""
-    crs = _any_crs(name)
-    return bool((crs.sub_crs_list[0] if crs.is_compound else crs).is_geographic)
+    return bool(_upper(any_crs(name)).is_geographic)
 
 
 def crs_of_wkt(wkt: str) -> str | None:
@@ -105,7 +105,7 @@ def crs_of_wkt(wkt: str) -> str | None:
 def short_name(name: str) -> str:
     """Return a CRS by its EPSG code, or codes, where it has such; else as it is named. Raises FrameError where PROJ
     does not know it."""
-    return name if name == NO_CRS else crs_name(_any_crs(name))
+    return name if name == NO_CRS else crs_name(any_crs(name))
 
 
 def metric_crs(name: str) -> CRS:
@@ -117,7 +117,7 @@ def metric_crs(name: str) -> CRS:
 def is_on_gnss_ellipsoid(name: str) -> bool:
     """Return whether the CRS called ``name`` is on the ellipsoid of GNSS. Raises FrameError where PROJ does not know
     it."""
-    return is_gnss_ellipsoid(_any_crs(name))
+    return is_gnss_ellipsoid(any_crs(name))
 
 
 def metric_only(name: str) -> CRS:
@@ -181,7 +181,7 @@ def map_units(name: str) -> MapUnits:
     vertical axis. Raises FrameError as projected_crs."""
     if name == NO_CRS:
         return METRES
-    crs = _any_crs(name)
+    crs = any_crs(name)
     plan = projected_crs(name).axis_info[0]
     upright = next((axis for axis in crs.axis_info if axis.direction == "up"), plan)
     return MapUnits(
@@ -209,10 +209,10 @@ def vertical_of(name: str) -> str | None:
     if name == NO_CRS:
         return None
     projected_crs(name)
-    found = height_system_of(name)[1]
-    if found is not None:
-        vertical_crs(found)
-    return found
+    vertical = height_system_of(name)[1]
+    if vertical is not None:
+        vertical_crs(vertical)
+    return vertical
 
 
 def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
@@ -220,7 +220,7 @@ def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
     where it is compound. Raises FrameError where PROJ does not know the CRS."""
     if name == NO_CRS:
         return None, None
-    crs = _any_crs(name)
+    crs = any_crs(name)
     if crs.is_compound:
         code = crs.sub_crs_list[1].to_epsg()
         return "orthometric", f"EPSG:{code}" if code is not None else str(crs.sub_crs_list[1].to_wkt())
@@ -296,7 +296,7 @@ def surface_in_words(geoid: Geoid | None) -> str:
 
 def crs_label(name: str) -> str:
     """Return a CRS in a few words: as it is written, or its own name where that is WKT."""
-    return name if len(name) <= _LONGEST_LABEL else str(_any_crs(name).name)
+    return name if len(name) <= _LONGEST_LABEL else str(any_crs(name).name)
 
 
 def written_crs(name: str) -> CRS | None:
@@ -312,7 +312,7 @@ def written_crs(name: str) -> CRS | None:
 def esri_wkt(name: str) -> str:
     """Return the plan of the map ``name`` as a ``.prj`` file holds it: WKT as ESRI writes it, or of the second edition
     where that has no word for it. Raises FrameError as projected_crs."""
-    plan = _plan_of(projected_crs(name))
+    plan = flat_crs(projected_crs(name))
     try:
         return str(plan.to_wkt("WKT1_ESRI"))
     except CRSError:
@@ -331,8 +331,9 @@ def proj_version() -> str:
     return str(proj_version_str)
 
 
-def _plan_of(crs: CRS) -> CRS:
-    return (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
+def flat_crs(crs: CRS) -> CRS:
+    """Return the plan of a CRS of any kind, without a third axis."""
+    return _upper(crs).to_2d()
 
 
 # ---- from one datum into another -------------------------------------------------------------------------------------
@@ -413,7 +414,7 @@ def changes_datum(source: str, target: str) -> bool:
     where PROJ does not know one of them; a system of its own has no datum."""
     if NO_CRS in (source, target):
         return False
-    given, wanted = _any_crs(source).geodetic_crs, _any_crs(target).geodetic_crs
+    given, wanted = any_crs(source).geodetic_crs, any_crs(target).geodetic_crs
     if given is None or wanted is None:
         return False
     return not given.to_2d().equals(wanted.to_2d(), ignore_axis_order=True)
@@ -430,7 +431,7 @@ def middle_deg(source: str, points: FloatArray) -> tuple[float, float] | None:
     known = points[np.isfinite(points[:, :2]).all(axis=1), :2]
     if not len(known):
         return None
-    plan = _plan_of(_any_crs(source))
+    plan = flat_crs(any_crs(source))
     place = Transformer.from_crs(plan, WGS84, always_xy=True).transform(*np.median(known, axis=0))
     longitude, latitude = place
     return _rounded(place) if abs(longitude) <= 180.0 and abs(latitude) <= 90.0 else None
@@ -445,7 +446,7 @@ def _operations(source: str, target: str, place_deg: tuple[float, float]) -> Tra
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: said by the caller, with what to do
         return TransformerGroup(
-            _plan_of(_any_crs(source)), _plan_of(_any_crs(target)), always_xy=True, area_of_interest=around
+            flat_crs(any_crs(source)), flat_crs(any_crs(target)), always_xy=True, area_of_interest=around
         )
 
 
@@ -489,11 +490,11 @@ def _stated_m(accuracy: float) -> float | None:
     return float(accuracy) if accuracy >= 0.0 else None
 
 
-def _check_shift(source: str, target: str, place_deg: tuple[float, float], grid: str, found: _WithGrid) -> None:
+def _check_shift(source: str, target: str, place_deg: tuple[float, float], grid: str, operation: _WithGrid) -> None:
     """Raise FrameError where a grid moves positions as no datum does: it is another one than its name says."""
-    x, y = Transformer.from_crs(WGS84, _plan_of(_any_crs(source)), always_xy=True).transform(*place_deg)
-    without = Transformer.from_crs(_plan_of(_any_crs(source)), _plan_of(_any_crs(target)), always_xy=True)
-    shift = found.transform(np.array([x]), np.array([y]))[0] - without.transform(x, y)
+    x, y = Transformer.from_crs(WGS84, flat_crs(any_crs(source)), always_xy=True).transform(*place_deg)
+    without = Transformer.from_crs(flat_crs(any_crs(source)), flat_crs(any_crs(target)), always_xy=True)
+    shift = operation.transform(np.array([x]), np.array([y]))[0] - without.transform(x, y)
     shift_m = float(np.hypot(*shift)) * map_units(target).plan_m
     if np.isfinite(shift_m) and shift_m > _MOST_M:
         raise FrameError(
@@ -529,12 +530,12 @@ def _with_grid(source: str, target: str, place_deg: tuple[float, float], grid: s
             raise FrameError(
                 f"datum_grid {grid}: PROJ cannot read it: give a grid of shifts, NTv2 (.gsb) or GeoTIFF (.tif)"
             ) from error
-        axes = (_northing_first(_plan_of(_any_crs(c))) for c in (source, target))
+        axes = (_northing_first(flat_crs(any_crs(c))) for c in (source, target))
         first, last = axes if native else (False, False)
         name = operation.name if native else operation.description
-        found = _WithGrid(transformer, str(name), _stated_m(operation.accuracy), (first, last))
-        _check_shift(source, target, place_deg, grid, found)
-        return found
+        with_grid = _WithGrid(transformer, str(name), _stated_m(operation.accuracy), (first, last))
+        _check_shift(source, target, place_deg, grid, with_grid)
+        return with_grid
     known = f"give {' or '.join(names)}, under its own name" if names else "remove the key: it knows none with any grid"
     raise FrameError(
         f"datum_grid {grid}: PROJ knows no operation with this grid from {source} to {target} at longitude "
@@ -550,13 +551,13 @@ def datum_change(source: str, target: str, place_deg: tuple[float, float], grid:
     of all that PROJ knows for the place. Raises FrameError where PROJ does not know a CRS, or as the grid's file is
     wrong.
     """
-    plan = _plan_of(_any_crs(source))
+    plan = flat_crs(any_crs(source))
     group = _operations(source, target, place_deg)
     if grid is not None:
         used = _with_grid(source, target, place_deg, grid)
         name, accuracy_m, text = used.name, used.accuracy_m, "gridshift"
     else:
-        transformer = Transformer.from_crs(plan, _plan_of(_any_crs(target)), always_xy=True)
+        transformer = Transformer.from_crs(plan, flat_crs(any_crs(target)), always_xy=True)
         place = Transformer.from_crs(WGS84, plan, always_xy=True).transform(*place_deg)
         transformer.transform(*place)
         last = transformer.get_last_used_operation()

@@ -30,8 +30,8 @@ from photogram.geodesy.crs import (
     NO_CRS,
     WGS84,
     MapUnits,
-    _any_crs,
-    _plan_of,
+    any_crs,
+    flat_crs,
     map_units,
     metric_crs,
     middle_deg,
@@ -127,7 +127,7 @@ def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str |
     where the transformation has no values.
     """
     x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
-    given = _any_crs(source)
+    given = any_crs(source)
     plan = metric_crs(target)
     if given.is_geocentric or len(given.axis_info) < 2:
         raise FrameError(
@@ -140,7 +140,7 @@ def map_from_crs(source: str, target: str, points: FloatArray, datum_grid: str |
     if upright and upright_map:
         result = np.column_stack(_transformer(given, full, names).transform(x, y, z)) * map_units(target).factors
     else:
-        horizontal = _plan_of(given)
+        horizontal = flat_crs(given)
         unit = horizontal.axis_info[0].unit_name
         if not upright and horizontal.is_projected and unit != "metre":
             raise FrameError(
@@ -171,14 +171,14 @@ def geodetic_from_map(crs: str, points_map_m: FloatArray, datum_grid: str | None
     if datum_grid is not None and place is not None:
         plan = plan_before_grid(WGS84, plan_of(crs), easting / unit_m, northing / unit_m, place, datum_grid)
         return np.column_stack([plan, height])
-    lon, lat = Transformer.from_crs(metric_crs(crs), "EPSG:4326", always_xy=True).transform(easting, northing)
+    lon, lat = Transformer.from_crs(metric_crs(crs), WGS84, always_xy=True).transform(easting, northing)
     return np.column_stack([lon, lat, height])
 
 
 def degrees_of(crs: str) -> str:
     """Return the geographic CRS, longitude and latitude in degrees, that a CRS of any kind rests on. Raises FrameError
     where it has no datum."""
-    return str(geographic_crs(_any_crs(crs)).to_wkt())
+    return str(geographic_crs(any_crs(crs)).to_wkt())
 
 
 def geodetic_of(crs: str, points: FloatArray, *, geographic: bool) -> FloatArray:
@@ -188,14 +188,14 @@ def geodetic_of(crs: str, points: FloatArray, *, geographic: bool) -> FloatArray
     ``geographic`` says what the points are: longitude and latitude, or easting and northing. Raises FrameError where
     the CRS is of the other kind, or a point lies outside it.
     """
-    given, rows = _any_crs(crs), np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    given, rows = any_crs(crs), np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if given.is_geographic != geographic:
-        found = "longitude and latitude" if geographic else "easting and northing"
+        kind = "longitude and latitude" if geographic else "easting and northing"
         remedy = "EPSG:4326, for example" if geographic else "the map grid"
-        raise FrameError(f"crs: the points are {found}, but {shortened(crs)} is not of them: name {remedy}")
+        raise FrameError(f"crs: the points are {kind}, but {shortened(crs)} is not of them: name {remedy}")
     if geographic and all(axis.unit_name == "degree" for axis in given.axis_info[:2]):
         return rows.copy()
-    plan = _plan_of(given)
+    plan = flat_crs(given)
     lon, lat = Transformer.from_crs(plan, geographic_crs(plan), always_xy=True).transform(rows[:, 0], rows[:, 1])
     lost = np.flatnonzero(~np.isfinite(np.column_stack([lon, lat])).all(axis=1))
     if len(lost):
@@ -338,6 +338,13 @@ class LocalFrame:
     def _crs(self) -> CRS:
         return metric_crs(self.crs)
 
+    @property
+    def _semi_axes_m(self) -> tuple[float, float]:
+        ellipsoid = self._crs.ellipsoid
+        if ellipsoid is None:
+            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
+        return ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+
     @cached_property
     def _geodetic(self) -> Transformer:
         return Transformer.from_crs(self._crs, geographic_crs(self._crs), always_xy=True)
@@ -345,10 +352,8 @@ class LocalFrame:
     @cached_property
     def _topocentric(self) -> Transformer:
         longitude, latitude, height = self._geodetic_from_map(np.array([self.origin_map_m]))[0]
-        ellipsoid = self._crs.ellipsoid
-        if ellipsoid is None:
-            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
-        shape = f"+a={ellipsoid.semi_major_metre} +b={ellipsoid.semi_minor_metre}"
+        a, b = self._semi_axes_m
+        shape = f"+a={a} +b={b}"
         return Transformer.from_pipeline(
             f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart {shape} "
             f"+step +proj=topocentric {shape} +lon_0={longitude:.15g} +lat_0={latitude:.15g} +h_0={height:.15g}"
@@ -475,20 +480,14 @@ class LocalFrame:
         centre = np.asarray(position_map_m, dtype=np.float64)[:2]
         offset = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         lon, lat = self._plan_from_map(np.column_stack([centre + offset, np.zeros(4)])).T
-        ellipsoid = self._crs.ellipsoid
-        if ellipsoid is None:
-            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
-        shape = Geod(a=ellipsoid.semi_major_metre, b=ellipsoid.semi_minor_metre)
-        _, _, length_m = shape.inv(lon[[0, 2]], lat[[0, 2]], lon[[1, 3]], lat[[1, 3]])
+        a, b = self._semi_axes_m
+        _, _, length_m = Geod(a=a, b=b).inv(lon[[0, 2]], lat[[0, 2]], lon[[1, 3]], lat[[1, 3]])
         return float(np.mean(2.0 * step / np.asarray(length_m)))
 
     def combined_scale(self, position_map_m: FloatArray) -> CombinedScale:
         """Return the scale factors of the map at a position (3,) of the ground."""
         at = np.asarray(position_map_m, dtype=np.float64).reshape(1, 3)
         _, latitude, height_m = self._geodetic_from_map(at)[0].tolist()
-        ellipsoid = self._crs.ellipsoid
-        if ellipsoid is None:
-            raise FrameError(f"crs: {shortened(self.crs)} has no ellipsoid")
-        a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+        a, b = self._semi_axes_m
         radius_m = b / (1.0 - (1.0 - (b / a) ** 2) * np.sin(np.deg2rad(latitude)) ** 2)  # Torge 2001, eq. 4.18
         return CombinedScale(self.grid_scale(at[0]), float(radius_m / (radius_m + height_m)))

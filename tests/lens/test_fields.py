@@ -84,7 +84,7 @@ def test_measurements_less_the_fields_of_their_cameras() -> None:
 
 def test_a_fixed_field_of_zero_changes_no_bit() -> None:
     field = free_field(WIDE, 0.3)
-    zero = replace(WIDE, field=field.held)
+    zero = replace(WIDE, field=field.fixed)
     pixel = anywhere(WIDE)
     ray = unproject(WIDE, pixel)
     points = POSE_ABOVE.world_from_camera(50.0 * ray)

@@ -9,7 +9,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shape
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
@@ -22,6 +22,7 @@ from photogram.files.clouds.points import (
 )
 from photogram.geodesy.crs import MapUnits, map_units
 from photogram.grid import MapGrid, Window
+from photogram.survey import check_shapes
 
 CHUNK_CELLS = 512
 """Side of the squares of cells in whose order a cloud is best written: neighbours stay together in the file."""
@@ -64,10 +65,8 @@ class DensePoints:
 
     def __post_init__(self) -> None:
         n = len(self.position_map_m)
-        check_shape("position_map_m", self.position_map_m, (n, 3))
-        check_shape("colour", self.colour, (n, 3))
-        for name in ("sigma_height_m", "confidence", "rays", "level", "classification"):
-            check_shape(name, getattr(self, name), (n,))
+        check_shapes(self, position_map_m=(n, 3), colour=(n, 3), sigma_height_m=(n,), confidence=(n,))
+        check_shapes(self, rays=(n,), level=(n,), classification=(n,))
 
     def __len__(self) -> int:
         return len(self.position_map_m)

@@ -11,6 +11,7 @@ import numpy as np
 from photogram.arrays import ByteArray, FloatArray, IntArray, check_shape
 from photogram.errors import ProjectError
 from photogram.files.clouds.points import las_colour, las_units, read_las
+from photogram.survey import check_shapes
 
 FIGURES = ("sigma z", "sigma xy", "confidence")
 
@@ -29,9 +30,7 @@ class DescribedCloud:
 
     def __post_init__(self) -> None:
         n = len(self.position_map_m)
-        check_shape("position_map_m", self.position_map_m, (n, 3))
-        if self.colour is not None:
-            check_shape("colour", self.colour, (n, 3))
+        check_shapes(self, position_map_m=(n, 3), colour=(n, 3))
         for name, values in self.figures.items():
             check_shape(name, values, (n,))
 

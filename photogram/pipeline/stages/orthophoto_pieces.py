@@ -131,15 +131,8 @@ def tiles_of(
     for square, name in zip(squares, run_pieces(run, folder, _SQUARES, squares), strict=True):
         made = read_arrays(scratch / name)["rgba"]
         (scratch / name).unlink()
-        for window in _tiles_in(square):
+        for window in square.tiles(TILE_CELLS):
             yield window, made[window.within(square)]
-
-
-def _tiles_in(square: Window) -> Iterator[Window]:
-    for row in range(square.row, square.row_end, TILE_CELLS):
-        for column in range(square.column, square.column_end, TILE_CELLS):
-            end = min(row + TILE_CELLS, square.row_end), min(column + TILE_CELLS, square.column_end)
-            yield Window(row, column, *end)
 
 
 class _Elsewhere:
@@ -192,7 +185,7 @@ def _square(prepared: tuple[_Elsewhere, Orthophoto], square: Window) -> str:
     here, orthophoto = prepared
     name = f"square{square.row:07d}-{square.column:07d}.npz"
     made = np.empty((*square.shape, 4), np.uint8)
-    for window in _tiles_in(square):
+    for window in square.tiles(TILE_CELLS):
         made[window.within(square)] = orthophoto.tile(window, here.pixels_of)
     write_arrays(here.scratch / name, {"rgba": made})
     return name
