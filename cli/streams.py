@@ -40,9 +40,9 @@ def nothing_raw() -> Iterator[list[BaseException]]:
     """Prepare the streams while the block runs, and collect in the list given what a thread raises that nobody waits
     for."""
     unwatched: list[BaseException] = []
-    shown, hooks = warnings.showwarning, (sys.excepthook, sys.unraisablehook, threading.excepthook)
+    show_warning, hooks = warnings.showwarning, (sys.excepthook, sys.unraisablehook, threading.excepthook)
     silent = prepare_streams()
-    captured_before = warnings.showwarning is shown
+    captured_before = warnings.showwarning is show_warning
     threading.excepthook = lambda raised: unwatched.append(raised.exc_value or raised.exc_type())
     try:
         yield unwatched

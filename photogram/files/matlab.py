@@ -167,15 +167,13 @@ def _seen_by_all(photographs: int, tie_points: TiePoints) -> tuple[IntArray, Int
     return common[complete].astype(np.int64), observations[complete].astype(np.int64)
 
 
-def write_tie_points(
-    path: Path, photographs: Sequence[str], tie_points: TiePoints, pixel_origin: PixelOrigin = "photogram"
-) -> None:
+def write_tie_points(path: Path, photographs: Sequence[str], tie_points: TiePoints) -> None:
     """Write the tie points for MATLAB; whole or not at all, the same points give the same bytes.
 
     All indices start at 1. Variables, for F photographs, N observations, P points and C points seen in all photographs:
 
-    - ``photographs`` {F×1}: their names; ``pixel_origin``: "photogram" or "matlab", the frame of all pixels here: the
-      centre of the top-left pixel is (0, 0) or (1, 1);
+    - ``photographs`` {F×1}: their names; ``pixel_origin``: "photogram", the frame of all pixels here: the centre of the
+      top-left pixel is (0, 0);
     - ``pixel`` {F×1}: u, v (C×2) in each photograph, row by row the same points; ``common_point`` (C×1): which;
     - ``observation_photograph``, ``observation_point``, ``observation_feature``, ``observation_sigma_px`` (N×1),
       ``observation_pixel`` (N×2), sorted by point;
@@ -183,17 +181,16 @@ def write_tie_points(
 
     Raises WorkspaceError where the file cannot be written.
     """
-    shift = _ORIGIN_PX[pixel_origin]
     common, observations = _seen_by_all(len(photographs), tie_points)
     variables = {
         "photographs": _cells(photographs),
-        "pixel_origin": pixel_origin,
-        "pixel": _cells([tie_points.pixel[column] + shift for column in observations.T]),
+        "pixel_origin": "photogram",
+        "pixel": _cells([tie_points.pixel[column] for column in observations.T]),
         "common_point": common[:, None] + 1,
         "observation_photograph": tie_points.photograph[:, None] + 1,
         "observation_point": tie_points.point[:, None] + 1,
         "observation_feature": tie_points.feature[:, None] + 1,
-        "observation_pixel": tie_points.pixel + shift,
+        "observation_pixel": tie_points.pixel,
         "observation_sigma_px": tie_points.sigma_px[:, None],
         "position_world_m": tie_points.position_world_m,
         "colour": tie_points.colour,

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +37,9 @@ STEADY_DEG = 45.0
 _NO_HEADING = 1e-6
 
 
-def columns_in(units: MapUnits, names: Sequence[str] = COLUMNS) -> dict[str, str]:
-    """Return what columns are called in a map of such units, each by its name in metres."""
-    return {name: _in_units(name, units) for name in names}
+def columns_in(units: MapUnits) -> dict[str, str]:
+    """Return what COLUMNS are called in a map of such units, each by its name in metres."""
+    return {name: _in_units(name, units) for name in COLUMNS}
 
 
 def _in_units(name: str, units: MapUnits) -> str:

@@ -149,6 +149,14 @@ class MapUnits:
         """Metres to the unit of easting, northing and height (3,)."""
         return np.array([self.plan_m, self.plan_m, self.height_m])
 
+    def in_metres(self, points: FloatArray) -> FloatArray:
+        """Return points (N, 3) in m, of easting, northing and height in these units, as files give them."""
+        return np.asarray(np.asarray(points, dtype=np.float64).reshape(-1, 3) * self.factors)
+
+    def from_metres(self, points_m: FloatArray) -> FloatArray:
+        """Return points (N, 3) in these units, the reverse of ``in_metres``."""
+        return np.asarray(np.asarray(points_m, dtype=np.float64).reshape(-1, 3) / self.factors)
+
     @property
     def is_metric(self) -> bool:
         """Whether all three are in metres."""

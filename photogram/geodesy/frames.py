@@ -204,17 +204,6 @@ def geodetic_of(crs: str, points: FloatArray, *, geographic: bool) -> FloatArray
     return np.column_stack([lon, lat, rows[:, 2]])
 
 
-def map_from_unit(crs: str, points: FloatArray) -> FloatArray:
-    """Return points (N, 3) of the map in m, from what files give of them: easting, northing and height in the units of
-    the CRS ``crs``, with its vertical axis where it has one."""
-    return np.asarray(np.asarray(points, dtype=np.float64).reshape(-1, 3) * map_units(crs).factors)
-
-
-def unit_from_map(crs: str, points_map_m: FloatArray) -> FloatArray:
-    """Return points (N, 3) of the map as files in the CRS ``crs`` give them, the reverse of map_from_unit."""
-    return np.asarray(np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3) / map_units(crs).factors)
-
-
 def geocentric_from_geodetic(longitude_latitude_height: FloatArray) -> FloatArray:
     """Return geocentric points (N, 3), m, of WGS 84 longitude and latitude in degrees and ellipsoidal height in m
     (N, 3)."""
@@ -322,11 +311,11 @@ class LocalFrame:
 
     def map_from_unit(self, points: FloatArray) -> FloatArray:
         """Return points (N, 3) of the map in m from what files give of them, in the units of the CRS."""
-        return np.asarray(np.asarray(points, dtype=np.float64).reshape(-1, 3) * self.units.factors)
+        return self.units.in_metres(points)
 
     def unit_from_map(self, points_map_m: FloatArray) -> FloatArray:
         """Return points (N, 3) of the map in the units of the CRS, as files give them."""
-        return np.asarray(np.asarray(points_map_m, dtype=np.float64).reshape(-1, 3) / self.units.factors)
+        return self.units.from_metres(points_map_m)
 
     def __repr__(self) -> str:
         easting, northing, height = self.origin_map_m

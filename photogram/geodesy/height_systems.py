@@ -387,9 +387,9 @@ def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
     GDAL writes no map grid with a third axis. A compound CRS with some vertical CRS makes the keys, and the code of the
     geographic CRS with three axes, in the place of that vertical CRS, says that heights are ellipsoidal. Of a map
     without a code, of which GDAL does not read it, or in feet, which that code is not, they become a vertical CRS
-    called "ellipsoidal height", without code. Of a local grid it is the plan; see ``beside_geotiff``.
+    called "ellipsoidal height", without code. Of a local grid it is the plan; see ``auxiliary_wkt``.
     """
-    if beside_geotiff(crs) is not None:
+    if auxiliary_wkt(crs) is not None:
         return crs.sub_crs_list[0] if crs.is_compound else crs, None
     if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None or crs.geodetic_crs is None:
         return crs, None
@@ -422,7 +422,7 @@ def gdal_wkt(crs: CRS) -> str:
     return text if text[end - 1] == "]" else f'{text[:end]},ID["EPSG",{code}]{text[end:]}'
 
 
-def beside_geotiff(crs: CRS) -> str | None:
+def auxiliary_wkt(crs: CRS) -> str | None:
     """Return the WKT of a CRS that the keys of a GeoTIFF cannot hold whole, a local grid's, None of all others."""
     parts: Sequence[Any] = crs.sub_crs_list if crs.is_compound else [crs]
     return str(crs.to_wkt()) if any(str(part.type_name).startswith("Derived") for part in parts) else None

@@ -11,8 +11,8 @@ from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.formats import MapCrs, MarkFormat, format_of, write_points_and_marks, written_files
 from photogram.files.marks.mark_table import MARKS, text_of_marks
 from photogram.files.tables.surveyed_points import Mark, MarkKey, PointRole, SurveyedPoint
-from photogram.geodesy.crs import crs_in_words, plan_of, product_crs, written_crs
-from photogram.geodesy.frames import map_from_crs, unit_from_map
+from photogram.geodesy.crs import crs_in_words, map_units, plan_of, product_crs, written_crs
+from photogram.geodesy.frames import map_from_crs
 from photogram.geodesy.height_systems import first_wkt
 from photogram.marking.files.actions import MarkState, state_of, touched_keys
 from photogram.marking.files.journal import read_journal
@@ -171,7 +171,7 @@ def _points(survey: Project, state: MarkState) -> tuple[tuple[SurveyedPoint, ...
 def _given_point(survey: Project, point: ProjectControlPoint) -> SurveyedPoint | None:
     if not np.isfinite(point.position_map_m).all():
         return None
-    x, y, z = unit_from_map(survey.product_crs, point.position_map_m)[0].tolist()
+    x, y, z = map_units(survey.product_crs).from_metres(point.position_map_m)[0].tolist()
     east, north, up = point.sigma_m.tolist()
     return SurveyedPoint(point.name, (x, y, z), (east, north, up), point.roles)
 
@@ -183,7 +183,7 @@ def _new_point(new: SurveyedPoint, survey: Project, roles: Roles | None) -> Surv
     position = np.array([new.position])
     if new.crs is not None and new.crs != survey.crs:
         moved = map_from_crs(new.crs, plan_of(survey.crs), position, survey.datum.grid)
-        position = unit_from_map(survey.product_crs, moved)
+        position = map_units(survey.product_crs).from_metres(moved)
     x, y, z = position[0].tolist()
     return SurveyedPoint(new.name, (x, y, z), new.sigma_m, roles or ("control", "control"))
 

@@ -14,7 +14,7 @@ from photogram.marking.ground_level import levelled
 from photogram.marking.representative_points import representative_points
 from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
-from photogram.pipeline.stages.photographs import found_stretches, leave_out
+from photogram.pipeline.stages.photographs import find_stretches, leave_out
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.run import Run
 from photogram.project.mark_entries import lines_to_add
@@ -116,7 +116,7 @@ def _block_of_tags(run: Run, progress: Progress) -> tuple[Block, dict[str, Stret
     if errors:
         raise ImageError("\n".join(errors))
     leave_out(project, notes, tags, run.executor)
-    stretches = found_stretches(project, tags, run.executor)
+    stretches = find_stretches(project, tags, run.executor)
     return block_of(project, measured_photographs(project, notes)), stretches
 
 

@@ -19,6 +19,7 @@ HEIGHT_M = 80.0
 BASE_M, ACROSS_M = 15.0, 20.0
 """Distances of photographs along a strip, and of the strips."""
 CONTROL, CHECK = 6, 2
+TIE_POINTS = 200
 MARK_SIGMA_PX, TIE_POINT_SIGMA_PX = 0.3, 0.5
 
 _CALIBRATION_SIGMAS = (50.0, 10.0, 10.0, 0.05, 0.05, 0.02, 0.0, 0.001, 0.001, 0.0, 0.0, 0.0)
@@ -26,8 +27,8 @@ _DOWN = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
 _START = datetime(2026, 5, 1, 10, tzinfo=UTC)
 
 
-def sample_block(tie_points: int = 200) -> Block:
-    """Return a block of eight photographs with positions, control and check points and ``tie_points`` tie points.
+def sample_block() -> Block:
+    """Return a block of eight photographs with positions, control and check points and TIE_POINTS tie points.
 
     Simulated, the same at every call.
     """
@@ -45,7 +46,7 @@ def sample_block(tie_points: int = 200) -> Block:
     place = np.array([(i * BASE_M, s * ACROSS_M) for s in range(STRIPS) for i in range(IN_STRIP)])
     centres = np.column_stack([place, np.full(len(place), HEIGHT_M)]) + 0.5 * rng.standard_normal((len(place), 3))
     poses = [Pose(_DOWN, centre) for centre in centres]
-    ground = _ground(tie_points, rng)
+    ground = _ground(TIE_POINTS, rng)
     surveyed = _ground(CONTROL + CHECK, rng)
     photograph, point, pixel = _rays(camera, poses, ground, TIE_POINT_SIGMA_PX, rng)
     feature = np.concatenate([np.arange(n) for n in np.bincount(photograph, minlength=len(poses))])

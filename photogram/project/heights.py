@@ -19,13 +19,14 @@ from photogram.geodesy.crs import (
     crs_label,
     datum_change,
     height_system_of,
+    map_units,
     middle_deg,
     plan_of,
     product_crs,
     projected_crs,
     vertical_of,
 )
-from photogram.geodesy.frames import LocalFrame, map_from_crs, map_from_unit, map_heights
+from photogram.geodesy.frames import LocalFrame, map_from_crs, map_heights
 from photogram.geodesy.height_systems import GEOID_MODELS, DeclaredHeights, Geoid, HeightSystem, is_gnss_ellipsoid
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
@@ -181,7 +182,7 @@ class ProjectMap:
 
         def in_plan(points: FloatArray, grid: str | None = None) -> FloatArray:
             if crs == self.crs:
-                return map_from_unit(product, points)
+                return map_units(product).in_metres(points)
             return map_from_crs(crs, plan_of(self.crs), points, grid)
 
         if vertical is not None and self.heights.output is not None and not own:

@@ -88,7 +88,7 @@ def test_what_a_table_looks_like(tmp_path: Path) -> None:
         '"B, north",1.jpg,10.25,20.5,,,,raw,,,,\n'
     )
     first, second = control_files.read_marks(tmp_path / "marks.csv")
-    assert first.rms_sigma_px == pytest.approx((0.0025 / 2.0) ** 0.5, rel=1e-15)  # the same trace
+    assert (first.sigma_px, first.rho) == ((0.03, 0.04), -0.25)
     assert (second.point, second.sigma_px) == ("B, north", None)
 
 

@@ -133,15 +133,15 @@ def tie_points() -> TiePoints:
 NAMES = ("100_0002_0067.JPG", "höhe.jpg", "c.tif")
 
 
-def read_tie_points(path: Path, origin_px: float) -> tuple[tuple[str, ...], TiePoints]:
-    """Read what write_tie_points wrote, the centre of the top-left pixel at (origin_px, origin_px)."""
+def read_tie_points(path: Path) -> tuple[tuple[str, ...], TiePoints]:
+    """Read what write_tie_points wrote."""
     content = loadmat(path)
     index = {name: content[f"observation_{name}"].reshape(-1) - 1 for name in ("photograph", "point", "feature")}
     back = TiePoints(
         index["photograph"].astype(np.int64),
         index["point"].astype(np.int64),
         index["feature"].astype(np.int64),
-        content["observation_pixel"] - origin_px,
+        content["observation_pixel"],
         content["observation_sigma_px"].reshape(-1),
         content["position_world_m"],
         content["colour"],
@@ -149,30 +149,27 @@ def read_tie_points(path: Path, origin_px: float) -> tuple[tuple[str, ...], TieP
     return tuple(str(cell[0]) for cell in content["photographs"].reshape(-1)), back
 
 
-@pytest.mark.parametrize(("pixel_origin", "origin_px"), [("photogram", 0.0), ("matlab", 1.0)])
-def test_tie_points_survive_writing_and_reading(tmp_path: Path, pixel_origin: str, origin_px: float) -> None:
+def test_tie_points_survive_writing_and_reading(tmp_path: Path) -> None:
     points, path = tie_points(), tmp_path / "tie_points.mat"
-    write_tie_points(path, NAMES, points, pixel_origin)  # type: ignore[arg-type]
-    names, back = read_tie_points(path, origin_px)
+    write_tie_points(path, NAMES, points)
+    names, back = read_tie_points(path)
     assert names == NAMES
-    for field in ("photograph", "point", "feature", "sigma_px", "position_world_m", "colour"):
+    for field in ("photograph", "point", "feature", "pixel", "sigma_px", "position_world_m", "colour"):
         np.testing.assert_array_equal(getattr(back, field), getattr(points, field))
         assert getattr(back, field).dtype == getattr(points, field).dtype
-    np.testing.assert_allclose(back.pixel, points.pixel, atol=1e-12)
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize(("pixel_origin", "shift"), [("photogram", 0.0), ("matlab", 1.0)])
-def test_matlab_finds_the_points_seen_in_all_photographs(tmp_path: Path, pixel_origin: str, shift: float) -> None:
+def test_matlab_finds_the_points_seen_in_all_photographs(tmp_path: Path) -> None:
     points, path = tie_points(), tmp_path / "tie_points.mat"
-    write_tie_points(path, NAMES, points, pixel_origin)  # type: ignore[arg-type]
+    write_tie_points(path, NAMES, points)
     content = loadmat(path)
-    assert content["pixel_origin"][0] == pixel_origin
+    assert content["pixel_origin"][0] == "photogram"
     assert [cell[0] for cell in content["photographs"][:, 0]] == list(NAMES)
     np.testing.assert_array_equal(content["common_point"], [[1], [4]])
     for photograph in range(3):
         table = content["pixel"][photograph, 0]
-        np.testing.assert_array_equal(table, points.pixel[[photograph, 7 + photograph]] + shift)
+        np.testing.assert_array_equal(table, points.pixel[[photograph, 7 + photograph]])
     np.testing.assert_array_equal(content["observation_point"][:, 0], points.point + 1)
     assert content["observation_photograph"].min() == 1
 
@@ -180,7 +177,7 @@ def test_matlab_finds_the_points_seen_in_all_photographs(tmp_path: Path, pixel_o
 def test_empty_tie_points_survive(tmp_path: Path) -> None:
     points, path = tie_points().select(np.zeros(5, dtype=bool)), tmp_path / "tie_points.mat"
     write_tie_points(path, NAMES, points)
-    names, back = read_tie_points(path, 0.0)
+    names, back = read_tie_points(path)
     assert names == NAMES
     assert len(back) == len(back.photograph) == 0
 

@@ -23,11 +23,10 @@ pixels = st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
         st.builds(Mark, letters, letters.map(lambda t: f"{t}.JPG"), pixels, st.just((0.3, 0.4))),
         min_size=1, max_size=6, unique_by=lambda mark: mark.key,
     ),
-    with_accuracy=st.booleans(),
 )  # fmt: skip
-def test_round_trip(tmp_path_factory: pytest.TempPathFactory, marks: list[Mark], with_accuracy: bool) -> None:
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, marks: list[Mark]) -> None:
     path = tmp_path_factory.mktemp("pix4d") / "marks.txt"
-    write_pix4d_marks(path, marks, with_accuracy)
+    write_pix4d_marks(path, marks)
     ordered = sorted(marks, key=lambda mark: mark.key)
     assert [(m.point, m.photograph, m.pixel) for m in read_marks(path)] == [
         (m.point, m.photograph, m.pixel) for m in ordered
@@ -38,11 +37,6 @@ def test_what_is_written(tmp_path: Path) -> None:
     marks = [Mark("B", "a.jpg", (0.0, 10.25), (0.3, 0.4)), Mark("A 1", "b.jpg", (-0.5, 3.0), (0.5, 0.5))]
     write_pix4d_marks(tmp_path / "marks.csv", marks)
     assert (tmp_path / "marks.csv").read_text() == "b.jpg,A 1,0.0,3.5\na.jpg,B,0.5,10.75\n"
-    write_pix4d_marks(tmp_path / "marks.csv", marks, with_accuracy=True)
-    assert [line.split(",")[4] for line in (tmp_path / "marks.csv").read_text().splitlines()] == [
-        "0.5",
-        repr(((0.3**2 + 0.4**2) / 2) ** 0.5),
-    ]
 
 
 @pytest.mark.parametrize(
@@ -95,17 +89,16 @@ def test_it_holds_no_points(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mark", "with_accuracy", "expected"),
+    ("mark", "expected"),
     [
-        (Mark("A,1", "a.jpg", (1.0, 2.0)), False, "PIX4D's marks cannot hold the names A,1: rename them"),
-        (Mark("A", "#a.jpg", (1.0, 2.0)), False, "cannot hold the names #a.jpg"),
-        (Mark("A", "a", (1.0, 2.0)), False, "a have no suffix of a picture"),
-        (Mark("A", "a.jpg", (1.0, 2.0)), True, "the mark of A in a.jpg has no standard deviation"),
+        (Mark("A,1", "a.jpg", (1.0, 2.0)), "PIX4D's marks cannot hold the names A,1: rename them"),
+        (Mark("A", "#a.jpg", (1.0, 2.0)), "cannot hold the names #a.jpg"),
+        (Mark("A", "a", (1.0, 2.0)), "a have no suffix of a picture"),
     ],
 )
-def test_what_it_cannot_hold(tmp_path: Path, mark: Mark, with_accuracy: bool, expected: str) -> None:
+def test_what_it_cannot_hold(tmp_path: Path, mark: Mark, expected: str) -> None:
     with pytest.raises(ControlPointError, match=expected):
-        write_pix4d_marks(tmp_path / "marks.txt", [mark], with_accuracy)
+        write_pix4d_marks(tmp_path / "marks.txt", [mark])
     assert not list(tmp_path.iterdir())
 
 

@@ -34,9 +34,3 @@ def test_marks_are_equal_wherever_they_were_read() -> None:
     mark = Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), source=MarkSource(7))
     assert mark == Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), source=MarkSource(9, may_lack_suffix=True))
     assert mark != Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), rho=0.1)
-
-
-def test_one_number_of_two_sigmas_keeps_their_mean_square() -> None:
-    assert Mark("A", "a.jpg", (1.0, 2.0), (0.07, 0.01)).rms_sigma_px == pytest.approx(0.05, rel=1e-15)
-    assert Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.3)).rms_sigma_px == 0.3
-    assert Mark("A", "a.jpg", (1.0, 2.0)).rms_sigma_px is None

@@ -24,7 +24,7 @@ from photogram.arrays import ByteArray, Float32Array
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.files.maps.geo_keys import set_vertical_key
 from photogram.geodesy.crs import MapUnits, map_units, written_crs
-from photogram.geodesy.height_systems import beside_geotiff, gdal_wkt, geotiff_crs
+from photogram.geodesy.height_systems import auxiliary_wkt, gdal_wkt, geotiff_crs
 from photogram.grid import MapGrid, Window
 
 NODATA = -9999.0
@@ -134,7 +134,7 @@ def _unit_name(units: MapUnits) -> str:
     return {"metre": "m", "foot": "ft"}.get(units.height, units.height)
 
 
-def _write_beside(path: Path, wkt: str | None, categories: Sequence[Category]) -> None:
+def _write_auxiliary(path: Path, wkt: str | None, categories: Sequence[Category]) -> None:
     """Write what a GeoTIFF has no place for as GDAL's persistent auxiliary metadata: the CRS as WKT, where its keys
     cannot hold it whole, and the names of codes. Without either there is no such file."""
     if wkt is None and not categories:
@@ -235,11 +235,11 @@ def _write(
     its keys cannot hold stands in a file beside it."""
     named, unit_m = written_crs(crs), map_units(crs).plan_m
     written, vertical_code = (None, None) if named is None else geotiff_crs(named)
-    whole_wkt = None if named is None else beside_geotiff(named)
+    auxiliary = None if named is None else auxiliary_wkt(named)
     place = {
         "height": grid.rows,
         "width": grid.columns,
-        "crs": None if written is None or beside_geotiff(written) else CRS.from_wkt(gdal_wkt(written)),
+        "crs": None if written is None or auxiliary_wkt(written) else CRS.from_wkt(gdal_wkt(written)),
         "transform": Affine(
             grid.cell_m / unit_m, 0.0, grid.west_map_m / unit_m, 0.0, -grid.cell_m / unit_m, grid.north_map_m / unit_m
         ),
@@ -271,7 +271,7 @@ def _write(
         if vertical_code is not None:
             set_vertical_key(finished, vertical_code)
         finished.replace(partial)
-    _write_beside(path.with_name(path.name + CATEGORY_SUFFIX), whole_wkt, categories)
+    _write_auxiliary(path.with_name(path.name + CATEGORY_SUFFIX), auxiliary, categories)
 
 
 def _copy(cells: Path, finished: Path, options: Mapping[str, Any]) -> None:

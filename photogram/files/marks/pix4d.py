@@ -86,13 +86,10 @@ def _column(rows: Sequence[tuple[int, list[str]]]) -> int:
     return 0 if first >= second else 1
 
 
-def write_pix4d_marks(path: Path, marks: Iterable[Mark], with_accuracy: bool = False) -> None:
-    """Write marks, sorted by point and photograph; with the accuracy in pixels, for PIX4Dmatic, where asked for.
-
-    The accuracy is the root mean square of both standard deviations. Correlations, roles and coordinates of points have
-    no place in it. Raises ControlPointError where the file cannot hold a name, or a mark has no standard deviation, and
-    WorkspaceError where it cannot be written.
-    """
+def write_pix4d_marks(path: Path, marks: Iterable[Mark]) -> None:
+    """Write marks, sorted by point and photograph. Standard deviations, correlations, roles and coordinates of points
+    have no place in it. Raises ControlPointError where the file cannot hold a name, and WorkspaceError where it cannot
+    be written."""
     ordered = sorted(marks, key=lambda mark: mark.key)
     unfit = sorted({name for m in ordered for name in m.key if set(name) & set(',;"\t') or name[0] == "#"})
     if unfit:
@@ -102,16 +99,6 @@ def write_pix4d_marks(path: Path, marks: Iterable[Mark], with_accuracy: bool = F
         raise ControlPointError(
             f"{path}: {some(strange)} have no suffix of a picture, by which PIX4D finds them: add it"
         )
-    lines = []
-    for mark in ordered:
-        row = [mark.photograph, mark.point, *map(to_corner, mark.pixel)]
-        if with_accuracy:
-            if mark.rms_sigma_px is None:
-                place = f"{mark.point} in {mark.photograph}"
-                raise ControlPointError(
-                    f"{path}: the mark of {place} has no standard deviation: write without accuracy"
-                )
-            row.append(repr(mark.rms_sigma_px))
-        lines.append(",".join(row) + "\n")
+    rows = ((mark.photograph, mark.point, *map(to_corner, mark.pixel)) for mark in ordered)
     with replacing(path) as partial:
-        partial.write_text("".join(lines), encoding="utf-8")
+        partial.write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")

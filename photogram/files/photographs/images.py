@@ -374,7 +374,7 @@ def _xmp_of(tags: PhotographTags) -> bytes:
     ).encode()
 
 
-def write_photograph(path: Path, pixels: ByteArray, tags: PhotographTags, quality: int = 95) -> None:
+def write_photograph(path: Path, pixels: ByteArray, tags: PhotographTags) -> None:
     """Write ``pixels`` (height, width, 3) as a JPEG with EXIF and XMP as a DJI drone writes them; whole or not at all.
 
     Positions keep 1e-10 degrees and 1 mm, angles 0.001 degrees. Raises ValueError where ``tags`` give another size, and
@@ -384,8 +384,7 @@ def write_photograph(path: Path, pixels: ByteArray, tags: PhotographTags, qualit
     if (tags.width_px or width, tags.height_px or height) != (width, height):
         raise ValueError(f"{path}: pixels of {width} × {height}, tags of {tags.width_px} × {tags.height_px}")
     picture = Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8))
-
     with replacing(path) as partial:
         picture.save(
-            partial, "JPEG", quality=quality, subsampling="4:2:2", exif=_exif_of(tags, width, height), xmp=_xmp_of(tags)
+            partial, "JPEG", quality=95, subsampling="4:2:2", exif=_exif_of(tags, width, height), xmp=_xmp_of(tags)
         )

@@ -12,11 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray, check_shape
+from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.errors import ExchangeError
 from photogram.projection import PARAMETERS, OrientedCameras
-from photogram.survey import ControlPoints, Role, TiePoints
+from photogram.survey import ControlPoints, Role, TiePoints, check_shapes
 from photogram.wording import some, things
 
 _MOST_NAMED = 5
@@ -117,22 +117,14 @@ class ForeignSolution:
             raise ValueError("a topocentric frame has an origin, no other has")
         self._check_stated()
         for photograph in self.photographs:
-            if photograph.measured is not None:
-                check_shape("measured", photograph.measured, (3,))
+            check_shapes(photograph, measured=(3,))
 
     def _check_stated(self) -> None:
         points = 0 if self.ground_points is None else len(self.ground_points)
-        for name, shape in (
-            ("held", (len(self.cameras), PARAMETERS)),
-            ("angle_sigma_deg", (len(self.photographs), 3)),
-            ("position_sigma_m", (len(self.photographs), 3)),
-            ("fitted", (points,)),
-            ("ground_m", (points, 3)),
-            ("ground_sigma_m", (points, 3)),
-        ):
-            array = getattr(self.stated, name)
-            if array is not None:
-                check_shape(name, array, shape)
+        photographs = (len(self.photographs), 3)
+        check_shapes(self.stated, held=(len(self.cameras), PARAMETERS))
+        check_shapes(self.stated, angle_sigma_deg=photographs, position_sigma_m=photographs)
+        check_shapes(self.stated, fitted=(points,), ground_m=(points, 3), ground_sigma_m=(points, 3))
         if self.stated.ground_m is not None and self.frame != "map":
             raise ValueError("adjusted ground points are stated in a map")
 

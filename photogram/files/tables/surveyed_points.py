@@ -157,14 +157,6 @@ class Mark:
         """The point and the photograph."""
         return self.point, self.photograph
 
-    @property
-    def rms_sigma_px(self) -> float | None:
-        """The root mean square of both standard deviations, for files that hold one; None where nothing says them."""
-        if self.sigma_px is None:
-            return None
-        u, v = self.sigma_px
-        return float(((u * u + v * v) / 2.0) ** 0.5)
-
 
 @dataclass(frozen=True, slots=True)
 class Proposal:

@@ -70,7 +70,7 @@ class ReducedPictures:
         folder: Path,
         grey: Callable[[int], ByteArray],
         reductions: tuple[int, ...],
-        mask: Callable[[int], BoolArray | None] = lambda _: None,
+        mask: Callable[[int], BoolArray | None],
     ) -> None:
         self.folder, self.grey, self.reductions, self.mask = folder, grey, reductions, mask
         make_folder(folder)

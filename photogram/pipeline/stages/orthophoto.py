@@ -29,7 +29,7 @@ from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE, make_ban
 from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_HEIGHT,
     CLOSED_SIGMA,
-    HeldPhotographs,
+    KeptPhotographs,
     looked_at,
     masks_of,
     surface_in,
@@ -121,7 +121,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     block = site.block()
     views = Views.of(block)
     names = [block.photographs[i].name for i in views.photograph]
-    pixels_of = HeldPhotographs.of(run, views)
+    pixels_of = KeptPhotographs.of(run, views)
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "surface without holes")
     with scratch_folder(temporary_name(folder)) as scratch:
@@ -136,10 +136,11 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
         rim = rim_of(seams.looks, seams.label >= 0, blocks)
         if rim is None:
             raise SurfaceError("orthophoto: no photograph shows the surface: check its heights and the poses")
-        sides, inside, shown, masked = sides_of(rim), 0, 0, 0
+        sides = sides_of(rim)
+        inside = visible = masked = 0
 
         def counted() -> Iterator[tuple[Window, ByteArray]]:
-            nonlocal inside, shown, masked
+            nonlocal inside, visible, masked
             total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
             for done, (window, rgba) in enumerate(tiles_of(run, folder, scratch, orthophoto, pixels_of), 1):
                 within = cells_inside(sides, grid, window)
@@ -148,7 +149,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
                 rgba[only_masked] = 0
                 masked += int(np.count_nonzero(only_masked))
                 inside += int(np.count_nonzero(within))
-                shown += int(np.count_nonzero(rgba[..., 3]))
+                visible += int(np.count_nonzero(rgba[..., 3]))
                 yield window, rgba
                 progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
@@ -159,10 +160,11 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     polygons = seam_polygons(seams.label, blocks, rim)
     write_seams(folder / OUTLINE_FILE, rim, [NamedPolygon(names[p.view], p.polygon) for p in polygons], site.plan)
     write_json(folder / "grid.json", grid)
-    counts = {"cells": inside, "transparent": inside - shown - masked, "masked": masked}
-    write_json(folder / RIM_FILE, {**counts, "area_m2": rim.area})
+    transparent = inside - visible - masked
+    rim_record = {"cells": inside, "transparent": transparent, "masked": masked, "area_m2": rim.area}
+    write_json(folder / RIM_FILE, rim_record)
     size: OrthophotoSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
-    return {**size, "cells": shown, "transparent": inside - shown - masked, **summary(orthophoto)}
+    return {**size, "cells": visible, "transparent": transparent, **summary(orthophoto)}
 
 
 def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:

@@ -116,7 +116,7 @@ def leave_out(
     return _leave_out_copies(project, notes, tags, executor), _leave_out_frozen(notes, times)
 
 
-def found_stretches(project: Project, tags: Sequence[PhotographTags], executor: Executor) -> dict[str, Stretch]:
+def find_stretches(project: Project, tags: Sequence[PhotographTags], executor: Executor) -> dict[str, Stretch]:
     """Return the stretch of each camera whose photographs have more than 8 bits a channel, by its name. Raises
     ImageError where photographs of one camera differ in these, or all pixels have the same value."""
     return camera_stretches(
@@ -146,7 +146,7 @@ def read_photographs(run: Run, folder: Path, progress: Progress) -> PhotographsS
         progress(done, len(photographs), photographs[done - 1].name)
     if errors:
         raise ImageError("\n".join(errors))
-    of_cameras = found_stretches(run.project, tags, run.executor)
+    of_cameras = find_stretches(run.project, tags, run.executor)
     duplicates, frozen = leave_out(run.project, notes, tags, run.executor)
     measured = measured_photographs(run.project, notes)
     companions_of(run.project, measured)  # for its errors: hours before the exposures are needed

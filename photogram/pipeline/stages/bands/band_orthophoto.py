@@ -15,7 +15,7 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.files.maps.cogs import write_cog_bands
 from photogram.files.npz_json import read_json_as, write_json
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.stages.orthophoto_pieces import HeldPhotographs, masks_of
+from photogram.pipeline.stages.orthophoto_pieces import KeptPhotographs, masks_of
 from photogram.pipeline.stages.surface_frame import SurfaceFrame
 from photogram.pipeline.store.run import Run
 from photogram.project.rigs.entries import bands_of
@@ -49,7 +49,7 @@ def _planned(run: Run, site: SurfaceFrame, surface: WindowedSurface, grid: MapGr
         views = Views.of(block)
         if not len(views):
             continue
-        pixels = HeldPhotographs.of(run, views, share=2)
+        pixels = KeptPhotographs.of(run, views, share=2)
         orthophoto = plan_orthophoto(
             views, block.frame, surface, pixels, run.executor, run.project.orthophoto, grid=grid,
             masks=masks_of(run, views),
@@ -78,18 +78,18 @@ def make_bands(
     def tiles() -> Iterator[tuple[Window, ByteArray]]:
         for window in grid.tiles(TILE_CELLS):
             colours = master.tile(window, pixels_of)
-            shown = (colours[..., 3] > ONLY_MASKED) & cells_inside(sides, grid, window)
+            has_data = (colours[..., 3] > ONLY_MASKED) & cells_inside(sides, grid, window)
             layers = [colours[..., k] for k in range(3)]
             grey = colours[..., :3].mean(axis=2)
             for band in planned:
                 own = band.orthophoto.tile(window, band.pixels_of)
                 values = own[..., :3].mean(axis=2)
-                both = shown & (own[..., 3] > ONLY_MASKED)
+                both = has_data & (own[..., 3] > ONLY_MASKED)
                 shifts[band.name].append(shifts_in(grey, values, both))
                 layers.append(np.rint(values).astype(np.uint8))
-                shown = both
+                has_data = both
             # 0 is no data
-            yield window, np.where(shown[..., None], np.maximum(np.stack(layers, axis=-1), 1), 0).astype(np.uint8)
+            yield window, np.where(has_data[..., None], np.maximum(np.stack(layers, axis=-1), 1), 0).astype(np.uint8)
 
     names = ("red", "green", "blue", *(band.name for band in planned))
     write_cog_bands(folder / BANDS_FILE, grid, site.plan, names, tiles(), note=site.note)
