@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 from pyproj import CRS, Transformer, proj_version_str
-from pyproj.aoi import AreaOfInterest
-from pyproj.datadir import get_user_data_dir
 from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import TransformerGroup
 
@@ -26,8 +24,11 @@ from photogram.geodesy.height_systems import (
     DeclaredHeights,
     Geoid,
     HeightSystem,
+    around,
+    check_grid_path,
     crs_name,
     full_crs,
+    how_to_fetch,
     in_metres,
     is_gnss_ellipsoid,
     vertical_crs,
@@ -40,7 +41,6 @@ NO_CRS = "none"
 WGS84 = "EPSG:4326"
 """The CRS of positions in tags, and of GNSS files in longitude and latitude."""
 
-_AROUND_DEG = 0.01
 _PLACES = 1  # decimals of a degree: operations are chosen anew some 10 km farther on
 _MOST_M = 1000.0
 """Datums lie less than this apart."""
@@ -380,11 +380,7 @@ class MissingGrid:
     @property
     def remedy(self) -> str:
         """How to get it."""
-        copied = f"copy {self.url}" if self.url else "copy it"
-        return (
-            f"fetch it with `projsync --file {self.name}`, {copied} to {get_user_data_dir()}, set PROJ_NETWORK=ON, or "
-            "give a file that you have as datum_grid"
-        )
+        return how_to_fetch(self.name, self.url, "datum_grid")
 
 
 @dataclass(frozen=True)
@@ -447,14 +443,10 @@ def middle_deg(source: str, points: FloatArray) -> tuple[float, float] | None:
 
 @lru_cache(maxsize=64)
 def _operations(source: str, target: str, place_deg: tuple[float, float]) -> TransformerGroup:
-    longitude, latitude = place_deg
-    around = AreaOfInterest(
-        longitude - _AROUND_DEG, latitude - _AROUND_DEG, longitude + _AROUND_DEG, latitude + _AROUND_DEG
-    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: said by the caller, with what to do
         return TransformerGroup(
-            flat_crs(any_crs(source)), flat_crs(any_crs(target)), always_xy=True, area_of_interest=around
+            flat_crs(any_crs(source)), flat_crs(any_crs(target)), always_xy=True, area_of_interest=around(place_deg)
         )
 
 
@@ -517,8 +509,7 @@ def _with_grid(source: str, target: str, place_deg: tuple[float, float], grid: s
 
     Raises FrameError where PROJ knows no operation with such a grid here, or cannot read the file.
     """
-    if any(character in grid for character in ',"'):
-        raise FrameError(f"datum_grid {grid}: its path has a comma or a quote, which PROJ cannot read: rename")
+    check_grid_path("datum_grid", grid)
     group = _operations(source, target, place_deg)
     names: dict[str, None] = {}
     for operation, native in (

@@ -267,6 +267,14 @@ class CombinedScale:
         return self.grid * self.height
 
 
+def _check_inside(points_map_m: FloatArray, transformed: FloatArray, where: str) -> None:
+    """Raise FrameError where points (N, 3) of the map have become infinite or NaN (N, k), outside ``where``."""
+    lost = ~np.isfinite(transformed).all(axis=1)
+    if lost.any():
+        easting, northing = points_map_m[lost][0, :2]
+        raise FrameError(f"position easting {easting:.2f}, northing {northing:.2f} lies outside {where}")
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """The Cartesian `world` frame of a survey in the CRS ``crs``, with its origin at ``origin_map_m``.
@@ -356,13 +364,8 @@ class LocalFrame:
     def _plan_from_map(self, points_map_m: FloatArray) -> FloatArray:
         """Return longitude and latitude (N, 2) in degrees. Raises FrameError outside the CRS."""
         geodetic = np.column_stack(self._geodetic.transform(points_map_m[:, 0], points_map_m[:, 1]))
-        lost = ~np.isfinite(geodetic).all(axis=1)
-        if lost.any():
-            easting, northing = points_map_m[lost][0, :2]
-            raise FrameError(
-                f"position easting {easting:.2f}, northing {northing:.2f} lies outside {shortened(self.crs)}: "
-                "check the CRS, and that easting and northing are not swapped"
-            )
+        remedy = "check the CRS, and that easting and northing are not swapped"
+        _check_inside(points_map_m, geodetic, f"{shortened(self.crs)}: {remedy}")
         return geodetic
 
     def _geodetic_from_map(self, points_map_m: FloatArray) -> FloatArray:
@@ -373,13 +376,7 @@ class LocalFrame:
         if self.geoid is None:
             return np.zeros(len(plan_deg))
         height = geoid_height_m(self._crs, self.geoid, plan_deg)
-        lost = ~np.isfinite(height)
-        if lost.any():
-            easting, northing = points_map_m[lost][0, :2]
-            raise FrameError(
-                f"position easting {easting:.2f}, northing {northing:.2f} lies outside the grid of geoid "
-                f"{self.geoid.name}: give the geoid of the site"
-            )
+        _check_inside(points_map_m, height[:, None], f"the grid of geoid {self.geoid.name}: give the geoid of the site")
         return height
 
     def geoid_height_m(self, points_map_m: FloatArray) -> FloatArray:

@@ -33,15 +33,18 @@ GEOID_MODELS = {"EGM84": "EPSG:5798", "EGM96": "EPSG:5773", "EGM2008": "EPSG:385
 """Global geoids by the names that people write, and their vertical CRS."""
 
 _SHORTEST_UNIT_M, _LONGEST_UNIT_M = 0.1, 2.0
+_AROUND_DEG = 0.01
 _STAND_IN = 5773
 """A vertical CRS, any one, that stands in a GeoTIFF until its key is changed."""
 
 _PLANE_METHOD = 1046
-_EVALUATION_LATITUDE, _EVALUATION_LONGITUDE, _OFFSET = 8617, 8618, 8603
+_EVALUATION_LATITUDE, _EVALUATION_LONGITUDE = 8617, 8618
+_OFFSET = 8603
 _SLOPE_LATITUDE, _SLOPE_LONGITUDE = 8730, 8731
 _ARC_SECOND = 4.84813681109536e-06
 
-_SEMI_MAJOR_M, _SEMI_MINOR_M, _SAME_ELLIPSOID_M = 6378137.0, 6356752.3141, 0.01
+_SEMI_MAJOR_M, _SEMI_MINOR_M = 6378137.0, 6356752.3141
+_SAME_ELLIPSOID_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -217,10 +220,29 @@ def _missing_grids(group: TransformerGroup) -> str:
         return ""
     name, url = next(iter(grids.items()))
     others = f" (or {', '.join(list(grids)[1:])})" if len(grids) > 1 else ""
-    fetch = f"fetch it with `projsync --file {name}`" + (f", copy {url}" if url else ", copy it")
+    return f"PROJ lacks its grid {name}{others}: {how_to_fetch(name, url, 'heights.grid')}"
+
+
+def how_to_fetch(grid: str, url: str, key: str) -> str:
+    """Return how to get a file of a grid that PROJ lacks, from ``url`` where that is known, or to do without by a key
+    of the project file."""
     return (
-        f"PROJ lacks its grid {name}{others}: {fetch} to {get_user_data_dir()}, set PROJ_NETWORK=ON, or give a file "
-        "that you have as heights.grid"
+        f"fetch it with `projsync --file {grid}`, copy {url or 'it'} to {get_user_data_dir()}, set PROJ_NETWORK=ON, or "
+        f"give a file that you have as {key}"
+    )
+
+
+def check_grid_path(what: str, grid: str) -> None:
+    """Raise FrameError where PROJ cannot read the path of a grid: ``what`` it is the grid of."""
+    if any(character in grid for character in ',"'):
+        raise FrameError(f"{what} {grid}: its path has a comma or a quote, which PROJ cannot read: rename")
+
+
+def around(place_deg: tuple[float, float]) -> AreaOfInterest:
+    """Return the area around a longitude and latitude for which PROJ is to choose."""
+    longitude, latitude = place_deg
+    return AreaOfInterest(
+        longitude - _AROUND_DEG, latitude - _AROUND_DEG, longitude + _AROUND_DEG, latitude + _AROUND_DEG
     )
 
 
@@ -231,10 +253,7 @@ def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float])
     ``source`` is a geographic CRS as WKT, ``place`` a longitude and latitude for which PROJ is to choose.
     """
     if geoid.grid is not None:
-        if any(character in geoid.grid for character in ',"'):
-            raise FrameError(
-                f"geoid grid {geoid.grid}: its path has a comma or a quote, which PROJ cannot read: rename"
-            )
+        check_grid_path("geoid grid", geoid.grid)
         try:
             return Transformer.from_pipeline(
                 "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
@@ -247,7 +266,6 @@ def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float])
             ) from error
     plan, vertical = CRS.from_wkt(source), geoid.crs
     target = CompoundCRS(f"{plan.name} + {vertical.name}", [plan.to_2d(), vertical])
-    longitude, latitude = place
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of grids that are missing: said below, with what to do
         group = TransformerGroup(
@@ -255,13 +273,12 @@ def _vertical_transformer(source: str, geoid: Geoid, place: tuple[float, float])
             target,
             always_xy=True,
             allow_ballpark=False,
-            area_of_interest=AreaOfInterest(longitude - 0.01, latitude - 0.01, longitude + 0.01, latitude + 0.01),
+            area_of_interest=around(place),
         )
     if not group.transformers:
         why = _missing_grids(group) or (
             f"PROJ has no transformation to it from {plan.name}: choose a crs of the same region, or give the "
-            "geoid's file as "
-            "heights.grid"
+            "geoid's file as heights.grid"
         )
         raise FrameError(f"geoid {geoid.name}: {why}")
     return group.transformers[0]
