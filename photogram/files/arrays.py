@@ -1,4 +1,4 @@
-"""Arrays in npz files, read after their headers have been held against the file."""
+"""Arrays in npz files, read after their headers have been compared with the file."""
 
 import struct
 import threading

@@ -1,4 +1,4 @@
-"""The file of a photograph: read, recognised by its content, and held to be one that photogram can use.
+"""The file of a photograph: read, recognised by its content, and checked to be one that photogram can use.
 
 Nothing is decoded here. Of a DNG file the picture is the JPEG of full size in it.
 """

@@ -133,7 +133,7 @@ def stored_adjustment(run: Run) -> Adjustment:
     return read_adjustment(block_as_adjusted(run), partial(run.workspace.file, "adjustment"))
 
 
-# ---- beside it -------------------------------------------------------------------------------------------------------
+# ---- verdict, resections and clouds ----------------------------------------------------------------------------------
 
 
 class StoredVerdict(TypedDict):
