@@ -6,20 +6,13 @@ from scipy.sparse import csr_array
 
 NMAD_FACTOR = 1.4826
 """Ratio of the standard deviation of a normal distribution to its median absolute deviation (Höhle & Höhle 2009, eq.
-1).
-"""
-
+1)."""
 
 FloatArray = NDArray[np.float64]
-
 BoolArray = NDArray[np.bool_]
-
 IntArray = NDArray[np.int64]
-
 ByteArray = NDArray[np.uint8]
-
 Float32Array = NDArray[np.float32]
-
 Int32Array = NDArray[np.int32]
 
 Index = int | np.uint64
@@ -44,3 +37,12 @@ def check_shape(name: str, array: NDArray[np.generic], shape: tuple[int | None, 
     """Raise ValueError unless ``array`` has ``shape``, where None stands for any length."""
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
+
+
+def check_shapes(record: object, **shapes: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless the arrays of a record, by the names of their fields, have these shapes; a field that is
+    None is passed over."""
+    for name, shape in shapes.items():
+        array = getattr(record, name)
+        if array is not None:
+            check_shape(name, array, shape)

@@ -139,8 +139,8 @@ class _CodeFiles:
 
     def _path(self, key: object) -> Path:
         """Return a key's file: two keys may have one, because addresses do not count, and ``load`` tells them apart."""
-        said = re.sub(r"\b0x[0-9a-f]+", "", repr(key))
-        return self.folder / f"{self.name}.{hashlib.sha256(said.encode()).hexdigest()[:16]}.nbc"
+        text = re.sub(r"\b0x[0-9a-f]+", "", repr(key))
+        return self.folder / f"{self.name}.{hashlib.sha256(text.encode()).hexdigest()[:16]}.nbc"
 
 
 class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
@@ -219,13 +219,13 @@ class CompileTime:
 @contextmanager
 def compile_time() -> Iterator[CompileTime]:
     """Measure how long functions are compiled during the block; what is kept from an earlier run takes no time."""
-    found = CompileTime()
+    time_taken = CompileTime()
 
     def note(seconds: float) -> None:
-        found.seconds = seconds
+        time_taken.seconds = seconds
 
     with event.install_timer("numba:compile", note):
-        yield found
+        yield time_taken
 
 
 @cache
@@ -263,8 +263,8 @@ def temporary_folder() -> Path | None:
     try:
         folder = Path(tempfile.gettempdir()) / f"photogram-{os.getuid()}"
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return None
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+    own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o077
     return folder if own else None

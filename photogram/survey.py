@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, check_shape
+from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, check_shapes
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
 from photogram.constraints.rigs import Companion, give_scale
@@ -28,15 +28,6 @@ from photogram.wording import html_table, text_table, things
 Role = Literal["control", "check"]
 Roles = tuple[Role, Role]
 """The role of a ground point in plan and in height."""
-
-
-def check_shapes(record: object, **shapes: tuple[int | None, ...]) -> None:
-    """Raise ValueError unless the arrays of a record, by the names of their fields, have these shapes, where None
-    stands for any length; a field that is None is passed over."""
-    for name, shape in shapes.items():
-        array = getattr(record, name)
-        if array is not None:
-            check_shape(name, array, shape)
 
 
 @dataclass(frozen=True, eq=False)

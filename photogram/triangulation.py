@@ -95,8 +95,7 @@ def intersect(block: Block, rays: int | None = None) -> FloatArray:
     with ``rays`` given, only of points with at least that many, each from its first ``rays`` photographs. Raises
     ImageError where the distortion of a camera cannot be undone.
     """
-    camera_of = np.array([photograph.camera for photograph in block.photographs], dtype=np.int64)
-    ideal = ideal_observations(block.cameras, camera_of, block.tie_points)
+    ideal = ideal_observations(block.cameras, block.camera_of, block.tie_points)
     return intersect_tie_points(block.tie_points, ideal, block.poses, rays)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-from photogram.arrays import ByteArray, Float32Array, FloatArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shapes
 from photogram.files.atomic import replacing
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
@@ -22,7 +22,6 @@ from photogram.files.clouds.points import (
 )
 from photogram.geodesy.crs import MapUnits, map_units
 from photogram.grid import MapGrid, Window
-from photogram.survey import check_shapes
 
 CHUNK_CELLS = 512
 """Side of the squares of cells in whose order a cloud is best written: neighbours stay together in the file."""

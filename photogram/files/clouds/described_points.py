@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.arrays import ByteArray, FloatArray, IntArray, check_shape
+from photogram.arrays import ByteArray, FloatArray, IntArray, check_shape, check_shapes
 from photogram.errors import ProjectError
 from photogram.files.clouds.points import las_colour, las_units, read_las
-from photogram.survey import check_shapes
 
 FIGURES = ("sigma z", "sigma xy", "confidence")
 

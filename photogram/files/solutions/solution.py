@@ -12,11 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, check_shapes
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.errors import ExchangeError
 from photogram.projection import PARAMETERS, OrientedCameras
-from photogram.survey import ControlPoints, Role, TiePoints, check_shapes
+from photogram.survey import ControlPoints, Role, TiePoints
 from photogram.wording import some, things
 
 _MOST_NAMED = 5
