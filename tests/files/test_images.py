@@ -16,7 +16,7 @@ from makers import SharedData
 from PIL import ExifTags, Image
 from scipy.spatial.transform import Rotation
 
-from photogram.camera import rotation_from_gimbal
+from photogram.camera import VERTICAL, rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.files.photographs import identification, images
@@ -531,7 +531,7 @@ def test_camera_angles_turn_a_camera_that_looks_down(yaw: float, pitch: float, r
     nose, right, down = body[[1, 0, 2]].T * np.array([1.0, 1.0, -1.0])  # east, north, up
     expected = np.column_stack([right, -nose, down])
     R = rotation_from_gimbal(*gimbal_from_camera_angles(yaw, pitch, roll))
-    np.testing.assert_allclose(R, expected, atol=1e-9)
+    np.testing.assert_allclose(R, expected, atol=2 * VERTICAL)  # what is nearer is taken for straight down
 
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, -135.0])

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from math import atan2, degrees, hypot, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import Literal
 
@@ -332,12 +332,7 @@ def gimbal_from_camera_angles(yaw_deg: float, pitch_deg: float, roll_deg: float)
     C_b^B). So pitch 0 is −90 of a gimbal, and 90 the horizon.
     """
     down_from_ahead = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    R = rotation_from_gimbal(yaw_deg, pitch_deg, roll_deg) @ down_from_ahead
-    if hypot(R[0, 2], R[1, 2]) > 1e-6:
-        return gimbal_from_rotation(R)
-    # Straight down or up, yaw and roll are one: all of it is given to the yaw.
-    down = -1.0 if R[2, 2] < 0 else 1.0
-    return degrees(atan2(down * R[0, 1], down * R[1, 1])), 90.0 * down, 0.0
+    return gimbal_from_rotation(rotation_from_gimbal(yaw_deg, pitch_deg, roll_deg) @ down_from_ahead)
 
 
 def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
