@@ -19,7 +19,7 @@ from photogram.errors import ProjectError
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages.orthophoto import edited_seams, make_orthophoto
-from photogram.pipeline.stages.orthophoto_pieces import KeptPhotographs
+from photogram.pipeline.stages.orthophoto_pieces import CachedPhotographs
 from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
@@ -50,7 +50,7 @@ def test_photographs_are_decoded_once_and_few_are_kept() -> None:
         read.append(number)
         return np.full((2, 2, 3), number, np.uint8)
 
-    held = KeptPhotographs(decode, 2)
+    held = CachedPhotographs(decode, 2)
 
     def ask(number: int) -> int:
         start.wait()
@@ -68,7 +68,7 @@ def test_a_photograph_that_cannot_be_read_stops_whoever_asks() -> None:
         raise OSError(f"photograph {number}")
 
     with pytest.raises(OSError, match="photograph 3"):
-        KeptPhotographs(fail, 2)(3)
+        CachedPhotographs(fail, 2)(3)
 
 
 @pytest.mark.survey

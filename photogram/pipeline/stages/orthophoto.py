@@ -29,7 +29,7 @@ from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE, make_ban
 from photogram.pipeline.stages.orthophoto_pieces import (
     CLOSED_HEIGHT,
     CLOSED_SIGMA,
-    KeptPhotographs,
+    CachedPhotographs,
     looked_at,
     masks_of,
     surface_in,
@@ -121,7 +121,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     block = site.block()
     views = Views.of(block)
     names = [block.photographs[i].name for i in views.photograph]
-    pixels_of = KeptPhotographs.of(run, views)
+    pixels_of = CachedPhotographs.of(run, views)
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
     progress(0, 0, "surface without holes")
     with scratch_folder(temporary_name(folder)) as scratch:

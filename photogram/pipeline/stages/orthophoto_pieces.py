@@ -40,18 +40,18 @@ TILES_ALONG = 4
 _WHOLE = ("block_cells", "candidate", "cost", "height_map_m", "sample_map_m", "centre_world_m", "looks")
 
 
-class KeptPhotographs:
+class CachedPhotographs:
     """Decoded photographs by number, the ``most`` last used ones kept; each is decoded once at a time, whoever asks."""
 
     @staticmethod
-    def of(run: Run, views: Views, share: int = 1) -> KeptPhotographs:
+    def of(run: Run, views: Views, share: int = 1) -> CachedPhotographs:
         """Return the photographs of a run, as many of them kept as one of ``share`` processes may."""
         sizes = [(int(width), int(height)) for width, height in views.size_px]
 
         def read(view: int) -> ByteArray:
             return run.pixels(int(views.photograph[view]), sizes[view])
 
-        return KeptPhotographs(read, photographs_kept(sizes, share))
+        return CachedPhotographs(read, photographs_cached(sizes, share))
 
     def __init__(self, read: Callable[[int], ByteArray], most: int) -> None:
         self._read, self._most = read, most
@@ -75,7 +75,7 @@ class KeptPhotographs:
         return future.result()
 
 
-def photographs_kept(sizes_px: Sequence[tuple[int, int]], share: int = 1) -> int:
+def photographs_cached(sizes_px: Sequence[tuple[int, int]], share: int = 1) -> int:
     """Return how many decoded photographs of these sizes fit into CACHE_BYTES and a sixteenth of the memory, divided
     among ``share`` processes; LEAST_CACHED at least."""
     largest = max((3 * width * height for width, height in sizes_px), default=1)
@@ -96,7 +96,7 @@ def surface_in(scratch: Path, grid: MapGrid) -> WindowedSurface:
 
 
 def looked_at(
-    run: Run, folder: Path, scratch: Path, block_samples: BlockSamples, pixels_of: KeptPhotographs
+    run: Run, folder: Path, scratch: Path, block_samples: BlockSamples, pixels_of: CachedPhotographs
 ) -> list[tuple[IntArray, FloatArray]]:
     """Look at every photograph, and return the colours of each at the places where they are compared."""
     if run.pool is None:
@@ -118,7 +118,7 @@ def looked_at(
 
 
 def tiles_of(
-    run: Run, folder: Path, scratch: Path, orthophoto: Orthophoto, pixels_of: KeptPhotographs
+    run: Run, folder: Path, scratch: Path, orthophoto: Orthophoto, pixels_of: CachedPhotographs
 ) -> Iterator[tuple[Window, ByteArray]]:
     """Yield all tiles of an orthophoto with their red, green, blue and alpha (rows, columns, 4)."""
     if run.pool is None:
@@ -147,7 +147,7 @@ class _Elsewhere:
         self.grid, self.frame, self.views = MapGrid(**grids["orthophoto"]), block.frame, Views.of(block)
         surface = surface_in(self.scratch, MapGrid(**grids["surface"]))
         self.terrain = SurfaceModel.under(self.views, self.frame, surface)
-        self.pixels_of = KeptPhotographs.of(run, self.views, share=cores())
+        self.pixels_of = CachedPhotographs.of(run, self.views, share=cores())
         self.masks = masks_of(run, self.views)
 
 

@@ -15,7 +15,7 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.files.maps.cogs import write_cog_bands
 from photogram.files.npz_json import read_json_as, write_json
 from photogram.grid import MapGrid, Window
-from photogram.pipeline.stages.orthophoto_pieces import KeptPhotographs, masks_of
+from photogram.pipeline.stages.orthophoto_pieces import CachedPhotographs, masks_of
 from photogram.pipeline.stages.surface_frame import SurfaceFrame
 from photogram.pipeline.store.run import Run
 from photogram.project.rigs.entries import bands_of
@@ -49,7 +49,7 @@ def _planned(run: Run, site: SurfaceFrame, surface: WindowedSurface, grid: MapGr
         views = Views.of(block)
         if not len(views):
             continue
-        pixels = KeptPhotographs.of(run, views, share=2)
+        pixels = CachedPhotographs.of(run, views, share=2)
         orthophoto = plan_orthophoto(
             views, block.frame, surface, pixels, run.executor, run.project.orthophoto, grid=grid,
             masks=masks_of(run, views),
