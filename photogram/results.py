@@ -474,14 +474,13 @@ class Adjustment:
     def _facts(self) -> list[tuple[str, str]]:
         residual = self.estimates.residual_px
         rms_px = float(np.sqrt(np.mean(residual**2))) if residual.size else float("nan")
-        oriented = sum(pose is not None for pose in self.block.poses)
         variance = np.diagonal(self.covariances.tie_point_m2, axis1=1, axis2=2)
         east, north, up = np.sqrt(np.median(variance, axis=0)) if len(variance) else np.full(3, np.nan)
         return [
             ("sigma0", f"{self.sigma0:.3f}"),
             ("redundancy", str(self.redundancy)),
             ("converged", f"{'yes' if self.converged else 'no'}, after {things(self.iterations, 'iteration')}"),
-            ("photographs", f"{oriented} of {len(self.block.photographs)}"),
+            ("photographs", f"{self.block.registered.sum()} of {len(self.block.photographs)}"),
             ("tie points", f"{len(self.block.tie_points)}, {things(self.decisions.rejected_points, 'point')} rejected"),
             ("residuals of tie points, RMS", f"{rms_px:.3f} px"),
             ("sigma of a tie point, median east, north, up", f"{east:.4f}, {north:.4f}, {up:.4f} m"),

@@ -374,6 +374,16 @@ class Block:
         return np.array([p.camera for p in self.photographs], dtype=np.int64)
 
     @property
+    def registered(self) -> BoolArray:
+        """Return which photographs (F,) have a pose."""
+        return np.array([pose is not None for pose in self.poses], dtype=bool)
+
+    @property
+    def photograph_names(self) -> tuple[str, ...]:
+        """Return the names of the photographs."""
+        return tuple(photograph.name for photograph in self.photographs)
+
+    @property
     def is_free(self) -> bool:
         """Return whether nothing says where the block is: a frame without a CRS, no GNSS position, and of no ground
         point a surveyed position."""
@@ -400,11 +410,10 @@ class Block:
         return oriented_by(self.cameras, self.camera_of[list(index)], [self.poses[i] for i in index])
 
     def _facts(self) -> list[tuple[str, str]]:
-        oriented = sum(pose is not None for pose in self.poses)
         tie, ground = self.tie_points, self.control_points
         control = ground.role.count("control")
         return [
-            ("photographs", f"{len(self.photographs)}, {oriented} oriented"),
+            ("photographs", f"{len(self.photographs)}, {self.registered.sum()} oriented"),
             ("cameras", ", ".join(camera.name for camera in self.cameras)),
             ("tie points", f"{len(tie)}, {things(len(tie.point), 'observation')}"),
             ("control points", str(control)),
@@ -414,9 +423,8 @@ class Block:
         ]
 
     def __repr__(self) -> str:
-        oriented = sum(pose is not None for pose in self.poses)
         parts = (
-            f"{things(len(self.photographs), 'photograph')} ({oriented} oriented)",
+            f"{things(len(self.photographs), 'photograph')} ({self.registered.sum()} oriented)",
             things(len(self.cameras), "camera"),
             things(len(self.tie_points), "tie point"),
             things(len(self.control_points), "ground point"),

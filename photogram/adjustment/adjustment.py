@@ -182,7 +182,7 @@ def adjust(
             marks[_of_all(block, marks, kept)[list(error.marks)]] = False
             poses = tuple(None if i in left else pose for i, pose in enumerate(block.poses))
             part = without_marks(replace(block, poses=poses), marks)
-    names = [photograph.name for photograph in block.photographs]
+    names = block.photograph_names
     sentences = [f"Photograph {names[i]} is left out: {why}" for i, why in left.items()]
     sentences += [f"A mark is left out: {why}" for why in lost_marks]
     reason = tuple(left.get(i, "") for i in range(len(names))) if left else ()

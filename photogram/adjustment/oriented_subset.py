@@ -17,7 +17,7 @@ def registered_block(block: Block) -> tuple[Block, IntArray]:
 
     Tie points keep only the observations in them, and need two; marks in other photographs are left out.
     """
-    return part_of_block(block, np.array([pose is not None for pose in block.poses], dtype=bool))
+    return part_of_block(block, block.registered)
 
 
 def part_of_block(block: Block, chosen: BoolArray) -> tuple[Block, IntArray]:

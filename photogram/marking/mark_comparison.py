@@ -163,7 +163,7 @@ def _is_predicted(a: Hypothesis, block: Block, outcome: Search, places: Predicte
         return bool(chance_of_coordinates(a, points, outcome.result, 1.0) > np.log(REINSTATED))
     if a.kind != "mark":
         return False
-    g, i = points.name.index(a.name), [p.name for p in block.photographs].index(str(a.photograph))
+    g, i = points.name.index(a.name), block.photograph_names.index(str(a.photograph))
     there = np.flatnonzero((places.point == g) & (places.photograph == i)).tolist()
     if not there:
         return False
@@ -202,7 +202,7 @@ def _numbered(places: PredictedPlaces, known: Block, block: Block) -> PredictedP
 
 
 def _compared(block: Block, known: Block, outcome: Search, places: PredictedPlaces) -> Iterator[ComparedMark]:
-    points, names = block.control_points, [p.name for p in block.photographs]
+    points, names = block.control_points, block.photograph_names
     rejected = {a.what for a in outcome.rejected}
     count = np.bincount(points.mark_point, minlength=len(points))
     at = {pair: k for k, pair in enumerate(zip(places.point.tolist(), places.photograph.tolist(), strict=True))}

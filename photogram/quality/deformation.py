@@ -54,11 +54,16 @@ def offset_of(flight: int, cameras: int) -> slice:
     return slice(start, start + 3)
 
 
-def spread_points(xy: FloatArray, cells: int) -> IntArray:
-    """Return the first of the points (P, 2) in each cell of a grid of ``cells`` × ``cells``, sorted."""
+def cells_of(xy: FloatArray, cells: int) -> IntArray:
+    """Return in which cell each of the points (P, 2) lies, of a grid of ``cells`` × ``cells`` over them."""
     low, extent = xy.min(axis=0), np.maximum(np.ptp(xy, axis=0), 1e-9)
     row, column = np.minimum((xy - low) / extent * cells, cells - 1).astype(np.int64).T
-    return np.sort(np.unique(row * cells + column, return_index=True)[1]).astype(np.int64)
+    return np.asarray(row * cells + column)
+
+
+def spread_points(xy: FloatArray, cells: int) -> IntArray:
+    """Return the first of the points (P, 2) in each cell of a grid of ``cells`` × ``cells``, sorted."""
+    return np.sort(np.unique(cells_of(xy, cells), return_index=True)[1]).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

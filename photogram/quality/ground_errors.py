@@ -10,7 +10,7 @@ from photogram.arrays import FloatArray
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Solvable, functions_of_tie_points
 from photogram.factors.graph import Problem
-from photogram.quality.deformation import Places
+from photogram.quality.deformation import Places, cells_of
 
 CELLS = 7
 """Of the grid over a block, along each side: a cell with tie points is a place."""
@@ -25,9 +25,7 @@ def ground_errors(problem: Problem, state: State, solvable: Solvable, places: Pl
     A place is the mean of the tie points of a cell, so that it stands for no single pair of rays.
     """
     position = state.tie_point[places.points]
-    low, extent = position[:, :2].min(axis=0), np.maximum(np.ptp(position[:, :2], axis=0), 1e-9)
-    row, column = np.minimum((position[:, :2] - low) / extent * CELLS, CELLS - 1).astype(np.int64).T
-    _, cell, count = np.unique(row * CELLS + column, return_inverse=True, return_counts=True)
+    _, cell, count = np.unique(cells_of(position[:, :2], CELLS), return_inverse=True, return_counts=True)
     share = (cell[:, None] == np.arange(len(count))) / count
     weights = np.einsum("pq,ij->piqj", share, np.eye(3)).reshape(len(position), 3, -1)
     functions = functions_of_tie_points(problem, state, solvable.layout, places.points, weights)

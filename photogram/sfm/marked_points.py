@@ -19,7 +19,7 @@ def intersected_marks(block: Block) -> tuple[FloatArray, BoolArray]:
     two, and which marks do."""
     points = block.control_points
     order = np.lexsort((points.mark_photograph, points.mark_point))
-    oriented = np.array([pose is not None for pose in block.poses])
+    oriented = block.registered
     order = order[oriented[points.mark_photograph[order]] & np.isfinite(points.mark_sigma_px[order])]
     photograph, pixel = points.mark_photograph[order], points.mark_pixel[order]
     camera_of = block.camera_of

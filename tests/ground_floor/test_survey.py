@@ -128,6 +128,8 @@ def test_a_block_has_one_pose_per_photograph_and_cannot_be_changed() -> None:
     block = Block(frame, (camera,), (Photograph("a.jpg", 0),), (None,), ties, CONTROL)
     assert block.gnss_offset_sigma_m.tolist() == [0.0, 0.0, 0.0]
     assert len(block.tie_points) == 0
+    assert block.photograph_names == ("a.jpg",)
+    assert block.registered.tolist() == [False]
     with pytest.raises(ValueError, match="one pose"):
         replace(block, poses=())
     with pytest.raises(FrozenInstanceError):

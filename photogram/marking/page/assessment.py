@@ -132,7 +132,7 @@ def assessed(
 ) -> Assessment:
     """Return what the marks of a state say, on a tagged or an adjusted block; ``off_target`` as in ``marked_block``."""
     block = marked_block(block, state, roles, numbers, off_target)
-    points, names = block.control_points, [p.name for p in block.photographs]
+    points, names = block.control_points, block.photograph_names
     settings = AdjustmentSettings(estimate_sigmas=False)
     places: PredictedPlaces | None = None
     comparison: MarkComparison | None = None

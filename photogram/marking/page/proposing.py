@@ -52,7 +52,7 @@ def proposed_marks(
     ``block`` is a ``tagged_block`` or an adjusted one, with the marks that there are. Raises AdjustmentError where it
     is not determined, ImageError where a photograph cannot be read.
     """
-    names = [p.name for p in block.photographs]
+    names = block.photograph_names
     at_point, at_photograph = ({n: k for k, n in enumerate(every)} for every in (block.control_points.name, names))
     unseen = frozenset((at_point[g], at_photograph[i]) for g, i in hidden if g in at_point and i in at_photograph)
     detections = _detected_targets(block, predicted_places(block), patches, unseen, progress)

@@ -81,7 +81,7 @@ class Snapshot:
 
 def _given_marks(block: Block) -> list[Mark]:
     points, now = block.control_points, utc_now()
-    names = [p.name for p in block.photographs]
+    names = block.photograph_names
     columns = (points.mark_point, points.mark_photograph, points.mark_pixel)
     stated = stated_pairs(points.mark_covariance_px2)
     return [

@@ -150,7 +150,7 @@ def _plain(name: str, axes: list[int], off: FloatArray, sigma: FloatArray) -> Bl
 
 def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return what went wrong with a mark: whose target it is on, if any, else how far it is off."""
-    photographs = [photograph.name for photograph in block.photographs]
+    photographs = block.photograph_names
     points, i = block.control_points, photographs.index(str(hypothesis.photograph))
     g = points.name.index(hypothesis.name)
     m = np.flatnonzero((points.mark_photograph == i) & (points.mark_point == g))[0]
@@ -178,7 +178,7 @@ def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunde
 
 def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return the blunder of a GNSS position: its distance from the prediction by all other observations."""
-    i = [p.name for p in block.photographs].index(hypothesis.name)
+    i = block.photograph_names.index(hypothesis.name)
     pose = result.block.poses[i]
     photograph = block.photographs[i]
     frame = block.frame
@@ -200,7 +200,7 @@ def _of_position(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Bl
 
 def _of_attitude(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunder:
     """Return what is wrong with a measured attitude: by how much the camera was turned otherwise."""
-    i = [p.name for p in block.photographs].index(hypothesis.name)
+    i = block.photograph_names.index(hypothesis.name)
     pose, measured = result.block.poses[i], block.photographs[i].attitude_world_from_camera
     turn = float(np.linalg.norm(hypothesis.off))  # where it is not known otherwise
     if pose is not None and measured is not None:

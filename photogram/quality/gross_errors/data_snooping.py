@@ -220,7 +220,7 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
 
     A point without any coordinate left becomes a tie point, if it has at least two marks.
     """
-    names = [photograph.name for photograph in block.photographs]
+    names = block.photograph_names
     photographs = list(block.photographs)
     cameras = list(block.cameras)
     offset_m = block.gnss_offset_sigma_m
@@ -249,7 +249,7 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
 
 
 def _ground_without(block: Block, rejected: Sequence[Hypothesis]) -> ControlPoints:
-    points, names = block.control_points, [photograph.name for photograph in block.photographs]
+    points, names = block.control_points, block.photograph_names
     sigma_m, controlled = points.sigma_m.copy(), points.controlled.copy()
     rejected_marks = np.zeros(len(points.mark_point), dtype=bool)
     for a in rejected:
@@ -258,8 +258,7 @@ def _ground_without(block: Block, rejected: Sequence[Hypothesis]) -> ControlPoin
         elif a.kind == "mark":
             of_point = points.mark_point == points.name.index(a.name)
             rejected_marks |= of_point & (points.mark_photograph == names.index(str(a.photograph)))
-    oriented = np.array([pose is not None for pose in block.poses], dtype=bool)
-    usable = np.isfinite(points.mark_sigma_px) & ~rejected_marks & oriented[points.mark_photograph]
+    usable = np.isfinite(points.mark_sigma_px) & ~rejected_marks & block.registered[points.mark_photograph]
     marks = np.bincount(points.mark_point[usable], minlength=len(points))
     open_points = np.isinf(np.where(controlled, sigma_m, np.inf)).all(axis=1) & controlled.any(axis=1) & (marks < 2)
     controlled[open_points] = False
@@ -274,8 +273,7 @@ def marks_off_checks(result: Adjustment) -> list[Hypothesis]:
     coordinates are not used, so that the point still tests the result."""
     block, points = result.block, result.block.control_points
     agreed, usable = intersected_marks(block)[1], np.isfinite(points.mark_sigma_px)
-    oriented = np.array([pose is not None for pose in block.poses], dtype=bool)
-    usable &= oriented[points.mark_photograph]
+    usable &= block.registered[points.mark_photograph]
     right, marks = (np.bincount(points.mark_point[m], minlength=len(points)) for m in (agreed, usable))
     sure = (np.array(points.role) == "check") & (right > marks - right)
     return [
@@ -373,7 +371,7 @@ def _chance_of_mark(a: Hypothesis, result: Adjustment) -> float:
     if a.kind != "mark":
         return -np.inf
     points = result.block.control_points
-    photograph = [p.name for p in result.block.photographs].index(str(a.photograph))
+    photograph = result.block.photograph_names.index(str(a.photograph))
     m = (points.mark_point == points.name.index(a.name)) & (points.mark_photograph == photograph)
     off_px = result.estimates.mark_residual_px[m][0]
     others = points.mark_sigma_px[(points.mark_point == points.name.index(a.name)) & ~m]

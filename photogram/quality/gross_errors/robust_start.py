@@ -195,7 +195,7 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
 
 def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
     limit = LIMIT * np.sqrt(OFF**-0.5 - 1.0)
-    points, names = block.control_points, [p.name for p in block.photographs]
+    points, names = block.control_points, block.photograph_names
     for g in np.flatnonzero((misfits.control > limit).any(axis=1)).tolist():
         wrong = misfits.control[g] > limit
         axes = tuple(np.flatnonzero(points.controlled[g] & np.repeat(wrong, [2, 1])).tolist())

@@ -58,7 +58,7 @@ def _exchange(position: FloatArray, target: FloatArray, sigma: FloatArray) -> tu
 def gross_blunders(block: Block, adjust: Adjuster) -> list[Hypothesis]:
     """Return the control points and marks that are grossly off, none where too few agree to say so."""
     result = adjust(_without_control(block))
-    points, names = block.control_points, [p.name for p in block.photographs]
+    points, names = block.control_points, block.photograph_names
     position, agreed = intersected_marks(result.block)
     control = np.asarray(points.controlled.any(axis=1))
     enough = np.asarray(np.isfinite(position).all(axis=1))

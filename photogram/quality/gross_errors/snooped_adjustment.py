@@ -116,8 +116,7 @@ def _outvoted(block: Block, result: Adjustment) -> bool:
     """Return whether most tie points of a photograph were rejected, possibly because of a wrong mark in it."""
     count = len(block.photographs)
     given, kept = (np.bincount(b.tie_points.photograph, minlength=count) for b in (block, result.block))
-    oriented = np.array([pose is not None for pose in result.block.poses], dtype=bool)
-    return bool(np.any(oriented & (kept < OUTVOTED * given)))
+    return bool(np.any(result.block.registered & (kept < OUTVOTED * given)))
 
 
 def _worst(result: Adjustment) -> float:
@@ -233,7 +232,7 @@ def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hy
     factor = picture_factor(replace(block, cameras=cameras))
     if factor is None:
         return [], []
-    points, names = block.control_points, [p.name for p in block.photographs]
+    points, names = block.control_points, block.photograph_names
     marks = zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)
     sentence = f"{len(points.mark_point)} marks: {other_size(factor)}"
     blunder = Blunder("picture size", points.name, None, sentence)

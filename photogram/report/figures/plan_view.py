@@ -98,9 +98,9 @@ def plan_contents(result: Adjustment, overlap: Overlap | None) -> PlanContents:
             place[i] = photograph.gnss_world_m
     surveyed = frame.map_from_world(points.position_world_m)
     return PlanContents(
-        [photograph.name for photograph in block.photographs],
+        block.photograph_names,
         [photograph.flight for photograph in block.photographs],
-        np.array([pose is not None for pose in block.poses], dtype=bool),
+        block.registered,
         frame.map_from_world(place),
         gnss_residual_m(result),
         points.name,

@@ -194,14 +194,14 @@ def _overlap(overlap: Overlap) -> OverlapRecord:
 def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap | None) -> BlockRecord:
     """Return what describes the block as a whole; ``overlap`` is None where the tie points span no area."""
     block, tie = result.block, result.block.tie_points
-    names = np.array([photograph.name for photograph in block.photographs])
+    names = np.array(block.photograph_names)
     components = [
         names[orientation.component == c].tolist() for c in range(int(orientation.component.max(initial=-1)) + 1)
     ]
     gsd_m, residual_m = photographs_ground_sampling_m(result.block), gnss_residual_m(result)
     squares = residual_m[np.isfinite(residual_m).all(axis=1)] ** 2
     return {
-        "registered": sum(pose is not None for pose in block.poses),
+        "registered": int(block.registered.sum()),
         "photographs": len(block.photographs),
         "components": components,
         "component_sizes": [len(component) for component in components],
