@@ -121,29 +121,30 @@ def draft_import(
     gnss = [None if grid == NO_CRS else _gnss(t, measured) for t in tagged]
     offset, offset_reason = offset_prior(gnss, any(p.role is not None and "control" in p.role for p in points))
     angles = [(t.tags.gimbal_yaw_deg, t.tags.gimbal_pitch_deg, t.tags.gimbal_roll_deg) for t in tagged]
+    photographs = tuple(
+        ImportedPhotograph(t.name, solution.photographs[i].name, camera_of[i], flight)
+        for i, t, flight in zip(index, tagged, flights_of(tagged), strict=True)
+    )
     return ImportedDraft(
-        solution.program,
-        grid,
-        grid_name,
-        reason,
-        cameras,
-        reasons,
-        tuple(
-            ImportedPhotograph(t.name, solution.photographs[i].name, camera_of[i], flight)
-            for i, t, flight in zip(index, tagged, flights_of(tagged), strict=True)
-        ),
-        measured,
-        None if given is None or given == NO_CRS else short_name(given),
-        tuple(gnss),
-        sum(None not in attitude for attitude in angles),
-        offset,
-        offset_reason,
-        points,
-        marks,
-        "theirs" if len(solution.tie_points) else "own",
-        "theirs" if any(p.pose is not None for p in solution.photographs) else "own",
-        tuple(left_out),
-        tuple(notes),
+        program=solution.program,
+        crs=grid,
+        crs_name=grid_name,
+        crs_reason=reason,
+        cameras=cameras,
+        camera_reasons=reasons,
+        photographs=photographs,
+        measured=measured,
+        measured_crs=None if given is None or given == NO_CRS else short_name(given),
+        gnss=tuple(gnss),
+        with_attitude=sum(None not in attitude for attitude in angles),
+        offset_sigma_m=offset,
+        offset_reason=offset_reason,
+        points=points,
+        marks=marks,
+        tie_points="theirs" if len(solution.tie_points) else "own",
+        poses="theirs" if any(p.pose is not None for p in solution.photographs) else "own",
+        left_out=tuple(left_out),
+        notes=tuple(notes),
     )
 
 

@@ -88,14 +88,8 @@ def calibrate_site(
         raise ControlPointError(f"{path}: no pair serves in plan: give use both or plan to two at least")
     middle = np.round(site.place_deg[site.in_plan].mean(axis=0), _MIDDLE_DECIMALS)
     start = site_map(crs, middle) if given_map is None else given_map
-    for each in (crs, start):
-        if heights != "none" and not is_on_gnss_ellipsoid(each):
-            raise FrameError(
-                f"crs: {crs_label(each)} is not on the ellipsoid of GNSS, so that heights above it are not those of "
-                "GNSS: give one on WGS 84, ETRS89 or NAD83, or --heights none"
-            )
-    if heights != "none" and height_system_of(crs)[0] == "orthometric":
-        raise FrameError(f"crs: {crs_label(crs)} has heights above a geoid: give ellipsoidal ones, and a crs without")
+    if heights != "none":
+        _check_heights(crs, start)
 
     def to_map(place_deg: FloatArray) -> FloatArray:
         flat = np.column_stack([place_deg, np.zeros(len(place_deg))])
@@ -114,17 +108,20 @@ def calibrate_site(
         raise FrameError(f"{path}: PROJ comes off by {closure:.3g} m through the local grid: it is too wide for one")
     if written is not None:
         write_whole(written, wkt.rstrip() + "\n")
-    return CalibratedSite(
-        calibration,
-        difference,
-        sigma,
-        _scale(wkt, calibration),
-        _height_m(calibration),
-        closure,
-        UNITS[unit],
-        wkt,
-        written,
-    )
+    scale_there, height_m = _scale(wkt, calibration), _height_m(calibration)
+    return CalibratedSite(calibration, difference, sigma, scale_there, height_m, closure, UNITS[unit], wkt, written)
+
+
+def _check_heights(crs: str, start: str) -> None:
+    """Raise FrameError where heights of these two are not above the ellipsoid of GNSS."""
+    for each in (crs, start):
+        if not is_on_gnss_ellipsoid(each):
+            raise FrameError(
+                f"crs: {crs_label(each)} is not on the ellipsoid of GNSS, so that heights above it are not those of "
+                "GNSS: give one on WGS 84, ETRS89 or NAD83, or --heights none"
+            )
+    if height_system_of(crs)[0] == "orthometric":
+        raise FrameError(f"crs: {crs_label(crs)} has heights above a geoid: give ellipsoidal ones, and a crs without")
 
 
 def _target(target: Path, table: Path, overwrite: bool) -> Path:

@@ -240,7 +240,7 @@ def _sigmas_m(document: Document, file: ProjectFile, source: _Source) -> FloatAr
     bare = [point for point, row in zip(source.points.points, rows, strict=True) if None in row]
     if not bare:
         return np.array(rows, dtype=np.float64).reshape(-1, 3)
-    if not any(document.at((*key, "sigma_m")) is not None for key in (source.key, ("control_points",))):
+    if not document.has((*source.key, "sigma_m"), ("control_points", "sigma_m")):
         column = "" if source.points.holds_marks else ", or a column sigma in the file"
         points = f"{things(len(bare), 'point')} ({some([p.name for p in bare])})"
         text = f"{points} without a standard deviation: give sigma_m here or for all points"
@@ -258,7 +258,7 @@ def _check_mark_sigmas(document: Document, file: ProjectFile, source: _Source) -
     bare = sum(mark.sigma_px is None for mark in source.marks)
     if not bare or _stated_mark_sigma_px(file, source) is not None:
         return True
-    if not any(document.at((*key, "mark_sigma_px")) is not None for key in (source.key, ("control_points",))):
+    if not document.has((*source.key, "mark_sigma_px"), ("control_points", "mark_sigma_px")):
         column = "" if source.points.holds_marks else ", or a column sigma_px in the file"
         text = f"marks without a standard deviation ({bare}): give mark_sigma_px here or for all points"
         document.add_error(source.key, text + column)

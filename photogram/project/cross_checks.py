@@ -116,7 +116,7 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
         if not file.photographs.list:
             document.add_error(_LIST, "is empty: list the photographs, or remove the list to use all in the folder")
         return list(file.photographs.list)
-    if document.at(_LIST) is not None or folder is None:
+    if document.has(_LIST) or folder is None:
         return None
     key: Key = ("photographs", "folder")
     if not isdir(folder):
@@ -217,18 +217,18 @@ def _check_camera(document: Document, key: Key, camera: CameraEntry) -> None:
     figures = ("focal_px", "principal_point_px", "radial", "tangential", "affinity")
     if camera.matlab is None:
         for name in figures[:2]:
-            if getattr(camera, name) is None and document.at((*key, name)) is None and document.at(key) is not None:
+            if getattr(camera, name) is None and document.has(key) and not document.has((*key, name)):
                 document.add_error((*key, name), f"is missing: give {name}, or matlab: FILE.mat with the calibration")
         return
     for name in figures:
-        if document.at((*key, name)) is not None:
+        if document.has((*key, name)):
             document.add_error((*key, name), f"is given here and in {camera.matlab}: keep one of the two")
-    if document.at((*key, "model")) is not None:
+    if document.has((*key, "model")):
         document.add_error((*key, "model"), f"{camera.matlab} contains a Brown camera: remove model")
     if not isfile(document.base / camera.matlab):
         document.add_error((*key, "matlab"), f"file {document.base / camera.matlab} not found")
     origin: Key = (*key, "pixel_origin")
-    if document.at(origin) is None:
+    if not document.has(origin):
         document.add_error(
             (*key, "matlab"),
             "pixel_origin is missing: matlab if the calibration counts pixels from (1, 1), photogram if from (0, 0)",
@@ -248,25 +248,24 @@ def _check_twice(document: Document, key: Key, names: Sequence[str | None]) -> N
 
 
 def _check_camera_name(document: Document, key: Key, name: str | None, cameras: Mapping[str, CameraEntry]) -> None:
-    if name is not None and name not in cameras and document.at(("cameras",)) is not None:
+    if name is not None and name not in cameras and document.has(("cameras",)):
         document.add_error(key, f"camera {name!r} is not under cameras: {suggestion(name, cameras.keys())}")
 
 
 def _check_photographs(document: Document, file: ProjectFile, photographs: Sequence[PhotographEntry]) -> None:
     _check_twice(document, _LIST, [p.name for p in photographs])
     _check_camera_name(document, ("photographs", "camera"), file.photographs.camera, file.cameras)
-    default = document.at(("photographs", "camera"))
+    has_default = document.has(("photographs", "camera"))
     listed = file.photographs.list is not None
     for i, photograph in enumerate(photographs):
         key: Key = (*_LIST, i) if listed else ("photographs",)
         _check_camera_name(document, (*key, "camera"), photograph.camera, file.cameras)
-        if len(file.cameras) > 1 and photograph.camera is None and default is None:
+        if len(file.cameras) > 1 and photograph.camera is None and not has_default:
             document.add_error(key, f"which camera? give camera: one of {', '.join(file.cameras)}")
-        sigma_given = any(document.at(k) is not None for k in ((*key, "gnss_sigma_m"), ("photographs", "gnss_sigma_m")))
-        if photograph.gnss_m is not None and not sigma_given:
-            document.add_error(
-                (*key, "gnss_m"), "has no standard deviation: give gnss_sigma_m, here or for all photographs"
-            )
+        has_sigma = document.has((*key, "gnss_sigma_m"), ("photographs", "gnss_sigma_m"))
+        if photograph.gnss_m is not None and not has_sigma:
+            text = "has no standard deviation: give gnss_sigma_m, here or for all photographs"
+            document.add_error((*key, "gnss_m"), text)
 
 
 def _check_files(document: Document, photographs: Sequence[PhotographEntry], folder: Path) -> None:
@@ -287,17 +286,18 @@ def _check_control_points(document: Document, file: ProjectFile, photographs: Se
     _check_twice(document, key, [p.name for p in points.list])
     ends = used_points(file)
     for i, point in enumerate(points.list):
-        for name, what in (("sigma_m", "standard deviation"), ("mark_sigma_px", "standard deviation of its marks")):
-            given = any(document.at(k) is not None for k in ((*key, i, name), ("control_points", name)))
-            given |= name == "sigma_m" and point.position_m is None
-            if not given and (name == "sigma_m" or point.marks) and document.at((*key, i)) is not None:
-                document.add_error((*key, i), f"the point has no {what}: give {name}, here or for all points")
-        written = any(document.at((*key, i, name)) is not None for name in ("position_m", "position"))
-        if point.position_m is None and point.name not in ends and not written:
+        own: Key = (*key, i)
+        needed = [("sigma_m", "standard deviation")] if point.position_m is not None else []
+        needed += [("mark_sigma_px", "standard deviation of its marks")] if point.marks else []
+        for name, what in needed if document.has(own) else ():
+            if not document.has((*own, name), ("control_points", name)):
+                document.add_error(own, f"the point has no {what}: give {name}, here or for all points")
+        has_position = point.position_m is not None or document.has((*own, "position_m"), (*own, "position"))
+        if point.name not in ends and not has_position:
             text = "position_m is missing: [easting, northing, height] in the map grid, in metres"
-            document.add_error((*key, i), f"{text}; without it a point only serves a distance or another constraint")
+            document.add_error(own, f"{text}; without it a point only serves a distance or another constraint")
         if photographs is not None:
-            _check_marks(document, file, (*key, i, "marks"), point, photographs)
+            _check_marks(document, file, (*own, "marks"), point, photographs)
 
 
 def _check_constraints(

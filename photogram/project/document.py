@@ -188,6 +188,10 @@ class Document:
             value = _inside(value, part)
         return value
 
+    def has(self, *keys: Key) -> bool:
+        """Return whether the file gives a value at one of these keys."""
+        return any(self.at(key) is not None for key in keys)
+
     def add_error(self, key: Key, text: str, line: int | None = None) -> None:
         """Note what is wrong with the value at a key."""
         self._errors[(self.line(key) if line is None else line, key, text)] = None

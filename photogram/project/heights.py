@@ -56,7 +56,7 @@ def read_heights(document: Document, file: ProjectFile) -> DeclaredHeights | Non
         text = f"{says}: remove the key, or the vertical part of the crs"
         document.add_error((*_KEY, "output"), text)
     output: HeightSystem | None = "orthometric" if vertical is not None else entry.output
-    if file.heights is not None and output is None and document.at((*_KEY, "output")) is None:
+    if file.heights is not None and output is None and not document.has((*_KEY, "output")):
         text = "is missing: write output: ellipsoidal or orthometric, the system of all results"
         document.add_error((*_KEY, "output"), text)
     geoid = _geoid(document, entry, vertical)
@@ -236,7 +236,7 @@ def listed_in_map(
         for rows, own, given in zip((control, gnss), known, (heights.control_points, heights.gnss_given), strict=True):
             rows[np.isfinite(rows).all(axis=1)] = map_heights(file.crs, heights, given, own)
     except FrameError as error:
-        document.add_error(_KEY if document.at(_KEY) is not None else ("crs",), str(error).removeprefix("crs: "))
+        document.add_error(_KEY if document.has(_KEY) else ("crs",), str(error).removeprefix("crs: "))
     return control, gnss
 
 

@@ -383,6 +383,22 @@ def _frozen(photographs: Sequence[TaggedPhotograph]) -> set[str]:
     return {p.name for p, stopped in zip(photographs, frozen, strict=True) if stopped}
 
 
+def _gnss(
+    photographs: Sequence[TaggedPhotograph], rows: Mapping[str, PositionRow]
+) -> tuple[list[Gnss | None], list[str]]:
+    """Return how good the position of each photograph is, that of its row in a file before that of its tags, and the
+    names of those whose tags are not used because the receiver had stopped."""
+    frozen = _frozen([p for p in photographs if p.name not in rows])
+    gnss = []
+    for photograph in photographs:
+        row = rows.get(photograph.name)
+        if row is not None:
+            gnss.append(gnss_with(row.solution, row.sigma_m))
+        else:
+            gnss.append(None if photograph.name in frozen else gnss_of(photograph.tags))
+    return gnss, [p.name for p in photographs if p.name in frozen]
+
+
 def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) -> tuple[str, ...]:
     """Return in words what is doubtful about photographs that are used."""
     damaged = damage_by_kind([(p.name, p.tags.damage) for p in photographs])
@@ -460,15 +476,7 @@ def draft_project(
     kept = [p for p in here if camera_key(p.tags) in cameras]
     positions = _used(wishes.positions, {p.name for p in kept})
     rows = {name: row for file in positions for name, row in file.rows.items()}
-    frozen = _frozen([p for p in kept if p.name not in rows])
-    gnss = [
-        gnss_with(rows[p.name].solution, rows[p.name].sigma_m)
-        if p.name in rows
-        else None
-        if p.name in frozen
-        else gnss_of(p.tags)
-        for p in kept
-    ]
+    gnss, frozen = _gnss(kept, rows)
     place = _degrees(kept)
     known = _located(place)
     crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
@@ -489,21 +497,21 @@ def draft_project(
         for p, flight, g, attitude in zip(kept, flights_of(kept, gap_m), gnss, angles, strict=True)
     ]
     return ProjectDraft(
-        crs,
-        crs_name,
-        crs_reason,
-        tuple(cameras.values()),
-        tuple(listed),
-        offset,
-        offset_reason,
-        height_reference([p.tags for p in kept]),
-        _height_systems(wishes, crs, [p.tags for p in kept]),
-        wishes.control,
-        tuple(others),
-        (*left_out, *rare),
-        dict(Counter(g.kind for g in gnss if g is not None).most_common()),
-        positions,
-        _warnings(kept, [p.name for p in kept if p.name in frozen]),
-        wishes.masks,
-        draft_rigs([p.camera for p in listed], [p.tags.capture for p in kept], pixels),
+        crs=crs,
+        crs_name=crs_name,
+        crs_reason=crs_reason,
+        cameras=tuple(cameras.values()),
+        photographs=tuple(listed),
+        offset_sigma_m=offset,
+        offset_reason=offset_reason,
+        heights=height_reference([p.tags for p in kept]),
+        height_systems=_height_systems(wishes, crs, [p.tags for p in kept]),
+        control=wishes.control,
+        other_sites=tuple(others),
+        left_out=(*left_out, *rare),
+        gnss_kinds=dict(Counter(g.kind for g in gnss if g is not None).most_common()),
+        positions=positions,
+        warnings=_warnings(kept, frozen),
+        masks=wishes.masks,
+        rigs=draft_rigs([p.camera for p in listed], [p.tags.capture for p in kept], pixels),
     )
