@@ -106,6 +106,7 @@ WRONG = {
     "a mask that is none": "photographs: {folder: p, masks: {auto: [clouds]}}",
     "a fraction of a pixel": "control_points: {files: [{path: a.txt, picture_size_px: [4000.5, 3000]}]}",
     "null for a list": "rigs:",
+    "true for a number": "terrain: {rigidness: true}",
 }
 
 
