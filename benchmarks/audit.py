@@ -139,7 +139,7 @@ def estimated_by_photogram(block: Block) -> Estimates:
     result = adjust(block, PLAIN)
     print(f"photogram: adjusted, with all covariances and reliability, in {time.perf_counter() - began:.2f} s")
     problem = make_problem(result.block, PLAIN)
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     covariances(problem, state)  # compiled
     began = time.perf_counter()
     found = covariances(problem, state)

@@ -246,7 +246,7 @@ def photogram_covariances(task: Task) -> dict[str, float]:
     """Return the seconds of five iterations, and of the covariances of all poses, the calibration and all points."""
     block = replace(task.block, tie_points=replace(task.block.tie_points, position_world_m=task.start.point))
     problem = make_problem(block, AdjustmentSettings())
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     covariances(problem, minimise(problem, state, AdjustmentSettings(maximum_iterations=2)).state)
     began = time.perf_counter()
     found = minimise(problem, state, AdjustmentSettings(maximum_iterations=5))

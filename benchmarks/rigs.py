@@ -93,7 +93,7 @@ def engines(seeds: int) -> float:
     for seed in range(seeds):
         block = simulate_two_cameras(PLAN, seed, tie_points=TIE_POINTS // 2).block
         problem = make_problem(block, SETTINGS)
-        start = start_state(problem.block, problem.flights)
+        start = start_state(problem)
         reference = AdjustmentSettings(robust_loss="none", engine="reference")
         fast, referee = (minimise(problem, start, settings).state for settings in (SETTINGS, reference))
         worst = max(worst, float(np.abs(fast.position - referee.position).max()))

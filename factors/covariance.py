@@ -61,10 +61,6 @@ class Covariances:
         """Return the covariance (6, 6) of a pose's tangent (ω in rad, v in m, camera frame)."""
         return self.joint(np.array([photograph]))[:6, :6]
 
-    def control(self, point: int) -> FloatArray:
-        """Return the covariance (3, 3) of an adjusted control point in the world, m²."""
-        return np.asarray(self.control_point[point])
-
     def offset(self, flight: int) -> FloatArray:
         """Return the covariance (3, 3) of a flight's GNSS offset in the world, m²."""
         column = self.layout.offset_column + 3 * flight

@@ -158,7 +158,7 @@ def simulated(
 def problem_of(block: Block, loss: RobustLoss = "none") -> tuple[Problem, State]:
     """Return the problem of a block and the state to start from."""
     problem = make_problem(block, AdjustmentSettings(robust_loss=loss))
-    return problem, start_state(problem.block, problem.flights)
+    return problem, start_state(problem)
 
 
 def small_problem(seed: int = 1, sigmas: tuple[float, ...] = FREE, *, mismatches: float = 0.0) -> tuple[Problem, State]:

@@ -273,7 +273,7 @@ def _adjust_block(
         return bool(is_clear(problem, state, asked, number).any())
 
     try:
-        first = start_state(whole.block, whole.flights)
+        first = start_state(whole)
         if len(start):
             free, moved = calibration_sigmas(block.cameras) > 0.0, first.parameters.copy()
             given = np.array(start)[:, : moved.shape[1]]

@@ -159,14 +159,6 @@ def constraint_tests(
     return tests
 
 
-def of_control(problem: Problem, state: State) -> FloatArray:
-    """Return the positions (G, 3) of the ground points that are estimated, NaN for check points."""
-    points = problem.block.control_points
-    ground = np.full((len(points), 3), np.nan)
-    ground[np.array([role == "control" for role in points.role], dtype=bool)] = state.control
-    return ground
-
-
 def whitened_misfits(
     block: Block, state: State, control_world_m: FloatArray, fitted: Sequence[Constraint]
 ) -> FloatArray:

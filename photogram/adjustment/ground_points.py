@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, image_plane_or_nan
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.points import first_observations
@@ -125,14 +125,25 @@ def intersect_weighted(
     return np.where(met[:, None], X, np.nan)
 
 
+def _is_control(points: ControlPoints) -> BoolArray:
+    return np.array([role == "control" for role in points.role], dtype=bool)
+
+
+def of_control(problem: Problem, state: State) -> FloatArray:
+    """Return the positions (G, 3) of the ground points that are estimated, NaN for check points."""
+    points = problem.block.control_points
+    ground = np.full((len(points), 3), np.nan)
+    ground[_is_control(points)] = state.control
+    return ground
+
+
 def ground_points(problem: Problem, state: State, covariances: Covariances) -> tuple[FloatArray, FloatArray]:
     """Return the adjusted positions (G, 3) and covariances (G, 3, 3) of all ground points, control and check, in the
     world, m; NaN for check points with fewer than two marks, or whose marks do not meet."""
     points = problem.block.control_points
-    ground = np.full((len(points), 3), np.nan)
+    ground = of_control(problem, state)
     covariance = np.full((len(points), 3, 3), np.nan)
-    for i, g in enumerate(g for g, role in enumerate(points.role) if role == "control"):
-        ground[g], covariance[g] = state.control[i], covariances.control(i)
+    covariance[_is_control(points)] = covariances.control_point
     _check_points(problem, state, covariances, ground, covariance)
     return ground, covariance
 

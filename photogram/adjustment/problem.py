@@ -84,13 +84,14 @@ def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progr
     return minimise_problem(problem, state, *limits, watch, settings.solver)
 
 
-def start_state(block: Block, flights: tuple[str, ...]) -> State:
-    """Return the starting values of a block whose photographs are all oriented."""
+def start_state(problem: Problem) -> State:
+    """Return the starting values of a problem."""
+    block = problem.block
     return State(
         in_motion(block, block.oriented_cameras()),
         block.tie_points.position_world_m.copy(),
         control_positions(block)[0],
-        np.zeros((len(flights), 3)),
+        np.zeros((len(problem.flights), 3)),
         np.concatenate([values_of(block.common_errors), rig_values(block)]),
     )
 

@@ -52,7 +52,7 @@ def gross_marks(block: Block, settings: AdjustmentSettings) -> list[Hypothesis] 
         return []
     problem = make_problem(part, settings)
     try:
-        state = minimise(problem, start_state(problem.block, problem.flights), settings).state
+        state = minimise(problem, start_state(problem), settings).state
         covariance = covariances(problem, state)
     except IndeterminateError:
         return None

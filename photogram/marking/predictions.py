@@ -69,7 +69,7 @@ def predicted_places(block: Block, settings: AdjustmentSettings | None = None) -
     numbers = {name: g for g, name in enumerate(block.control_points.name)}
     problem = make_problem(known, settings)
     try:
-        state = minimise(problem, start_state(problem.block, problem.flights), settings).state
+        state = minimise(problem, start_state(problem), settings).state
         joint = covariances(problem, state)
     except IndeterminateError as error:
         raise undetermined(problem, error) from error

@@ -230,7 +230,7 @@ def block_deformation(
     problem = make_problem(part, settings)
     control = np.array(result.block.control_points.role) == "control"
     state = replace(
-        start_state(problem.block, problem.flights),
+        start_state(problem),
         control=result.estimates.ground_world_m[control],
         offset=result.estimates.offset_world_m,
     )

@@ -19,7 +19,7 @@ from photogram.machine import cores
 from photogram.projection import FOCAL, OrientedCameras, ideal_point, lens_of, without_field
 from photogram.simulation.cover.hits import Pieces, first_cover, leaf_hits
 from photogram.simulation.cover.leaves import REST
-from photogram.simulation.ray_cells import leave_cell
+from photogram.simulation.ray_cells import leave_cell, next_cell
 from photogram.simulation.scene import BLOCK_CELLS, PALETTE, RING, Material, Scene, gradient_noise
 
 _COARSEST_WAVELENGTH_M = 20.0
@@ -107,10 +107,7 @@ def _hit_in_block(
             s = _first_root(-huv * d[0] * d[1], d[2] - hu * d[0] - hv * d[1] - huv * (u * d[1] + v * d[0]), above)
             if t + s <= leave:
                 return float(t + s)
-        if along <= up:
-            c += 1 if d[0] > 0.0 else -1
-        else:
-            r += 1 if d[1] > 0.0 else -1
+        c, r = next_cell(c, r, along, up, d)
         t = max(t, leave)
     return float(np.nan)
 
@@ -139,10 +136,7 @@ def _first_hit(f: _Field, origin: FloatArray, direction: FloatArray, end: float)
             hit = _hit_in_block(f.height, (c, r), o, d, t, leave)
             if not np.isnan(hit):
                 return float(hit)
-        if along <= up:
-            c += 1 if d[0] > 0.0 else -1
-        else:
-            r += 1 if d[1] > 0.0 else -1
+        c, r = next_cell(c, r, along, up, d)
         t = max(t, leave)
     return float(np.nan)
 

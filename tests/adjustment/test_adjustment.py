@@ -293,7 +293,7 @@ def test_equals_gtsams_native_graph_in_minimum_and_covariance() -> None:
     block = control_only(simulate_block(PLAN, 5, tie_points=60))
     settings = AdjustmentSettings(robust_loss="none", relative_tolerance=1e-14)
     problem = make_problem(block, settings)
-    found = minimise(problem, start_state(problem.block, ()), settings)
+    found = minimise(problem, start_state(problem), settings)
     graph, values = referee(block)
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setRelativeErrorTol(1e-15)

@@ -129,7 +129,7 @@ def test_the_other_solver_comes_to_the_same() -> None:
 def test_a_residual_is_whitened_by_the_inverse_factor_of_its_covariance() -> None:
     block = survey(1)
     problem = make_problem(block, SETTINGS)
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     points = problem.block.control_points.with_role("control")
     marks, X = problem.marks, state.control
     plain = Observations(marks.photograph, marks.point, marks.pixel, np.ones(len(marks)))
@@ -155,6 +155,6 @@ def test_isotropic_marks_among_others_are_whitened_to_the_last_bit_as_alone() ->
     other = observed_marks(replace(points, mark_covariance_px2=mixed), np.arange(len(mixed))).select(rest)
     assert len(one.mixing) == 0
     assert len(other.mixing) == len(rest)
-    cameras, X = start_state(block, ("1",)).cameras, points.position_world_m
+    cameras, X = block.oriented_cameras(), points.position_world_m
     np.testing.assert_array_equal(residuals(one, cameras, X), residuals(other, cameras, X))
     np.testing.assert_array_equal(linearise(one, cameras, X).point, linearise(other, cameras, X).point)

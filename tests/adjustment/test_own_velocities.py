@@ -39,7 +39,7 @@ def adjusted(seed: int) -> tuple[SimulatedBlock, Adjustment]:
 def at_the_solution(result: Adjustment) -> tuple[Problem, State]:
     """Return the problem of the tie points that were used, and the solution with the velocities of the neighbours."""
     problem = make_problem(result.block, SETTINGS)
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     used: BoolArray = np.asarray(np.isfinite(state.tie_point[problem.tie.point]).all(axis=1))
     return problem.with_tie_observations(problem.tie.select(used)), state
 

@@ -34,7 +34,7 @@ def adjusted(seed: int) -> Adjustment:
 def test_redundancy_numbers_are_those_of_the_whole_linear_system_and_sum_to_the_redundancy() -> None:
     survey = simulated(replace(PLAN, flights=2), 1).block
     problem = make_problem(survey, AdjustmentSettings(robust_loss="none"))
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     graph = ground_graph(problem)
     system = linearise_all(problem, graph, state)
     ordering = gtsam.Ordering()

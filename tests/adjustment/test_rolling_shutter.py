@@ -82,7 +82,7 @@ def test_check_points_are_as_good_as_under_a_global_shutter() -> None:
 def test_a_rolling_shutter_is_seen_between_the_rounds(plan: SurveyPlan, there: bool, number: int) -> None:
     asked = np.array([True])
     problem = make_problem(without_rolling(simulated(plan, 1).block, asked), SETTINGS)
-    state = minimise(problem, start_state(problem.block, problem.flights), SETTINGS).state
+    state = minimise(problem, start_state(problem), SETTINGS).state
     assert is_clear(problem, state, asked, number).tolist() == [there]
     assert is_clear(problem, state, ~asked, number).tolist() == [False]
 
@@ -201,7 +201,7 @@ def test_both_engines_reach_the_same_minimum() -> None:
     block = simulate_block(replace(ROLLING, strips=2, photographs_per_strip=3), 3, tie_points=80).block
     camera = replace(block.cameras[0], readout_s=0.02)
     problem = make_problem(replace(block, cameras=(camera,)), replace(SETTINGS, robust_threshold=200.0))
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     fast, slow = (minimise(problem, start, replace(SETTINGS, engine=e)) for e in ("fast", "reference"))
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)

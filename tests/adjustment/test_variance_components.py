@@ -38,7 +38,7 @@ def test_redundancy_numbers_of_all_groups_are_those_of_the_dense_system(loss: st
     """The referee knows nothing of the elimination: the hat matrix of GTSAM's whole linear graph, row by row."""
     survey = with_unknown_headings(simulated(PLAN, 1, mismatches=0.05).block)
     problem = make_problem(survey, AdjustmentSettings(robust_loss=loss))  # type: ignore[arg-type]
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     graph = ground_graph(problem)
     system = linearise_all(problem, graph, state, 1.0)
     ordering = gtsam.Ordering()

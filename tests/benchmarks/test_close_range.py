@@ -138,4 +138,4 @@ def test_without_its_conditions_a_free_network_has_no_solution() -> None:
     result = adjust(survey.block, SETTINGS)
     problem = make_problem(replace(result.block, cameras=survey.block.cameras), SETTINGS)
     with pytest.raises(IndeterminateError):
-        covariances(replace(problem, further=()), start_state(problem.block, ()))
+        covariances(replace(problem, further=()), start_state(problem))

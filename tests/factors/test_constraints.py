@@ -9,7 +9,7 @@ from lib.simulated.close_range import CloseRange, simulate_close_range
 from makers import simulated
 
 from photogram.adjustment.adjustment import adjust
-from photogram.adjustment.constraint_tests import of_control
+from photogram.adjustment.ground_points import of_control
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference, gives_scale
 from photogram.factors.constraints import Heights, rows_of
@@ -49,7 +49,7 @@ def with_constraints() -> Block:
 def test_both_engines_agree_and_redundancies_sum_up() -> None:
     block = with_constraints()
     problem = make_problem(block, SETTINGS)
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
     np.testing.assert_allclose(fast.state.control, slow.state.control, rtol=0, atol=1e-6)

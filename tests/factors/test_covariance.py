@@ -39,7 +39,7 @@ def assert_equal_blocks(found: np.ndarray, expected: np.ndarray) -> None:
 def blocks(problem: Problem, found: Covariances) -> dict[int, np.ndarray]:
     """All covariances by their variable; calibrations of free parameters in the units of their variable."""
     covariance = {key(POSE, i): found.pose(i) for i in range(len(problem.block.photographs))}
-    covariance |= {key(CONTROL_POINT, g): found.control(g) for g in range(len(problem.control_world_m))}
+    covariance |= {key(CONTROL_POINT, g): found.control_point[g] for g in range(len(problem.control_world_m))}
     covariance |= {key(GNSS_OFFSET, f): found.offset(f) for f in range(len(problem.flights))}
     covariance |= {key(COMMON_ERROR, e): found.common(e) for e in range(len(problem.block.common_errors))}
     covariance |= {key(TIE_POINT, p): V for p, V in enumerate(found.tie_point)}
@@ -71,7 +71,7 @@ def test_control_points_have_the_joint_covariance_of_the_whole_normal_matrix() -
     joint = joint_control_points(problem, state, found)
     assert_equal_blocks(joint, inverse[np.ix_(rows, rows)])
     for g in range(len(problem.control_world_m)):
-        assert_equal_blocks(found.control(g), joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3])
+        assert_equal_blocks(found.control_point[g], joint[3 * g : 3 * g + 3, 3 * g : 3 * g + 3])
 
 
 def test_gtsams_marginals_of_the_linear_graph_are_the_same() -> None:
@@ -167,7 +167,7 @@ def test_a_tie_point_with_one_ray_is_named() -> None:
 def test_a_control_point_without_marks_is_held_by_its_survey() -> None:
     problem, state = small_problem()
     unmarked = replace(problem, marks=problem.marks.select(problem.marks.point != 2))
-    found = covariances(unmarked, state).control(2)
+    found = covariances(unmarked, state).control_point[2]
     np.testing.assert_allclose(found, np.diag(problem.control_sigma_m[2] ** 2), rtol=1e-9, atol=1e-13)
 
 

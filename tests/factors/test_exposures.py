@@ -43,7 +43,7 @@ def made() -> TwoCameras:
 def solved(made: TwoCameras, engine: Literal["fast", "reference"] = "fast") -> tuple[Problem, State]:
     settings = AdjustmentSettings(robust_loss="none", engine=engine)
     problem = make_problem(made.block, settings)
-    return problem, minimise(problem, start_state(problem.block, problem.flights), settings).state
+    return problem, minimise(problem, start_state(problem), settings).state
 
 
 def exposure(size: float, seed: int) -> tuple[TakingPart, FloatArray, FloatArray, FloatArray]:

@@ -59,7 +59,7 @@ def base(block: Block) -> Distance:
 
 def solved(block: Block) -> tuple[Problem, State]:
     problem = make_problem(block, AdjustmentSettings(robust_loss="none"))
-    start = start_state(block, problem.flights)
+    start = start_state(problem)
     return problem, minimise(problem, start, AdjustmentSettings(robust_loss="none")).state
 
 
@@ -152,7 +152,7 @@ def test_any_minimal_datum_gives_the_same_residuals_and_relative_covariances() -
     noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.3)
     between = gtsam.RangeFactorPose3(key(POSE, 0), key(POSE, count - 1), length, noise)
     other = replace(problem, further=(pose, between))
-    moved = replace(start_state(block, problem.flights), tie_point=state.tie_point)
+    moved = replace(start_state(problem), tie_point=state.tie_point)
     again = minimise(other, moved, LEAST_SQUARES).state
     for observations, points in (("tie", "tie_point"), ("marks", "control")):
         found, expected = (

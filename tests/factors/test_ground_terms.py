@@ -136,7 +136,7 @@ def test_covariances_are_the_inverse_of_the_whole_normal_matrix(making: Making, 
         assert_equal(found.pose(i), expected[where, where])
     for g in range(len(problem.control_world_m)):
         where = place[key(CONTROL_POINT, g)]
-        assert_equal(found.control(g), expected[where, where])
+        assert_equal(found.control_point[g], expected[where, where])
     for p in range(0, len(state.tie_point), 17):
         where = place[key(TIE_POINT, p)]
         assert_equal(found.tie_point[p], expected[where, where])
@@ -282,7 +282,7 @@ def scaled_survey() -> tuple[SimulatedBlock, Problem, State]:
     truth = made.truth.control_position_world_m
     wrong = truth.mean(axis=0) + 1.001 * (truth - truth.mean(axis=0))
     problem = replace(problem, control_world_m=wrong, control_sigma_m=np.full_like(wrong, 3.0))
-    return made, problem, replace(start_state(problem.block, problem.flights), control=wrong)
+    return made, problem, replace(start_state(problem), control=wrong)
 
 
 def lengths(points: FloatArray) -> FloatArray:
@@ -354,7 +354,7 @@ def test_both_engines_agree_on_given_relative_poses_as_stiff_as_the_body_of_a_ri
     )
     settings = AdjustmentSettings(robust_loss="none")
     problem = replace(make_problem(made.block, settings), further=given)
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     fast, referee = (minimise(problem, start, replace(settings, engine=e)).state for e in ("fast", "reference"))
     np.testing.assert_allclose(fast.position, referee.position, atol=1e-9)
     for i, j in pairs:

@@ -38,7 +38,7 @@ def small(seed: int = 1, mismatches: float = 0.0, loss: str = "none") -> tuple[P
     )  # fmt: skip
     made = replace(made, block=replace(made.block, cameras=(_true(made),)))
     problem = make_problem(made.block, AdjustmentSettings(robust_loss=loss))  # type: ignore[arg-type]
-    return problem, start_state(problem.block, problem.flights)
+    return problem, start_state(problem)
 
 
 def by_differences(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:

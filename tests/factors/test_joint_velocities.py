@@ -31,7 +31,7 @@ def solved(readout_s: float = 0.033, sigma_s: float = 0.01) -> tuple[Problem, St
     sigmas[READOUT] = sigma_s
     camera = replace(made.block.cameras[0], readout_s=readout_s, sigmas=sigmas)
     problem = make_problem(replace(made.block, cameras=(camera,), poses=made.truth.poses), SETTINGS)
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     true = np.array([pose.velocity_world_m_s for pose in made.truth.poses])
     told = true + SIGMA_M_S * np.random.default_rng(1).standard_normal(true.shape)
     start = replace(start, cameras=start.cameras._replace(velocity=told))

@@ -35,7 +35,7 @@ def block(seed: int, plan: SurveyPlan = EVERYTHING, tie_points: int = 80) -> tup
         start_point_sigma_m=0.3,
     )  # fmt: skip
     problem = make_problem(made.block, AdjustmentSettings())
-    return problem, start_state(problem.block, problem.flights)
+    return problem, start_state(problem)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -120,7 +120,7 @@ def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds:
         kept, common = found.block.tie_points, found.block.common_errors
         problem = make_problem(replace(made.block, tie_points=kept, common_errors=common), AdjustmentSettings())
         right = replace(problem.block, poses=truth.poses, tie_points=kept, cameras=(truth.camera,))
-        start = start_state(right, problem.flights)
+        start = start_state(replace(problem, block=right))
         minimum = minimise(problem, start, AdjustmentSettings())
         assert found.cost == pytest.approx(minimum.cost, rel=1e-6), seed
         sigma = np.sqrt(np.einsum("naa->na", found.covariances.position_m2))

@@ -40,7 +40,7 @@ class Case:
             start_point_sigma_m=0.1,
         )  # fmt: skip
         problem = make_problem(made.block, AdjustmentSettings())
-        state, tie = start_state(problem.block, problem.flights), problem.tie
+        state, tie = start_state(problem), problem.tie
         photograph = tie.photograph.copy()
         if twice:
             first = first_observations(tie.point, tie_points)

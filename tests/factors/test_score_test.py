@@ -26,7 +26,7 @@ def test_one_step_is_that_of_the_whole_system_with_the_parameter_free(parameter:
         for pose, true in zip(made.block.poses, made.truth.poses, strict=True) if pose is not None
     ))  # fmt: skip
     held = make_problem(moved, SETTINGS)
-    state = minimise(held, start_state(held.block, held.flights), SETTINGS).state
+    state = minimise(held, start_state(held), SETTINGS).state
     found = one_step(held, state, covariances(held, state), 0, parameter)
     camera = moved.cameras[0]
     sigmas = camera.sigmas.copy()
@@ -43,7 +43,7 @@ def test_one_step_is_that_of_the_whole_system_with_the_parameter_free(parameter:
 def test_what_nothing_tells_has_no_step() -> None:
     made = simulate_block(PLAN, 4, tie_points=100, sigma_px=0.3)
     problem = make_problem(made.block, SETTINGS)
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     step = one_step(problem, state, covariances(problem, state), 0, READOUT)
     assert np.isnan([step.value, step.sigma]).all(), "nothing moved"
     assert least_statistic(problem, state, 0, READOUT) == 0.0

@@ -66,7 +66,7 @@ def test_a_block_that_lies_far_off_gets_there_in_few_steps(engine: str, monkeypa
     made = simulate_block(PLAN, 1, tie_points=150, sigma_px=0.4)
     settings = AdjustmentSettings(engine=engine)  # type: ignore[arg-type]
     problem = make_problem(made.block, settings)
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     middle, R = start.position.mean(axis=0), Rotation.from_euler("xyz", [8.0, -6.0, 5.0], degrees=True).as_matrix()
     turned = replace(
         start,

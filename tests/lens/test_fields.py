@@ -173,7 +173,7 @@ def small(seed: int = 1, tie_points: int = 120) -> tuple[Problem, SimulatedBlock
 
 def test_both_engines_reach_the_same_minimum_with_a_field() -> None:
     problem, _, _ = small()
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     fast, slow = (
         minimise(problem, start, replace(LEAST_SQUARES, engine=engine, relative_tolerance=1e-14))
         for engine in ("fast", "reference")
@@ -191,7 +191,7 @@ def test_both_engines_reach_the_same_minimum_with_a_field() -> None:
 
 def test_covariances_with_a_field_are_gtsams_marginals() -> None:
     problem, _, _ = small(2, 60)
-    state = minimise(problem, start_state(problem.block, problem.flights), LEAST_SQUARES).state
+    state = minimise(problem, start_state(problem), LEAST_SQUARES).state
     found = covariances(problem, state)
     marginals = gtsam_marginals(problem, state)
     free, unit = problem.free[0], problem.scale[0]
@@ -211,7 +211,7 @@ def test_coefficients_are_as_uncertain_as_predicted() -> None:
     for seed in range(1, 7):
         problem, _, camera = small(seed, 300)
         assert camera.field is not None
-        state = minimise(problem, start_state(problem.block, problem.flights), LEAST_SQUARES).state
+        state = minimise(problem, start_state(problem), LEAST_SQUARES).state
         covariance = covariances(problem, state).lens(0)[PARAMETERS:, PARAMETERS:]
         off = state.parameters[0, PARAMETERS:] - camera.field.coefficients
         squares += float(off @ np.linalg.solve(covariance, off))

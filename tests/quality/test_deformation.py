@@ -47,7 +47,7 @@ def small(seed: int = 1, plan: SurveyPlan = PLAN, ties: int = 60) -> tuple[Probl
         start_attitude_sigma_deg=0.02, start_point_sigma_m=0.02,
     )  # fmt: skip
     problem = make_problem(made.block, SETTINGS)
-    return problem, start_state(problem.block, problem.flights)
+    return problem, start_state(problem)
 
 
 def rows_of_modes(problem: Problem, state: State, place: dict[int, slice], size: int) -> FloatArray:
@@ -266,7 +266,7 @@ def weak_block(control: int = 4, gnss_m: float = 2.0) -> tuple[Problem, State]:
         start_position_sigma_m=0.0, start_attitude_sigma_deg=0.0, start_point_sigma_m=0.0,
     )  # fmt: skip
     problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
-    return problem, start_state(problem.block, problem.flights)
+    return problem, start_state(problem)
 
 
 def test_remedies_of_a_weak_block() -> None:

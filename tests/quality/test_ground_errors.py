@@ -27,7 +27,7 @@ def block(request: pytest.FixtureRequest) -> Known:
         plan, 3, tie_points=500, start_position_sigma_m=0.0, start_attitude_sigma_deg=0.0, start_point_sigma_m=0.0
     )
     problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     places = places_of(problem, state)
     assert places is not None
     return problem, state, covariances(problem, state), places

@@ -142,7 +142,7 @@ def moved_block(shift_px: FloatArray | None = None) -> Block:
 def responses(result: Adjustment) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return the responses of slopes and dome to the pixels of an adjusted block, their weights, and their points."""
     problem = make_problem(result.block, SETTINGS)
-    state = replace(start_state(problem.block, problem.flights), offset=result.estimates.offset_world_m)
+    state = replace(start_state(problem), offset=result.estimates.offset_world_m)
     places = places_of(problem, state)
     assert places is not None
     modes = height_modes(state.tie_point[places.points, :2], places.centre_world_m, places.radius_m)[1:]
@@ -177,7 +177,7 @@ def test_predicted_tilt_and_bend_are_what_patterns_do() -> None:
     rms_px = 0.3
     first = adjust(moved_block(np.random.default_rng(99).normal(scale=rms_px, size=(100, 2))), SETTINGS)
     problem = make_problem(first.block, SETTINGS)
-    state = replace(start_state(problem.block, problem.flights), offset=first.estimates.offset_world_m)
+    state = replace(start_state(problem), offset=first.estimates.offset_world_m)
     covariance_m2 = pattern_covariance_m2(problem, state, factored(problem, state))
     sigma_m = np.sqrt(np.diag(covariance_m2)[1:])
     found = residual_patterns(first)["simulated"]

@@ -50,7 +50,7 @@ def test_sigmas_of_height_differences_are_those_of_the_whole_system(control: int
         plan, 3, tie_points=1500, start_position_sigma_m=0.0, start_attitude_sigma_deg=0.0, start_point_sigma_m=0.0
     )
     problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     found, places = covariances(problem, state), places_of(problem, state)
     assert places is not None
     position, covariance = ground_errors(problem, state, found, places)

@@ -110,7 +110,7 @@ def test_the_kernel_of_the_engine_is_that_of_the_camera(
 def test_both_engines_take_the_same_steps(name: str) -> None:
     block = simulated(name, 1, 150).block
     problem = make_problem(block, AdjustmentSettings(robust_threshold=200.0))  # none is a mismatch
-    start = start_state(problem.block, problem.flights)
+    start = start_state(problem)
     fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, True)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
@@ -123,7 +123,7 @@ def test_both_engines_take_the_same_steps(name: str) -> None:
 def test_covariances_are_gtsams_marginals(name: str) -> None:
     block = simulated(name, 2, 60).block
     problem = make_problem(block, AdjustmentSettings(robust_loss="none"))
-    state = minimise(problem, start_state(problem.block, problem.flights), AdjustmentSettings(robust_loss="none")).state
+    state = minimise(problem, start_state(problem), AdjustmentSettings(robust_loss="none")).state
     found = covariances(problem, state)
     marginals = gtsam_marginals(problem, state)
     free, scale = problem.free[0], problem.scale[0]
@@ -144,7 +144,7 @@ def test_gtsams_own_fisheye_gives_the_same_errors_and_jacobians() -> None:
     problem = make_problem(
         replace(block, cameras=(replace(block.cameras[0], tangential=np.zeros(2)),)), AdjustmentSettings()
     )
-    state, tie = start_state(problem.block, problem.flights), problem.tie
+    state, tie = start_state(problem), problem.tie
     f, cx, cy, k1, k2, k3, k4, p1, p2, b1, b2, _ = state.parameters[0]
     assert p1 == p2 == 0.0
     calibration = gtsam.Cal3Fisheye(f + b1, f, b2, cx, cy, k1, k2, k3, k4)
@@ -189,7 +189,7 @@ def test_a_fisheye_is_no_brown_camera() -> None:
     block = simulated("fisheye", 1, 800).block
     wrong = replace(block, cameras=(replace(block.cameras[0], model="brown"),))
     problem, other = (make_problem(b, AdjustmentSettings()) for b in (block, wrong))
-    state, brown = start_state(problem.block, problem.flights), start_state(other.block, other.flights)
+    state, brown = start_state(problem), start_state(other)
     assert cost(other, ground_graph(other), brown) > 5.0 * cost(problem, ground_graph(problem), state)
     assert state.cameras.model.tolist() == [FISHEYE]
 

@@ -218,7 +218,7 @@ def test_a_check_point_whose_marks_do_not_meet_is_named_and_has_no_position() ->
 def solved(block: Block) -> tuple[Problem, State]:
     """Problem and state of a block at its start, for what is said of turned photographs."""
     problem = make_problem(block, SETTINGS)
-    state = start_state(problem.block, problem.flights)
+    state = start_state(problem)
     return problem, replace(state, tie_point=simulated(0).tie_point_position_world_m)
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from photogram.adjustment.constraint_tests import constraint_tests, of_control
+from photogram.adjustment.constraint_tests import constraint_tests
+from photogram.adjustment.ground_points import of_control
 from photogram.adjustment.rigs.exposure_tests import exposure_tests
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import calibration_sigmas, calibrations

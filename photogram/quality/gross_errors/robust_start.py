@@ -163,7 +163,7 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     """
     part, _ = registered_block(block)
     whole = make_problem(part, settings)
-    state = start_state(whole.block, whole.flights)
+    state = start_state(whole)
     controls = np.array(part.control_points.role) == "control"
     met = intersected_marks(part)[0][controls]
     state = replace(state, control=np.where(np.isfinite(met), met, state.control))

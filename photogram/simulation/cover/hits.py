@@ -12,7 +12,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
-from photogram.simulation.ray_cells import leave_cell
+from photogram.simulation.ray_cells import leave_cell, next_cell
 
 COLUMN_M = 0.2
 """Side of a column."""
@@ -200,10 +200,7 @@ def _in_block(
                 part, s = line_share(p.start[n - discs], p.end[n - discs], p.thickness[n - discs], o, d, pixel)
                 if part > share:
                     share, line_t, line = part, s, n - discs
-        if along <= up:
-            c += 1 if d[0] > 0.0 else -1
-        else:
-            r += 1 if d[1] > 0.0 else -1
+        c, r = next_cell(c, r, along, up, d)
         t = max(t, leave)
     return hit, leaf, share, line_t, line
 
@@ -248,10 +245,7 @@ def first_cover(
             if touch:
                 return t, 0, 0.0, np.inf, -1
             best = _in_block(p, (c, r), o, d, (t, leave), pixel, best)
-        if along <= up:
-            c += 1 if d[0] > 0.0 else -1
-        else:
-            r += 1 if d[1] > 0.0 else -1
+        c, r = next_cell(c, r, along, up, d)
         t = max(t, leave)
     if best[1] < 0:
         return np.inf, -1, best[2], best[3], best[4]

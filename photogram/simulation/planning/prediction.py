@@ -145,7 +145,7 @@ def predict_accuracy(plan: FlightPlan) -> Prediction:
     try:
         survey = survey_of(plan, SEED, errors=False)
         problem = make_problem(survey.block, AdjustmentSettings(robust_loss="none"))
-        state = start_state(problem.block, problem.flights)
+        state = start_state(problem)
         of_survey = covariances(problem, state)
     except ValueError as error:
         raise AdjustmentError(f"this flight cannot be predicted: {error}") from error
