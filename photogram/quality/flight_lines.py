@@ -26,10 +26,15 @@ class Course:
     setback_m: float = 0.0
     """Backward shift, so that tilted cameras show the same ground."""
 
+    @property
+    def forward(self) -> FloatArray:
+        """Return the direction of flight (3,) in the world."""
+        heading = np.radians(self.heading_deg)
+        return np.array([np.sin(heading), np.cos(heading), 0.0])
+
     def poses(self) -> tuple[FloatArray, FloatArray]:
         """Return rotations world from camera (n, 3, 3) and projection centres (n, 3); pictures are level across."""
-        heading, tilt = np.radians(self.heading_deg), np.radians(self.tilt_deg)
-        forward = np.array([np.sin(heading), np.cos(heading), 0.0])
+        tilt, forward = np.radians(self.tilt_deg), self.forward
         right, down = np.array([forward[1], -forward[0], 0.0]), np.array([0.0, 0.0, -1.0])
         axis = np.cos(tilt) * down + np.sin(tilt) * forward
         along = (np.arange(self.photographs) - (self.photographs - 1) / 2) * self.base_m - self.setback_m

@@ -22,6 +22,7 @@ from photogram.camera import Camera, Pose, image_plane, oriented_by
 from photogram.compilation import njit
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.projection import PARAMETERS, READOUT, USUAL, OrientedCameras, project_point
+from photogram.quality.flight_lines import Course, flown
 from photogram.simulation.rendering import visible
 from photogram.simulation.scene import Scene, terrain_height
 from photogram.simulation.survey_plan import SurveyPlan
@@ -122,46 +123,36 @@ def turned(rotation: FloatArray, noise_rad: FloatArray) -> FloatArray:
     return np.asarray(rotation @ Rotation.from_rotvec(noise_rad).as_matrix())
 
 
-def _strips(plan: SurveyPlan) -> list[tuple[float, float, float, int]]:
-    """Return offset from the middle (m), heading and tilt (°) and number of photographs of the strips."""
+def _strips(plan: SurveyPlan) -> list[Course]:
+    """Return the strips of a plan, the oblique one last."""
     apart, length = (1 - plan.side_overlap) * plan.width_px * plan.gsd_m, plan.photographs_per_strip
-    if not plan.crossing:
-        return [((s - (plan.strips - 1) / 2) * apart, 180.0 * (s % 2), 0.0, length) for s in range(plan.strips)]
-    strips = []
-    for first in (0, 1):
-        own = range(first, plan.strips, 2)
-        strips += [
-            ((k - (len(own) - 1) / 2) * apart, 90.0 * first + 180.0 * (k % 2), 0.0, length) for k in range(len(own))
-        ]
+    height_m, strips = plan.flying_height_m, list[Course]()
+    for first, step in ((0, 2), (1, 2)) if plan.crossing else ((0, 1),):
+        count = len(range(first, plan.strips, step))
+        for k in range(count):
+            heading_deg, offset = 90.0 * first + 180.0 * (k % 2), (k - (count - 1) / 2) * apart
+            heading = np.radians(heading_deg) if plan.crossing else 0.0
+            middle = float(offset * abs(np.cos(heading))), float(offset * abs(np.sin(heading)))
+            strips.append(Course(middle, heading_deg, length, plan.base_m, height_m))
+    if plan.oblique_strip:
+        count, tilt_deg = plan.oblique_photographs or length, plan.oblique_angle_deg
+        setback_m = float(np.tan(np.radians(tilt_deg))) * height_m
+        strips.append(Course((0.0, 0.0), 90.0, count, plan.base_m, height_m, tilt_deg, setback_m))
     return strips
 
 
 def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Return rotations (N, 3, 3), projection centres (N, 3) and velocities (N, 3), m/s, strip after strip, and the
     strip (N,) of each."""
-    length, courses = plan.photographs_per_strip, _strips(plan)
-    if plan.oblique_strip:
-        courses.append((0.0, 90.0, plan.oblique_angle_deg, plan.oblique_photographs or length))
-    rotations = []
-    centres = []
-    velocities = []
-    for offset, heading_deg, tilt_deg, count in courses:
-        heading, tilt = np.radians(heading_deg), np.radians(tilt_deg)
-        forward = np.array([np.sin(heading), np.cos(heading), 0.0])
-        right, down = np.array([forward[1], -forward[0], 0.0]), np.array([0.0, 0.0, -1.0])
-        across = offset * np.abs(right) if plan.crossing else np.array([offset, 0.0, 0.0])
-        across, setback = across - plan.flying_height_m * down, np.tan(tilt) * plan.flying_height_m
-        axis = np.cos(tilt) * down + np.sin(tilt) * forward
-        along = (np.arange(count) - (count - 1) / 2) * plan.base_m
-        attitude = np.column_stack([right, np.cross(axis, right), axis])
-        rotations += [attitude if plan.turns else np.diag([1.0, -1.0, -1.0])] * count
-        centres.append(across + (along[:, None] - setback) * forward)
-        velocities += [(plan.speed_m_s - plan.headwind_m_s * forward[1]) * forward] * count
-    position = np.concatenate(centres)
+    courses = _strips(plan)
+    rotation, position = flown(courses)
+    if not plan.turns:
+        rotation[:] = np.diag([1.0, -1.0, -1.0])
+    velocity = np.array([(plan.speed_m_s - plan.headwind_m_s * c.forward[1]) * c.forward for c in courses])
     position += plan.position_noise_m * rng.standard_normal(position.shape)
     noise_rad = np.radians(plan.attitude_noise_deg) * rng.standard_normal(position.shape)
-    strip = np.repeat(np.arange(len(courses)), [count for _, _, _, count in courses])
-    return turned(np.array(rotations), noise_rad), position, np.array(velocities), strip
+    strip = np.repeat(np.arange(len(courses)), [course.photographs for course in courses])
+    return turned(rotation, noise_rad), position, velocity[strip], strip
 
 
 def _share_of_flight(seconds: FloatArray, flight: IntArray) -> FloatArray:
