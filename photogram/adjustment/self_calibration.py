@@ -56,12 +56,12 @@ def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
 
 
 def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: float) -> str:
-    told = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior remains"
+    known = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior remains"
     if name == "focal_px" and tilt_deg < LEVEL_DEG:
-        return f"in nadir imagery it cannot be separated from the flying height; {told}"
+        return f"in nadir imagery it cannot be separated from the flying height; {known}"
     if name in ("p1", "p2", "cx_px", "cy_px") and spread_deg < LEVEL_DEG:
-        return f"in parallel strips it cannot be separated from the attitudes; {told}"
-    return told
+        return f"in parallel strips it cannot be separated from the attitudes; {known}"
+    return known
 
 
 def _not_rolling(result: Adjustment, camera: int) -> str:
