@@ -24,7 +24,7 @@ from photogram.results import Adjustment, FocalDecision
 from photogram.survey import Block
 
 Calibration = Literal["given", "auto"]
-Held = dict[str, dict[str, str]]
+FixedParameters = dict[str, dict[str, str]]
 
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothing of a parameter
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
@@ -71,19 +71,19 @@ def _not_rolling(result: Adjustment, camera: int) -> str:
     return f"estimated at {estimate:.1f} ± {sigma:.1f} ms, which is no rolling shutter: held at 0"
 
 
-def held_parameters(
+def fixed_parameters(
     given: Sequence[Camera], result: Adjustment, focal_lengths: Mapping[str, FocalDecision] = MappingProxyType({})
-) -> Held:
+) -> FixedParameters:
     """Return for each camera the parameters that did not come from the photographs alone, and why.
 
     ``given`` are the cameras with their priors, ``focal_lengths`` what was decided on them where their source and the
     photographs contradict each other.
     """
-    held: Held = {}
+    fixed: FixedParameters = {}
     photographs = result.block.photographs
     for c, camera in enumerate(given):
         if not any(p.camera == c and q is not None for p, q in zip(photographs, result.block.poses, strict=True)):
-            held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
+            fixed[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
             continue
         tilt, spread = _tilt_and_headings(result.block, c)
         sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
@@ -101,5 +101,5 @@ def held_parameters(
         decision = focal_lengths.get(camera.name)
         if decision is not None and not decision.says.trustworthy:
             reasons[PARAMETER_NAMES[FOCAL]] = decision.sentence
-        held[camera.name] = reasons
-    return held
+        fixed[camera.name] = reasons
+    return fixed
