@@ -31,7 +31,7 @@ from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page
 from photogram.report.reading import making_of, read_report
 from photogram.report.viewer import view_page
-from photogram.simulation.planning.flight_file import flight_plan, plan_settings
+from photogram.simulation.planning.flight_file import flight_plan
 
 
 class SilenceError(AssertionError):
@@ -114,7 +114,7 @@ def positions(case: Case) -> None:
 
 def flight(case: Case) -> None:
     """Read a flight that is to be predicted."""
-    flight_plan(plan_settings(case.path), str(case.path))
+    flight_plan(case.path, {})
 
 
 def project(case: Case) -> None:

@@ -15,7 +15,7 @@ from PIL import Image
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.errors import AdjustmentError, ProjectError
-from photogram.simulation.planning.flight_file import flight_plan, plan_settings
+from photogram.simulation.planning.flight_file import flight_plan
 from photogram.simulation.planning.flight_plan import (
     Calibration,
     FlightPlan,
@@ -157,8 +157,8 @@ def test_control_points_lie_where_they_are_asked_for(layout: Layout, count: int)
     ],
 )  # fmt: skip
 def test_plans_that_cannot_be(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(ProjectError, match=r"^here: ") as fault:
-        flight_plan(wrong, "here")
+    with pytest.raises(ProjectError, match=r"^photogram plan: ") as fault:
+        flight_plan(None, wrong)
     assert said in str(fault.value)
 
 
@@ -178,7 +178,7 @@ def test_the_file_says_the_plan(tmp_path: Path) -> None:
         "tie_points: {sigma_px: 0.7, detection: 0.4}\n",
         encoding="utf-8",
     )
-    plan = flight_plan(plan_settings(path), str(path))
+    plan = flight_plan(path, {})
     assert (plan.width_m, plan.height_m, plan.cross_strips, plan.gnss) == (250, 70, 1, "consumer")
     assert (plan.control, plan.control_sigma_m) == (3, (0.02, 0.02, 0.03))
     assert (plan.calibration.focal_px, plan.calibration.k1, plan.calibration.k2) == (20, float("inf"), 0.02)
@@ -194,7 +194,7 @@ def test_every_fault_of_the_file_at_once(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     with pytest.raises(ProjectError) as fault:
-        plan_settings(path)
+        flight_plan(path, {})
     text = str(fault.value)
     assert "4 errors" not in text
     for said in (

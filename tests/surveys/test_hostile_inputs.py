@@ -48,7 +48,7 @@ from photogram.report import viewer
 from photogram.report.figures.style import new_figure
 from photogram.report.reading import making_of, read_report
 from photogram.settings.settings import Within
-from photogram.simulation.planning.flight_file import FlightFile, plan_settings
+from photogram.simulation.planning.flight_file import FlightFile, flight_plan
 from photogram.survey import PointCloud
 from photogram.wording import file_stem, printable, table_cell
 
@@ -176,7 +176,7 @@ def test_a_photograph_of_other_bytes_is_left_out_by_name(flight: Path, photogram
 
 READERS: dict[str, tuple[Callable[[Path], object], type[PhotogramError]]] = {
     "project": (Document, ProjectError),
-    "flight": (plan_settings, ProjectError),
+    "flight": (lambda path: flight_plan(path, {}), ProjectError),
     "points": (read_points, ControlPointError),
     "marks": (read_marks, ControlPointError),
     "positions": (read_positions, ProjectError),

@@ -110,12 +110,16 @@ _NAMES = {
 """Keys of the file whose names in FlightPlan are others."""
 
 
+PlanOptions = Mapping[str, float | str]
+"""Values of fields of FlightPlan by their names."""
+
+
 def _given(entry: Entry, names: dict[str, str]) -> dict[str, Any]:
     values = {name: getattr(entry, name) for name in type(entry).model_fields}
     return {names.get(k, k): v for k, v in values.items() if v is not None and not isinstance(v, Entry)}
 
 
-def plan_settings(path: Path) -> dict[str, Any]:
+def _settings(path: Path) -> dict[str, Any]:
     """Return what a file says of a flight, those fields of FlightPlan that are not to be as usual. Raises ProjectError
     naming every error of it."""
     document = Document(path)
@@ -133,10 +137,20 @@ def plan_settings(path: Path) -> dict[str, Any]:
     return settings
 
 
-def flight_plan(settings: Mapping[str, Any], where: str) -> FlightPlan:
-    """Return the plan of settings as ``plan_settings`` gives them. Raises ProjectError, beginning with ``where``, when
-    they contradict each other."""
+def flight_plan(path: Path | None, options: PlanOptions) -> FlightPlan:
+    """Return the plan of a file, of a usual flight without one, with what options change in it. Raises ProjectError
+    naming every error of the file, and when file and options contradict each other."""
+    settings = {} if path is None else _settings(path)
+    if "gsd_m" in options and "flying_height_m" not in options:
+        settings.pop("flying_height_m", None)
+    if "flying_height_m" in options and "gsd_m" not in options:
+        settings.pop("gsd_m", None)
+    if "gnss" in options:
+        settings.pop("gnss_sigma_m", None)
+        settings.pop("gnss_offset_sigma_m", None)
+    if "control_points" in options:
+        settings.pop("control_world_m", None)
     try:
-        return FlightPlan(**settings)
+        return FlightPlan(**settings | dict(options))
     except ValueError as error:
-        raise ProjectError(f"{where}: {error}") from error
+        raise ProjectError(f"{path or 'photogram plan'}: {error}") from error

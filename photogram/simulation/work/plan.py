@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import typer
 from rich.markup import escape
@@ -12,8 +11,8 @@ from rich.table import Table
 
 from photogram.arrays import FloatArray
 from photogram.simulation.planning.figures import prediction_picture
-from photogram.simulation.planning.flight_file import flight_plan, plan_settings
-from photogram.simulation.planning.flight_plan import RANGES, FlightPlan
+from photogram.simulation.planning.flight_file import PlanOptions, flight_plan
+from photogram.simulation.planning.flight_plan import RANGES
 from photogram.simulation.planning.numbers import prediction_numbers
 from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict_accuracy
 from photogram.terminal.console import console, errors, steps
@@ -84,22 +83,6 @@ def _changes(prediction: Prediction, changes: Sequence[Alternative]) -> Table:
     return table
 
 
-def _settings(file: Path | None, given: Mapping[str, Any]) -> FlightPlan:
-    """Return the plan of a file with what the options change."""
-    settings = {} if file is None else plan_settings(file)
-    if "gsd_m" in given and "flying_height_m" not in given:
-        settings.pop("flying_height_m", None)
-    if "flying_height_m" in given and "gsd_m" not in given:
-        settings.pop("gsd_m", None)
-    if "gnss" in given:
-        settings.pop("gnss_sigma_m", None)
-        settings.pop("gnss_offset_sigma_m", None)
-    if "control_points" in given:
-        settings.pop("control_world_m", None)
-    settings |= given
-    return flight_plan(settings, str(file) if file is not None else "photogram plan")
-
-
 _OPTIONS = {
     "width_m": "--area",
     "length_m": "--area",
@@ -114,19 +97,27 @@ _OPTIONS = {
 }
 
 
-def _check_ranges(given: Mapping[str, Any]) -> None:
+def _check_ranges(given: PlanOptions) -> None:
     """Refuse figures that cannot be. Raises typer.BadParameter."""
     for name, option in _OPTIONS.items():
-        if name in given and not RANGES[name].holds(given[name]):
-            raise typer.BadParameter(f"{given[name]:g} must be {RANGES[name]}", param_hint=option)
+        value = given.get(name)
+        if isinstance(value, int | float) and not RANGES[name].holds(value):
+            raise typer.BadParameter(f"{value:g} must be {RANGES[name]}", param_hint=option)
 
 
-def run(file: Path | None, options: Mapping[str, Any], *, changes: bool, picture: Path | None, as_json: bool) -> None:
+def run(
+    file: Path | None,
+    options: Mapping[str, float | str | None],
+    *,
+    changes: bool,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
     """Predict the accuracy of a plan, of a file and of what the ``options`` change in it, and show it: values by the
     names of fields of FlightPlan, None where an option says nothing."""
     given = {name: value for name, value in options.items() if value is not None}
     _check_ranges(given)
-    settled = _settings(file, given)
+    settled = flight_plan(file, given)
     with steps("Prediction", to=errors if as_json else console) as progress:
         progress(0, 0, "the flight as planned")
         prediction = predict_accuracy(settled)
