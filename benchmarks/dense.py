@@ -1,7 +1,7 @@
 """photogram's dense matching beside OpenCV's StereoSGBM on rectified pairs of the same photographs, on one grid.
 
     python benchmarks/dense.py [FOLDER …] [--seed 1] [--photographs DIR] [--cell METRES] [--cloud FILE] [--peer-only]
-        [--repeat 1] [--canopy]
+        [--repeat 1] [--canopy] [--steep] [--contrast 0.12 0.3 --noise 4 3] [--overlap 0.8 0.6] [--oblique]
 
 FOLDER holds a project.yaml, adjusted or not; nothing in it is changed. Without one a survey is simulated and rendered:
 24 photographs, overlap 80/70, buildings and trees (simulation.whole_survey_plan). Both methods start from the same
@@ -17,6 +17,12 @@ with another program's cloud, not accuracy.
 --canopy: the survey of the seed has crowns and hedges of leaves that move, high grass, water, fences and wires
 (simulation.canopy_plan), and its scores stand by kind of ground and by level of `dsm_source.tif`
 (benchmarks/lib/canopy_scores.py), those of a FOLDER made by that plan too.
+
+--steep: its site has heaps with faces of 30 to 80°, quarry benches, terraces, gables, round crowns and walls
+(benchmarks/lib/simulated/steep_site.py), and scores stand by the slope of the truth, where the adjusted block must find
+it, beside the volumes of the heaps (benchmarks/lib/steep_scores.py). --contrast: the same site with so much of the
+usual contrast of its texture, one survey each, under noise of so many grey values (--noise). --overlap: forward and to
+the side; --oblique adds a strip across that looks 30° ahead.
 """
 
 import argparse
@@ -33,18 +39,24 @@ from lib.canopy_scores import canopy_scores, map_cover, table
 from lib.dense_scores import agreement, point_agreement, score
 from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
 from lib.rectified_pairs import heights_of_pairs, warm_up
+from lib.simulated.steep_site import Steep, steep_site
+from lib.steep_scores import steep_scores, volume_errors
+from lib.study import Table
 
 from photogram.arrays import ByteArray
 from photogram.files.clouds.points import read_cloud
-from photogram.files.maps.rasters import read_codes
+from photogram.files.maps.rasters import read_codes, read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface
+from photogram.pipeline.stages.surface import OWN_SIGMA_FILE
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
-from photogram.simulation.demonstration import write_demonstration
-from photogram.simulation.simulated_survey import canopy_plan, whole_survey_plan
+from photogram.simulation.demonstration import write_demonstration, write_survey
+from photogram.simulation.scene import Scene
+from photogram.simulation.simulated_survey import SimulatedSurvey, canopy_plan, simulate, whole_survey_plan
+from photogram.simulation.survey_plan import SurveyPlan
 from photogram.surface.dsm import MEASURED
 from photogram.survey import Block, Raster
 
@@ -58,10 +70,11 @@ HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one method made of a survey, with its sigmas where it has any."""
+    """What one method made of a survey, with its sigmas where it has any, in all and of the matching alone."""
 
     heights: Raster
     sigma: Raster | None
+    own: Raster | None
     seconds: float
     processor_s: float
     peak_gib: float
@@ -82,12 +95,14 @@ def gsd_m(block: Block) -> float:
     ]))  # fmt: skip
 
 
-def photogram_heights(project_path: Path, photographs: Path | None = None) -> tuple[Raster, Raster]:
-    """Return the heights and their sigmas that the stages `dense` and `surface` make of an adjusted project."""
+def photogram_heights(project_path: Path, photographs: Path | None = None) -> tuple[Raster, Raster, Raster]:
+    """Return the heights and their sigmas, in all and of the matching alone, that the stages `dense` and `surface` make
+    of an adjusted project."""
     project = load_project(project_path, photographs)
     run_pipeline(project, start="dense", until="surface")
     with open_run(project) as run:
-        return StoredSurface(run).heights(), StoredSurface(run).sigma()
+        own, _ = read_raster(run.workspace.file("surface", OWN_SIGMA_FILE))
+        return StoredSurface(run).heights(), StoredSurface(run).sigma(), own
 
 
 def levels(project_path: Path, photographs: Path | None = None) -> ByteArray:
@@ -101,11 +116,12 @@ def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid
     """Run one method in this process and write its outcome."""
     block = adjusted_block(load_project(project_path, photographs))
     sigma: Raster | None = None
+    own: Raster | None = None
     warm_up()
     with peak_memory() as peak:
         began, processor = time.perf_counter(), time.process_time()
         if method == "photogram":
-            heights, sigma = photogram_heights(project_path, photographs)
+            heights, sigma, own = photogram_heights(project_path, photographs)
         elif grid is not None:
             heights = heights_of_pairs(block, grid, gsd_m(block))
         seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
@@ -114,7 +130,7 @@ def _measure(out: Path, method: str, project_path: Path, photographs: Path, grid
     none = np.zeros((0, 0), np.float32)
     np.savez(
         out, heights=heights.values, place=np.array(place), figures=np.array(figures),
-        sigma=none if sigma is None else sigma.values,
+        sigma=none if sigma is None else sigma.values, own=none if own is None else own.values,
     )  # fmt: skip
 
 
@@ -132,12 +148,13 @@ def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid |
                 raise SystemExit(f"{method} ended with exit code {process.exitcode}")
             with np.load(out) as found:
                 west, north, cell_m = map(float, found["place"])
-                heights, sigma = (
-                    Raster(found[k], west, north, cell_m) if found[k].size else None for k in ("heights", "sigma")
+                heights, sigma, own = (
+                    Raster(found[k], west, north, cell_m) if found[k].size else None
+                    for k in ("heights", "sigma", "own")
                 )
                 seconds, processor_s, peak_gib = map(float, found["figures"])
             if heights is not None and (best is None or seconds < best.seconds):
-                best = Outcome(heights, sigma, seconds, processor_s, peak_gib)
+                best = Outcome(heights, sigma, own, seconds, processor_s, peak_gib)
     if best is None:
         raise SystemExit("--repeat: at least 1")
     return best
@@ -145,13 +162,15 @@ def measured(method: str, project_path: Path, photographs: Path, grid: MapGrid |
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """A survey to measure on: a project in a folder of its own, adjusted; ``reference`` is where it came from."""
+    """A survey to measure on: a project in a folder of its own, adjusted; ``reference`` is where it came from; what was
+    ``made`` on steep ground, and the site."""
 
     title: str
     project_path: Path
     photographs: Path
     block: Block
     reference: Path
+    made: tuple[SimulatedSurvey, Steep] | None = None
 
     def truths(self, cell_m: float) -> tuple[Truth, Truth] | None:
         """Return the truth on a lattice, and where the adjusted block must find it; None where none is known."""
@@ -160,9 +179,19 @@ class Survey:
             return truth, truth
         if not (self.project_path.parent / "truth.json").is_file():
             return None
-        survey = simulated_survey(self.project_path.parent)
+        survey = simulated_survey(self.project_path.parent) if self.made is None else self.made[0]
         truth = simulated_truth(survey, cell_m)
         return truth, as_adjusted(truth, survey, self.block)
+
+
+def to_adjustment(project_path: Path, photographs: Path | None, cell_m: float | None) -> Block:
+    """Bring a project to its adjustment, write into it which cells its surface has, and return its block."""
+    run_pipeline(load_project(project_path, photographs), until="adjustment")
+    block = adjusted_block(load_project(project_path, photographs))
+    document = yaml.safe_load(project_path.read_text(encoding="utf-8"))
+    document["surface"] = {**(document.get("surface") or {}), "cell_m": cell_m or round(2 * gsd_m(block), 2)}
+    project_path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return block
 
 
 def prepare(
@@ -184,13 +213,39 @@ def prepare(
                 original.work, folder / "work", ignore=shutil.ignore_patterns("photogram.lock", "*.partial")
             )
         project_path = folder / "project.yaml"
-    run_pipeline(load_project(project_path, photographs), until="adjustment")
-    block = adjusted_block(load_project(project_path, photographs))
-    document = yaml.safe_load(project_path.read_text(encoding="utf-8"))
-    document["surface"] = {**(document.get("surface") or {}), "cell_m": cell_m or round(2 * gsd_m(block), 2)}
-    project_path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    block = to_adjustment(project_path, photographs, cell_m)
     title = str(source or f"simulated survey{' with canopy' if canopy else ''}, seed {seed}")
     return Survey(title, project_path, photographs, block, photographs.parent)
+
+
+@dataclass(frozen=True)
+class SteepGround:
+    """How steep ground is photographed: overlaps, an oblique strip, contrast of the texture, noise in grey values."""
+
+    overlap: tuple[float, float]
+    oblique: bool
+    contrast: float
+    noise_dn: float
+
+    def survey(self, seed: int, cell_m: float | None, folder: Path) -> Survey:
+        """Simulate it in a folder, and bring it to its adjustment."""
+        forward, side = self.overlap
+        plan = replace(
+            whole_survey_plan(), forward_overlap=forward, side_overlap=side, buildings=0, trees=0,
+            oblique_strip=self.oblique, oblique_angle_deg=30.0,
+        )  # fmt: skip
+        sites: list[Steep] = []
+
+        def site(plan: SurveyPlan, seed: int, extent_m: float) -> Scene:
+            sites.append(steep_site(plan, seed, extent_m, self.contrast))
+            return sites[0].scene
+
+        made = simulate(plan, seed, site)
+        project_path = write_survey(folder, made, lambda *_: None, noise_dn=self.noise_dn)
+        looks = f"overlap {forward:.0%} and {side:.0%}{', oblique photographs' if self.oblique else ''}"
+        title = f"steep ground, seed {seed}: {looks}, contrast {self.contrast:g}, noise {self.noise_dn:g}"
+        block = to_adjustment(project_path, None, cell_m)
+        return Survey(title, project_path, folder / "photographs", block, folder, (made, sites[0]))
 
 
 def _row(name: str, outcome: Outcome, million: float, truths: tuple[Truth, Truth] | None) -> str:
@@ -229,6 +284,8 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None,
             print(_row("  finest", at_finest_level(survey, outcome), million, truths), flush=True)
     if canopy:
         print_canopy(survey, outcomes)
+    if survey.made is not None and truths is not None:
+        print_steep(outcomes, truths[1], *survey.made)
     for path in [] if cloud is None else [cloud]:
         other = read_cloud(path)
         judge = point_agreement if len(other) < FEW_POINTS * filled.sum() else agreement
@@ -260,6 +317,24 @@ def print_canopy(survey: Survey, outcomes: dict[str, Outcome]) -> None:
         print(f"\n{name}\n{table(canopy_scores(outcome.heights, cover, outcome.sigma, source))}", flush=True)
 
 
+def print_steep(outcomes: dict[str, Outcome], truth: Truth, made: SimulatedSurvey, site: Steep) -> None:
+    """Print the scores of steep ground by the slope of the truth, and the errors of the heaps' volumes."""
+    print()
+    table = Table("method", "slope", "cells", "complete", "off by > 3 GSD", "> 10 GSD", "NMAD, GSD", "within 1, 2, 3 σ")
+    for name, outcome in outcomes.items():
+        for s in steep_scores(outcome.heights, outcome.own, truth):
+            within = "" if outcome.own is None else " ".join(f"{share:.0%}" for share in s.within)
+            table.row(
+                name, s.name, s.cells, f"{s.completeness:.2%}", f"{s.bad:.2%}", f"{s.gross:.2%}", f"{s.nmad_gsd:.2f}",
+                within,
+            )  # fmt: skip
+    print()
+    volumes = Table("method", "face of the heap", "volume, m³", "too large by")
+    for name, outcome in outcomes.items():
+        for heap, share in volume_errors(outcome.heights, truth, site.heaps, made.frame):
+            volumes.row(name, f"{heap.face_deg:.0f}°", f"{heap.volume_m3:.0f}", f"{share:+.2%}")
+
+
 def main() -> None:
     """Measure on every folder and print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -271,8 +346,24 @@ def main() -> None:
     parser.add_argument("--peer-only", action="store_true", help="measure StereoSGBM alone, over the tie points")
     parser.add_argument("--repeat", type=int, default=1, help="runs of each; the fastest counts")
     parser.add_argument("--canopy", action="store_true", help="simulate leaves, water and wires, and score by them")
+    parser.add_argument("--steep", action="store_true", help="simulate steep ground, and score by its slope")
+    parser.add_argument(
+        "--contrast", type=float, nargs="+", default=[], help="of the texture, 1 is usual; steep ground"
+    )
+    parser.add_argument("--noise", type=float, nargs="+", default=[2.0], help="grey values, one or one per contrast")
+    parser.add_argument("--overlap", type=float, nargs=2, default=[0.8, 0.6], help="of steep ground: forward, side")
+    parser.add_argument("--oblique", action="store_true", help="steep ground has an oblique strip too")
     arguments = parser.parse_args()
     methods = ["StereoSGBM"] if arguments.peer_only else list(METHODS)
+    if arguments.steep or arguments.contrast:
+        contrasts = arguments.contrast or [1.0]
+        noises = arguments.noise * len(contrasts) if len(arguments.noise) == 1 else arguments.noise
+        for contrast, noise_dn in zip(contrasts, noises, strict=True):
+            ground = SteepGround(tuple(arguments.overlap), arguments.oblique, contrast, noise_dn)
+            with tempfile.TemporaryDirectory() as name:
+                survey = ground.survey(arguments.seed, arguments.cell, Path(name))
+                compare(survey, methods, arguments.repeat, None, canopy=False)
+        return
     for source in arguments.folders or [None]:
         with tempfile.TemporaryDirectory() as name:
             survey = prepare(

@@ -24,7 +24,7 @@ from photogram.results import Adjustment, FocalDecision
 from photogram.survey import Block
 
 Calibration = Literal["given", "auto"]
-FixedParameters = dict[str, dict[str, str]]
+Held = dict[str, dict[str, str]]
 
 TOLD = 0.7  # posterior over prior sigma, above which the photographs tell nothing of a parameter
 LEVEL_DEG = 10.0  # tilt of photographs that look straight down, and spread of headings of parallel strips
@@ -56,12 +56,12 @@ def _tilt_and_headings(block: Block, camera: int) -> tuple[float, float]:
 
 
 def _why(name: str, prior: float, sigma: float, tilt_deg: float, spread_deg: float) -> str:
-    known = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior remains"
+    told = f"known to {prior:.3g} beforehand, to {sigma:.3g} now: the prior remains"
     if name == "focal_px" and tilt_deg < LEVEL_DEG:
-        return f"in nadir imagery it cannot be separated from the flying height; {known}"
+        return f"in nadir imagery it cannot be separated from the flying height; {told}"
     if name in ("p1", "p2", "cx_px", "cy_px") and spread_deg < LEVEL_DEG:
-        return f"in parallel strips it cannot be separated from the attitudes; {known}"
-    return known
+        return f"in parallel strips it cannot be separated from the attitudes; {told}"
+    return told
 
 
 def _not_rolling(result: Adjustment, camera: int) -> str:
@@ -71,19 +71,19 @@ def _not_rolling(result: Adjustment, camera: int) -> str:
     return f"estimated at {estimate:.1f} ± {sigma:.1f} ms, which is no rolling shutter: held at 0"
 
 
-def fixed_parameters(
+def held_parameters(
     given: Sequence[Camera], result: Adjustment, focal_lengths: Mapping[str, FocalDecision] = MappingProxyType({})
-) -> FixedParameters:
+) -> Held:
     """Return for each camera the parameters that did not come from the photographs alone, and why.
 
     ``given`` are the cameras with their priors, ``focal_lengths`` what was decided on them where their source and the
     photographs contradict each other.
     """
-    fixed: FixedParameters = {}
+    held: Held = {}
     photographs = result.block.photographs
     for c, camera in enumerate(given):
         if not any(p.camera == c and q is not None for p, q in zip(photographs, result.block.poses, strict=True)):
-            fixed[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
+            held[camera.name] = dict.fromkeys(PARAMETER_NAMES, "no photograph of this camera is adjusted")
             continue
         tilt, spread = _tilt_and_headings(result.block, c)
         sigma = np.sqrt(np.diag(result.covariances.calibration[c]))
@@ -101,5 +101,5 @@ def fixed_parameters(
         decision = focal_lengths.get(camera.name)
         if decision is not None and not decision.says.trustworthy:
             reasons[PARAMETER_NAMES[FOCAL]] = decision.sentence
-        fixed[camera.name] = reasons
-    return fixed
+        held[camera.name] = reasons
+    return held

@@ -147,11 +147,19 @@ def write_demonstration(
         return project
     if project.exists() and not truth.is_file():
         raise ProjectError(f"{project}: a project file exists already: give another folder")
+    return write_survey(folder, simulate(plan, seed), progress, dense=dense)
+
+
+def write_survey(
+    folder: Path, survey: SimulatedSurvey, progress: Progress, *, dense: bool = True, noise_dn: float = 2.0
+) -> Path:
+    """Write the photographs of a survey, with noise of ``noise_dn`` grey values, its project.yaml, which is returned,
+    and its truth; ``dense`` as in ``write_demonstration``."""
+    project, truth = folder / "project.yaml", folder / "truth.json"
     make_folder(folder / "photographs")
-    survey = simulate(plan, seed)
     count = len(survey.photographs)
     for done, (photograph, (name, pixels)) in enumerate(
-        zip(survey.photographs, render_photographs(survey), strict=True)
+        zip(survey.photographs, render_photographs(survey, noise_dn=noise_dn), strict=True)
     ):
         progress(done, count, name)
         write_photograph(folder / "photographs" / name, pixels, photograph_tags(survey, photograph))

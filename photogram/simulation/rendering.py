@@ -55,6 +55,7 @@ class _Field(NamedTuple):
     target_radius: float
     finest: float
     octaves: int
+    contrast: float
     seed: int
 
 
@@ -64,7 +65,7 @@ def _field(scene: Scene) -> _Field:
     return _Field(
         scene.height_m, scene.material, scene.light, scene.block_max, scene.block_target, scene.targets, scene.sun,
         scene.west_m, scene.south_m, scene.cell_m, floor, ceiling, scene.target_radius_m, scene.finest_wavelength_m,
-        octaves, scene.seed,
+        octaves, scene.contrast, scene.seed,
     )  # fmt: skip
 
 
@@ -194,6 +195,7 @@ def _colour(f: _Field, x: float, y: float, z: float, footprint: float, rgb: Floa
         contrast = PALETTE[_WALL, 3]
         for n in range(3):
             rgb[n] = PALETTE[_WALL, n]
+    contrast *= f.contrast
     grain = hue = 0.0
     wavelength = f.finest
     for octave in range(f.octaves):

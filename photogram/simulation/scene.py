@@ -155,6 +155,8 @@ class Scene:
     """Direction to the sun (3,)."""
     seed: int
     """Seed of the texture."""
+    contrast: float = 1.0
+    """Factor of the texture's contrast: 0.1 for a tenth of what PALETTE says."""
     cover: Cover | None = None
     """What stands on the height field and is none; None: trees are domes of the height field."""
 

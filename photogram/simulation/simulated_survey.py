@@ -5,7 +5,7 @@ block of hundreds of photographs without rendering, on the bare terrain. Every e
 see photogram.simulation.flight.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,20 +70,27 @@ class SimulatedSurvey:
         return f"<SimulatedSurvey, seed {self.seed}: {len(self.photographs)} photographs, {self.control_points!r}>"
 
 
-def simulate(plan: SurveyPlan, seed: int) -> SimulatedSurvey:
+def made_site(plan: SurveyPlan, seed: int, extent_m: float) -> Scene:
+    """Return the site of a plan, a square of side ``extent_m``."""
+    site = (extent_m, plan.cell_m, plan.relief_m, plan.buildings, plan.trees)
+    if isinstance(plan, CoveredPlan):
+        return make_covered_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m, plan=plan.cover)
+    return make_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m)
+
+
+def simulate(
+    plan: SurveyPlan, seed: int, site: Callable[[SurveyPlan, int, float], Scene] = made_site
+) -> SimulatedSurvey:
     """Fly and measure a plan over a made site; the photographs themselves come from ``render_photographs``.
 
-    Marks are what the photographs show: points outside of them or hidden by the scene have none. Raises ValueError when
-    a photograph sees too few control points for the plan, or looks above the horizon.
+    ``site`` makes it from the plan, the seed and its side in m. Marks are what the photographs show: points outside of
+    them or hidden by the scene have none. Raises ValueError when a photograph sees too few control points for the plan,
+    or looks above the horizon.
     """
     rng = np.random.default_rng([seed, 0])
     flight = fly(plan, rng)
     reach = np.abs(footprints(flight, -plan.relief_m)).max()
-    site = (float(np.ceil(2 * reach / 10 + 1) * 10), plan.cell_m, plan.relief_m, plan.buildings, plan.trees)
-    if isinstance(plan, CoveredPlan):
-        bare = make_covered_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m, plan=plan.cover)
-    else:
-        bare = make_scene(seed, *site, finest_wavelength_m=2 * plan.gsd_m)
+    bare = site(plan, seed, float(np.ceil(2 * reach / 10 + 1) * 10))
     place = candidates(flight, rng)
     place = place[bare.open_ground(place, target_reach(bare, plan.target_radius_m))]
     candidate = np.column_stack([place, bare.height(place)])

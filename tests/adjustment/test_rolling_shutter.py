@@ -8,7 +8,7 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.adjustment.self_calibration import fixed_parameters
+from photogram.adjustment.self_calibration import held_parameters
 from photogram.adjustment.shutters.rolling_shutter import (
     SURE,
     in_motion,
@@ -148,7 +148,7 @@ def test_a_global_shutter_has_no_read_out_time_whatever_its_source_states(stated
         assert result.block.cameras[0].readout_s == 0.0
         assert result.covariances.calibration[0, READOUT].tolist() == [0.0] * (READOUT + 1)
         assert abs(result.decisions.readout_s[0]) < 3.0 * result.decisions.readout_sigma_s[0]
-        why = fixed_parameters((camera,), result)[camera.name]["readout_s"]
+        why = held_parameters((camera,), result)[camera.name]["readout_s"]
         assert "no rolling shutter: held at 0" in why
 
 

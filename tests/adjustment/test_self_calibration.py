@@ -11,7 +11,7 @@ from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.adjustment.self_calibration import FixedParameters, fixed_parameters, with_priors
+from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal
 from photogram.projection import PARAMETER_NAMES, USUAL
@@ -40,15 +40,15 @@ def simulated(plan: SurveyPlan, seed: int) -> SimulatedBlock:
 
 def calibrate(
     block: Block, settings: AdjustmentSettings, kinds: Sequence[str], start: Sequence[FloatArray] = ()
-) -> tuple[Adjustment, FixedParameters]:
+) -> tuple[Adjustment, Held]:
     """The adjustment with the priors of a calibration in the field where ``kinds`` says auto, and what was held."""
     cameras = [with_priors(c) if kind == "auto" else c for c, kind in zip(block.cameras, kinds, strict=True)]
     result = adjust(replace(block, cameras=tuple(cameras)), settings, start=start)
-    return result, fixed_parameters(cameras, result)
+    return result, held_parameters(cameras, result)
 
 
 @cache
-def calibrated(plan: SurveyPlan, seed: int) -> tuple[Adjustment, FixedParameters]:
+def calibrated(plan: SurveyPlan, seed: int) -> tuple[Adjustment, Held]:
     return calibrate(simulated(plan, seed).block, SETTINGS, ("auto",))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.adjustment.self_calibration import fixed_parameters
+from photogram.adjustment.self_calibration import held_parameters
 from photogram.quality.gross_errors import snooped_adjustment
 from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.results import FocalDecision
@@ -75,8 +75,7 @@ def test_what_is_settled_lies_near_the_source_and_its_sigma_counts() -> None:
     assert height_m > 0.7 * sigma / camera.focal_px * PLAN.flying_height_m
     given = (replace(camera, focal_px=PLAN.focal_px),)
     assert (
-        "parts of the images disagree"
-        in fixed_parameters(given, result, verdict.focal_lengths)["simulated"]["focal_px"]
+        "parts of the images disagree" in held_parameters(given, result, verdict.focal_lengths)["simulated"]["focal_px"]
     )
 
 

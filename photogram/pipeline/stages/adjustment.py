@@ -10,7 +10,7 @@ from typing_extensions import TypedDict
 
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
-from photogram.adjustment.self_calibration import fixed_parameters, with_priors
+from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.files.npz_json import write_json
 from photogram.files.records import write_record
@@ -111,7 +111,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     write_record(folder / "adjusted.npz", cloud)
     write_adjustment(folder, result)
     write_record(folder / RESECTIONS, StoredResections(resections))
-    write_json(folder / FIXED, fixed_parameters(block.cameras, result, verdict.focal_lengths))
+    write_json(folder / FIXED, held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(folder / VERDICT, verdict_to(verdict, blunders))
     return {
         "sigma0": result.sigma0,
