@@ -84,6 +84,7 @@ def test_a_photograph_that_cannot_be_read_is_told_and_the_others_are_shown(adjus
     assert made.figures
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_says_which_photographs_could_not_be_read(
     adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -496,6 +496,7 @@ def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_check_points_never_enter_the_adjustment(
     report: Json, finished_survey: Path, adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
 ) -> None:

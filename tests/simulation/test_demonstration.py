@@ -17,6 +17,7 @@ Run = Callable[..., Any]
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_built_in_demonstration(tmp_path: Path, photogram: Run) -> None:
     outcome = photogram("demo", tmp_path / "demo", "--seed", "1")
     assert outcome.code == 0, outcome.err

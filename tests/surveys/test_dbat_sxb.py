@@ -98,6 +98,7 @@ def test_the_audit_reproduces_every_printed_digit(shared_data: SharedData) -> No
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_a_survey_from_tables_and_frames_runs_to_the_report(
     tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
 ) -> None:

@@ -216,6 +216,7 @@ def test_a_survey_that_is_up_to_date_is_not_made_again(facade: Path, photogram: 
     assert photogram("view", facade / "results").code == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_without_the_key_there_is_no_surface_and_the_message_names_it(
     facade: Path, tmp_path: Path, photogram: Run, edit: Edit
 ) -> None:
@@ -231,6 +232,7 @@ def test_without_the_key_there_is_no_surface_and_the_message_names_it(
     assert not products & {"dsm.tif", "orthophoto.tif", "plane.json", "dense.laz"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_facade_without_georeference(
     site: SimulatedSurvey, pictures: dict[str, Array], tmp_path: Path, photogram: Run, edit: Edit
 ) -> None:

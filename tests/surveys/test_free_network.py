@@ -135,6 +135,7 @@ def written_at(folder: Path, *stages: str) -> list[int]:
     return [(folder / "work" / f"{stage}.stage").stat().st_mtime_ns for stage in stages]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_distance_gives_the_scale_and_control_later_a_place_without_matching_again(
     finished: Path, made: tuple[Path, SimulatedSurvey], tmp_path: Path, photogram: Run, edit: Edit
 ) -> None:

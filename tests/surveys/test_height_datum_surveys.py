@@ -276,6 +276,7 @@ def test_tags_that_say_otherwise_are_named(survey: Path) -> None:
 # ---- a whole survey over a geoid -----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_survey_over_a_geoid_is_the_same_survey(
     finished_survey: Path, survey: Path, edit: Edit, sloping_geoid: Any
 ) -> None:

@@ -161,6 +161,7 @@ def calibration_table(folder: Path) -> Path:
     return folder / "pairs.csv"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_survey_with_control_in_a_local_grid(simulated: Path, in_metres: Path, tmp_path: Path) -> None:
     """GNSS tags in WGS 84, control in the local grid: poses are where the survey in the map has them, within what the
     calibration is uncertain by."""

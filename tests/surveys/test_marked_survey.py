@@ -35,11 +35,12 @@ def true_marks(table: Path) -> dict[str, dict[str, np.ndarray[Any, Any]]]:
     return places
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_new_user_marks_in_the_browser_and_gets_a_report(
     small_plan: SurveyPlan, tmp_path: Path, photogram: Run, edit: Edit,
     open_browser: Callable[..., AbstractContextManager[Any]],
 ) -> None:  # fmt: skip
-    survey = simulate(replace(small_plan, calibration_source="exif"), 3)
+    survey = simulate(replace(small_plan, calibration_source="exif", control_points=5, check_points=3), 3)
     write_survey(tmp_path, survey, render_photographs(survey))
     truth = {name: places for name, places in true_marks(tmp_path / "marks.csv").items() if len(places) > 1}
     crs = survey.frame.crs

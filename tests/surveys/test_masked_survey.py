@@ -3,7 +3,6 @@ with one, nothing is measured in it and nothing shows it. What depends on a mask
 
 import shutil
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +59,7 @@ def both(pristine_survey: Path, edit: Edit, tmp_path_factory: pytest.TempPathFac
         if name == "masked":
             write_mask(folder / "gear.png", USED)
             edit(folder / "project.yaml", with_gear_mask)
-        with undrawing() if name == "free" else nullcontext():
+        with undrawing():
             found[name] = folder, run_pipeline(load_project(folder / "project.yaml"))
     return found
 

@@ -23,6 +23,7 @@ def reported(folder: Path, photogram: Callable[..., Any], settings: str, *option
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
     tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
 ) -> None:
@@ -52,6 +53,7 @@ def test_wrong_headings_and_a_focal_length_that_the_camera_model_moves(
 
 
 @pytest.mark.survey
+@pytest.mark.usefixtures("undrawn")
 def test_map_grade_control_marked_in_larger_pictures(
     tmp_path: Path, photogram: Callable[..., Any], shared_data: SharedData
 ) -> None:
