@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -72,9 +73,12 @@ def tags_of(geodetic: np.ndarray[Any, Any]) -> list[PhotographTags]:
     ]  # fmt: skip
 
 
+@cache
 def scene(seed: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
     coarse = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    return np.asarray(Image.fromarray(coarse).resize((WIDTH, HEIGHT), Image.Resampling.BICUBIC))
+    pixels = np.asarray(Image.fromarray(coarse).resize((WIDTH, HEIGHT), Image.Resampling.BICUBIC))
+    pixels.setflags(write=False)
+    return pixels
 
 
 class Tiny:
