@@ -236,6 +236,7 @@ def height_system_of(name: str) -> tuple[HeightSystem | None, str | None]:
     return ("ellipsoidal" if spatial else None), None
 
 
+@lru_cache(maxsize=64)
 def plan_of(name: str) -> str:
     """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
     if name == NO_CRS:
@@ -277,6 +278,7 @@ def crs_in_metres(name: str) -> str:
     return name if name == NO_CRS or map_units(name).plan_m == 1.0 else crs_name(metric_crs(name))
 
 
+@lru_cache(maxsize=64)
 def product_crs(crs: str, heights: DeclaredHeights) -> str:
     """Return the CRS of every product: ``crs``, with what the heights are counted from where that is declared."""
     if heights.output is None or crs == NO_CRS:
