@@ -60,7 +60,7 @@ def test_map_grade_control_marked_in_larger_pictures(
     """Heights of the tags are 70 m off; there is no attitude; marks are in pictures of five times the size."""
     sheffield = shared_data("sheffield_cross")
     options = ("--control", sheffield / "gcp_file.txt", "--picture-size", "4000x3000", "--control-sigma", "0.5")
-    settings = "\nfeatures: {maximum: 1500}\n"
+    settings = "\nfeatures: {maximum: 1000}\n"
     report = reported(tmp_path, photogram, settings, sheffield / "images", *options)
     assert report["adjustment"]["converged"]
     assert report["block"]["registered"] == 41
