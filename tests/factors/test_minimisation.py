@@ -9,6 +9,7 @@ import bal
 import numpy as np
 import pytest
 from makers import SharedData
+from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.assessment import sigma0_and_redundancy
@@ -103,10 +104,10 @@ GROSS = replace(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("seeds", [range(n, n + 10) for n in range(0, 100, 10)])
-def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(seeds: range) -> None:
-    """Poses off by 5 m and 5°, the focal length by 5 %, 2 % mismatches, points unknown: 100 blocks, all of them."""
-    for seed in seeds:
+@pytest.mark.parametrize("first", seeds(100, 30)[::10])
+def test_gross_starting_errors_lead_to_the_minimum_reached_from_the_truth(first: int) -> None:
+    """Poses off by 5 m and 5°, the focal length by 5 %, 2 % mismatches, points unknown: ten blocks, all of them."""
+    for seed in range(first, first + 10):
         made = simulate_block(
             GROSS, seed, tie_points=500, mismatches=0.02, start_position_sigma_m=5.0, start_attitude_sigma_deg=5.0
         )
