@@ -39,7 +39,7 @@ from lib.canopy_scores import canopy_scores, map_cover, table
 from lib.dense_scores import agreement, point_agreement, score
 from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
 from lib.rectified_pairs import heights_of_pairs, warm_up
-from lib.simulated.steep_site import Steep, steep_site
+from lib.simulated.steep_site import SteepSite, steep_site
 from lib.steep_scores import steep_scores, volume_errors
 from lib.study import Table
 
@@ -170,7 +170,7 @@ class Survey:
     photographs: Path
     block: Block
     reference: Path
-    made: tuple[SimulatedSurvey, Steep] | None = None
+    made: tuple[SimulatedSurvey, SteepSite] | None = None
 
     def truths(self, cell_m: float) -> tuple[Truth, Truth] | None:
         """Return the truth on a lattice, and where the adjusted block must find it; None where none is known."""
@@ -234,7 +234,7 @@ class SteepGround:
             whole_survey_plan(), forward_overlap=forward, side_overlap=side, buildings=0, trees=0,
             oblique_strip=self.oblique, oblique_angle_deg=30.0,
         )  # fmt: skip
-        sites: list[Steep] = []
+        sites: list[SteepSite] = []
 
         def site(plan: SurveyPlan, seed: int, extent_m: float) -> Scene:
             sites.append(steep_site(plan, seed, extent_m, self.contrast))
@@ -317,7 +317,7 @@ def print_canopy(survey: Survey, outcomes: dict[str, Outcome]) -> None:
         print(f"\n{name}\n{table(canopy_scores(outcome.heights, cover, outcome.sigma, source))}", flush=True)
 
 
-def print_steep(outcomes: dict[str, Outcome], truth: Truth, made: SimulatedSurvey, site: Steep) -> None:
+def print_steep(outcomes: dict[str, Outcome], truth: Truth, made: SimulatedSurvey, site: SteepSite) -> None:
     """Print the scores of steep ground by the slope of the truth, and the errors of the heaps' volumes."""
     print()
     table = Table("method", "slope", "cells", "complete", "off by > 3 GSD", "> 10 GSD", "NMAD, GSD", "within 1, 2, 3 σ")
@@ -348,7 +348,7 @@ def main() -> None:
     parser.add_argument("--canopy", action="store_true", help="simulate leaves, water and wires, and score by them")
     parser.add_argument("--steep", action="store_true", help="simulate steep ground, and score by its slope")
     parser.add_argument(
-        "--contrast", type=float, nargs="+", default=[], help="of the texture, 1 is usual; steep ground"
+        "--contrast", type=float, nargs="+", default=[], help="of the texture of steep ground, 1 is usual"
     )
     parser.add_argument("--noise", type=float, nargs="+", default=[2.0], help="grey values, one or one per contrast")
     parser.add_argument("--overlap", type=float, nargs=2, default=[0.8, 0.6], help="of steep ground: forward, side")
@@ -356,7 +356,11 @@ def main() -> None:
     arguments = parser.parse_args()
     methods = ["StereoSGBM"] if arguments.peer_only else list(METHODS)
     if arguments.steep or arguments.contrast:
+        if arguments.folders or arguments.canopy or arguments.cloud is not None:
+            parser.error("steep ground is simulated: no FOLDER, --canopy or --cloud")
         contrasts = arguments.contrast or [1.0]
+        if len(arguments.noise) not in (1, len(contrasts)):
+            parser.error(f"--noise: one value or {len(contrasts)}, as of --contrast")
         noises = arguments.noise * len(contrasts) if len(arguments.noise) == 1 else arguments.noise
         for contrast, noise_dn in zip(contrasts, noises, strict=True):
             ground = SteepGround(tuple(arguments.overlap), arguments.oblique, contrast, noise_dn)

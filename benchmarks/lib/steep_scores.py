@@ -1,7 +1,7 @@
 """Dense heights of steep ground beside their truth, by the slope of the truth, and the volumes of heaps.
 
-All is judged in cells that three photographs see. A cell's slope is that of the true surface over the cell. A wall is a
-cell over which it rises by more than WALL_DEG; it and the cells around it stand in a row of their own.
+All is judged in cells that three photographs see. A cell's slope is that of the true surface over the cell. A cell
+steeper than WALL_DEG is a wall; walls and the cells beside them stand in a row of their own.
 """
 
 from collections.abc import Sequence

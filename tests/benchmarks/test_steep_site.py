@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lib.simulated.steep_site import HEAP_FACES_DEG, Steep, SteepBuilder, steep_site
+from lib.simulated.steep_site import HEAP_FACES_DEG, SteepBuilder, SteepSite, steep_site
 
 from photogram.simulation.scene import Material
 from photogram.simulation.simulated_survey import whole_survey_plan
@@ -11,7 +11,7 @@ EXTENT_M, CELL_M = 140.0, 0.1
 
 
 @pytest.fixture(scope="module", name="site")
-def _site() -> Steep:
+def _site() -> SteepSite:
     return steep_site(whole_survey_plan(), 2, 170.0, contrast=0.25)
 
 
@@ -70,7 +70,7 @@ def test_crowns_are_as_tall_as_an_ellipsoid_above_the_ground() -> None:
     assert crown.sum() * CELL_M**2 == pytest.approx(np.pi * radius**2, rel=0.02)
 
 
-def test_a_site_is_the_same_from_the_same_seed_and_off_open_ground(site: Steep) -> None:
+def test_a_site_is_the_same_from_the_same_seed_and_off_open_ground(site: SteepSite) -> None:
     again = steep_site(whole_survey_plan(), 2, 170.0, contrast=0.25)
     assert np.array_equal(site.scene.height_m, again.scene.height_m)
     assert site.scene.contrast == 0.25

@@ -1,7 +1,7 @@
 """A made site of steep ground: heaps, quarry benches, terraces, gables, round crowns and walls on rolling terrain.
 
 Faces are planes or cones of a stated angle, laid on the terrain: with its own slope they become some degrees gentler or
-steeper. Where a shape finds no room it is left out; ``Steep.heaps`` says which heaps stand.
+steeper. Where a shape finds no room it is left out; ``SteepSite.heaps`` says which heaps stand.
 """
 
 from dataclasses import dataclass, replace
@@ -39,7 +39,7 @@ class Heap:
 
 
 @dataclass(frozen=True, eq=False)
-class Steep:
+class SteepSite:
     """A site of steep ground, and its heaps."""
 
     scene: Scene
@@ -129,7 +129,7 @@ class SteepBuilder(Builder):
         self._raise(window, tall * np.sqrt(inner), Material.TREE)
 
 
-def steep_site(plan: SurveyPlan, seed: int, extent_m: float, contrast: float = 1.0) -> Steep:
+def steep_site(plan: SurveyPlan, seed: int, extent_m: float, contrast: float = 1.0) -> SteepSite:
     """Make the site of a plan, a square of side ``extent_m``, its texture with a factor of ``contrast``."""
     builder = SteepBuilder(seed, extent_m, plan.cell_m)
     builder.ground(seed, plan.relief_m)
@@ -142,4 +142,4 @@ def steep_site(plan: SurveyPlan, seed: int, extent_m: float, contrast: float = 1
     for _ in range(CROWNS):
         builder.crown()
     scene = builder.scene(seed, 2.0 * plan.gsd_m)
-    return Steep(replace(scene, contrast=contrast), tuple(builder.heaps))
+    return SteepSite(replace(scene, contrast=contrast), tuple(builder.heaps))
