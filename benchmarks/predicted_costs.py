@@ -4,10 +4,10 @@
     python benchmarks/predicted_costs.py --project PROJECT
 
 Each survey is simulated and rendered (SIZES: photographs, their size, default settings with dense surface and
-orthophoto), predicted as `photogram check` does it, and then processed in a process of its own; PROJECT is processed
-into folders that are removed again. `factor`: measured over predicted. The last lines are those of the whole command;
-time without what kernels took to compile, which is predicted and printed apart, memory the most of any stage, disk what
-is left in the folders of work and results.
+orthophoto), predicted as `photogram check` predicts what is worth a test of the machine, and then processed in a
+process of its own; PROJECT is processed into folders that are removed again. `factor`: measured over predicted. The
+last lines are those of the whole command; time without what kernels took to compile, which is predicted and printed
+apart, memory the most of any stage, disk what is left in the folders of work and results.
 
 Nothing is kept between the surveys, so that no prediction rests on a measurement of the same survey. `processor`: time
 of all threads, on a machine as fast as the one where the rates were measured and on this one, whatever else it does.
