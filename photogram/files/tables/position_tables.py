@@ -158,9 +158,10 @@ def _sigma(row: Row, line: int, errors: Errors) -> Sigma3 | None:
             check_sigmas(line, [value], errors)
         if value:  # zero stands for not known
             stated[column] = value
-    whole = stated.get("sigma")
-    plan = stated.get("sigma_plan", whole)
-    east, north, up = stated.get("sigma_east", plan), stated.get("sigma_north", plan), stated.get("sigma_height", whole)
+    of_all = stated.get("sigma")
+    of_plan = stated.get("sigma_plan", of_all)
+    east, north = stated.get("sigma_east", of_plan), stated.get("sigma_north", of_plan)
+    up = stated.get("sigma_height", of_all)
     return None if east is None or north is None or up is None else (east, north, up)
 
 
