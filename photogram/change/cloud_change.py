@@ -26,7 +26,7 @@ from photogram.grid import Window, known_cells_map_m
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
 from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
-from photogram.wording import Progress
+from photogram.wording import Progress, silent
 
 Method = Literal["m3c2", "mesh"]
 
@@ -82,7 +82,7 @@ class _Distances:
     m3c2: M3C2 | None = None
 
 
-def compare_clouds(request: CloudRequest, output: Path, progress: Progress) -> CloudChange:
+def compare_clouds(request: CloudRequest, output: Path, progress: Progress = silent) -> CloudChange:
     """Compare a later cloud with an earlier one, or with a mesh of a surface; write distances.laz, comparison.json and
     comparison.png into a folder. Lengths in m.
 

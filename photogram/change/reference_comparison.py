@@ -11,13 +11,13 @@ from photogram.pipeline.stages.comparison import read_reference
 from photogram.quality.cloud_comparison import Comparison, compare_to_reference, triangulate
 from photogram.report.figures.style import comparison_figure, save_picture
 from photogram.survey import PointCloud
-from photogram.wording import Progress
+from photogram.wording import Progress, silent
 
 FIGURES, PICTURE = "comparison.json", "comparison.png"
 
 
 def compare_files_to_reference(
-    clouds: Sequence[Path | str], reference: Path | str, *, sor: bool, progress: Progress
+    clouds: Sequence[Path | str], reference: Path | str, *, sor: bool = True, progress: Progress = silent
 ) -> dict[str, Comparison]:
     """Return the comparison of each cloud (.txt, .csv, .xyz, .las, .laz) with a reference, by the names of their files.
 

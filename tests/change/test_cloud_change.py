@@ -87,7 +87,7 @@ def test_without_sigmas_the_level_is_by_roughness_and_says_so(site: Path, tmp_pa
 
 def test_distances_to_a_mesh_of_a_surface(site: Path, tmp_path: Path) -> None:
     asked = replace(request(site, "mesh"), earlier=site / "earlier/results/dsm.tif")
-    change = compare_clouds(asked, tmp_path, silent)
+    change = compare_clouds(asked, tmp_path)  # as docs/comparison.md has it
     points = laspy.read(tmp_path / "distances.laz")
     assert set(points.point_format.extra_dimension_names) == {"distance", "lod", "significant"}
     top = at_top(points)

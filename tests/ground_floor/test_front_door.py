@@ -103,6 +103,12 @@ def test_a_function_says_what_it_raises(name: str) -> None:
         assert re.search(r"[Rr]aises", text), f"{name} raises, and does not say so"
 
 
+@pytest.mark.parametrize("name", [n for n in NAMES if inspect.isfunction(getattr(pg, n))])
+def test_nobody_has_to_follow_the_progress_of_a_function(name: str) -> None:
+    progress = inspect.signature(getattr(pg, name)).parameters.get("progress")
+    assert progress is None or progress.default is not progress.empty
+
+
 def test_every_fault_that_a_user_can_mend_is_at_the_door() -> None:
     errors = importlib.import_module("photogram.errors")
     kinds = {n for n, k in vars(errors).items() if inspect.isclass(k) and issubclass(k, pg.PhotogramError)}
