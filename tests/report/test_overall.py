@@ -139,6 +139,15 @@ def test_what_changes_nothing_is_no_warning(bare: Json) -> None:
     assert [s for s in said(report, "note") if "GNSS positions in plan (stated 2 px, found 0.4 px)" in s]
 
 
+def test_groups_are_named_in_words_and_one_of_another_version_as_it_calls_it(bare: Json) -> None:
+    report = deepcopy(bare)
+    group = {"significant": True, "sigma_factor": 2.0, "stated_sigma": None, "unit": None}
+    report["variance_components"] = dict.fromkeys(("gnss_offset", "common_errors", "barometer"), group)
+    sentences = [w["sentence"] for w in complete(report, ReportSettings())["warnings"] if w["part"] == "stated sigmas"]
+    assert len(sentences) == 1
+    assert sentences[0].endswith(": GNSS offsets (2 times), common errors (2 times), barometer (2 times)")
+
+
 def test_a_check_that_the_block_contradicts_is_warned_of_and_nothing_else_of_constraints(bare: Json) -> None:
     row = {"sigma_m": 0.002, "adjusted_sigma_m": 0.01, "redundancy": None, "mdb_m": None, "rejected": False}
     check = {

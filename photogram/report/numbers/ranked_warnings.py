@@ -5,7 +5,8 @@ that were stated a little off, quantities that change together and cost no heigh
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from photogram.adjustment.reliability import CRITICAL
 from photogram.adjustment.solvability import ROTATION_WEAK
@@ -28,8 +29,10 @@ MOST_NAMED = 5
 """Blunders, check points and other findings of one kind that are said one by one, at most."""
 WRONGLY_STATED = (0.7, 1.3)
 """Sigma factors of a group between which nobody needs to change what was stated."""
-SHORT_TITLES = {"gnss_offset": "GNSS offsets", "distances": "distances"}
-"""Groups of observations that a list calls otherwise than a sentence does."""
+GROUP_TITLES: Mapping[str, str] = MappingProxyType(
+    {name: group.title for name, group in GROUPS.items()} | {"gnss_offset": "GNSS offsets", "distances": "distances"}
+)
+"""What a list calls groups of observations; a report of another version may have groups that are not among them."""
 
 
 def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRecord]:
@@ -232,8 +235,7 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
     for name, group in components.items():
         if not group["significant"]:
             continue
-        title, factor = SHORT_TITLES.get(name) or GROUPS[name].title, number(group["sigma_factor"])
-        text = _stated(group, title)
+        text, factor = _stated(group, GROUP_TITLES.get(name, name)), number(group["sigma_factor"])
         small += [text] * (factor > high)
         large += [text] * (factor < low)
     part, warnings = "stated sigmas", list[WarningRecord]()
