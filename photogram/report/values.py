@@ -27,11 +27,12 @@ def all_finite(values: FloatArray) -> list[float] | None:
 
 def record_of(kind: type[RecordT], source: object, /, **others: object) -> RecordT:
     """Return a record, its keys in the order of its type: ``others``, and what ``source`` has under the same names;
-    arrays and tuples as lists, None for a float that is not finite."""
-    return cast(
-        RecordT,
-        {name: others[name] if name in others else _value(getattr(source, name)) for name in kind.__annotations__},
-    )
+    arrays and tuples as lists, None for a float that is not finite. Raises TypeError for others that the type has
+    not."""
+    names = kind.__annotations__
+    if not others.keys() <= names.keys():
+        raise TypeError(f"{kind.__name__} has no {', '.join(sorted(others.keys() - names.keys()))}")
+    return cast(RecordT, {name: others[name] if name in others else _value(getattr(source, name)) for name in names})
 
 
 def _value(value: object) -> object:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
+import pytest
 
 from photogram.arrays import FloatArray
 from photogram.report.values import all_finite, finite, finites, record_of
@@ -47,3 +48,11 @@ def test_record_takes_fields_of_its_names_in_the_order_of_its_type() -> None:
         ("limits", [2.0, 3.0]),
     ]
     assert [type(value) for value in record["offset_m"]] == [float, type(None)]
+
+
+def test_record_takes_every_field_of_its_type_and_no_other() -> None:
+    result = Result("block", 1.0, np.zeros(2), ())
+    with pytest.raises(TypeError, match="ResultRecord has no count"):
+        record_of(ResultRecord, result, n=4, count=4)
+    with pytest.raises(AttributeError, match="'n'"):
+        record_of(ResultRecord, result)
