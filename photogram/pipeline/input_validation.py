@@ -31,8 +31,8 @@ from photogram.project.validation.check import by_severity, check_survey, header
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
 
-WORTH_TESTING_S = 10.0
-"""From how many seconds on, of the stages whose time depends on the machine most, its speed is tested before."""
+WORTH_TESTING_S = 20.0
+"""From how many seconds of work on, on the reference machine, the speed of this one is tested before."""
 
 
 def _free_disk_bytes(folder: Path) -> int:
@@ -143,14 +143,14 @@ def predicted_costs(
     """Return what ``run_pipeline`` will take on this machine, for what is not there yet; ``tags`` are those of
     ``project.photographs``.
 
-    Tests the machine for two or three seconds where the stages whose time depends on it most take long enough to be
-    worth it; where they do not, or without ``test``, it counts as as fast as the reference. Raises WorkspaceError where
-    there is no such stage.
+    Tests the machine for two or three seconds where the work is worth it, and stages remain whose time depends on it
+    most; elsewhere, or without ``test``, it counts as as fast as the reference. Raises WorkspaceError where there is no
+    such stage.
     """
     remaining, compiled = remaining_stages(project, start, until), compiled_share(STAGES)
     untested = forecast(STAGES, project, tags, Speed(), cores(), remaining, compiled)
-    tested = {stage.name for stage in STAGES if stage.costs.is_tested}
-    if not test or sum(untested.seconds_by_stage[name] for name in tested & set(remaining)) < WORTH_TESTING_S:
+    depends = any(stage.costs.is_tested for stage in STAGES if stage.name in remaining)
+    if not test or not depends or untested.seconds < WORTH_TESTING_S:
         return untested
     return forecast(STAGES, project, tags, measured_speed(), cores(), remaining, compiled)
 

@@ -99,8 +99,11 @@ def test_the_machine_is_tested_where_the_work_is_long_enough(survey: Path, monke
     monkeypatch.setattr("photogram.pipeline.input_validation.measured_speed", lambda: Speed(3.0, 3.0, 3.0, 3.0))
     short = predicted_costs(project, tags)
     assert short == predicted_costs(project, tags, test=False)
-    monkeypatch.setattr("photogram.pipeline.input_validation.WORTH_TESTING_S", 0.1)
+    monkeypatch.setattr("photogram.pipeline.input_validation.WORTH_TESTING_S", 1.01 * short.seconds)
+    assert predicted_costs(project, tags) == short
+    monkeypatch.setattr("photogram.pipeline.input_validation.WORTH_TESTING_S", 0.99 * short.seconds)
     assert predicted_costs(project, tags).seconds == pytest.approx(3.0 * short.seconds)
     assert predicted_costs(project, tags, test=False) == short
+    monkeypatch.setattr("photogram.pipeline.input_validation.WORTH_TESTING_S", 0.0)
     first = predicted_costs(project, tags, until="photographs")
     assert first == predicted_costs(project, tags, until="photographs", test=False)
