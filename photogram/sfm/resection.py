@@ -27,7 +27,6 @@ TRIPLES = 400
 REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only
 FLAT = 0.02  # height of a triangle over its longest side, below which its corners are in one line
 CONTRADICTION = 0.02  # misfit of the fourth point over the width of the photograph
-TOLERANCE_PX = 10.0  # that a mark may be off, whatever its sigmas
 AGREEING = 3.0  # sigmas, that a mark may be off
 CANDIDATES = 5  # minimal solutions that are refined on the marks that agree with them
 MAJORITY = 0.6  # of the marks, that must agree where they scatter more than stated
@@ -94,12 +93,12 @@ def refine_pose(
     raise OrientationError("the least-squares resection does not converge: the marks contradict each other")
 
 
-def _triples(count: int) -> list[tuple[int, int, int]]:
+def _triples(count: int, seed: int) -> list[tuple[int, int, int]]:
     """All triples of ``count`` points, or a seeded sample of them when there are many; the first three points come
     first."""
     triples = list(combinations(range(count), 3)) if count <= 14 else []
     if not triples:
-        rng = np.random.default_rng(0)
+        rng = np.random.default_rng(seed)
         sample = {tuple(sorted(rng.choice(count, 3, replace=False).tolist())) for _ in range(TRIPLES)}
         triples = sorted((a, b, c) for a, b, c in sample)
     return triples
@@ -115,13 +114,14 @@ def _flatness(points: FloatArray) -> float:
 @dataclass(frozen=True, eq=False)
 class _Marks:
     """The marks (N, 2) of a photograph with their sigmas (N,) in px, and their points in the world with the sigmas of
-    their survey (N, 3) in m; a mark agrees within TOLERANCE_PX or AGREEING sigmas, whichever is more."""
+    their survey (N, 3) in m; a mark agrees within ``tolerance_px`` or AGREEING sigmas, whichever is more."""
 
     camera: Camera
     points: FloatArray
     pixel: FloatArray
     sigma_px: FloatArray
     sigma_m: FloatArray
+    tolerance_px: float
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -143,7 +143,7 @@ class _Marks:
         """Return which marks (N,) agree with a pose, or do where they scatter ``scale`` times as much as expected."""
         if scale is not None:
             return np.asarray(self.misfit_px(pose) < AGREEING * scale * self.expected_px(pose))
-        return np.asarray(self.misfit_px(pose) < np.maximum(TOLERANCE_PX, AGREEING * self.expected_px(pose)))
+        return np.asarray(self.misfit_px(pose) < np.maximum(self.tolerance_px, AGREEING * self.expected_px(pose)))
 
     def refined(self, pose: Pose, chosen: BoolArray) -> Pose:
         """Return the least-squares pose of the marks ``chosen`` (N,). Raises OrientationError as refine_pose."""
@@ -159,13 +159,15 @@ def resect(
     *,
     sigma_m: FloatArray | None = None,
     expected_world_m: FloatArray | None = None,
+    tolerance_px: float = 10.0,
+    seed: int = 0,
 ) -> Resection:
     """Resect one photograph from at least three control points (N, 3) in the world frame, m, and their marks (N, 2)
     with sigmas (N,) in px.
 
     ``sigma_m`` (N, 3) are the standard deviations of the points, none where it is not given. Four points: P3P on the
     first three, chosen by the fourth, or on another three where those contradict it. More: the pose with the most marks
-    within TOLERANCE_PX, or three sigmas of mark and point together; where these are fewer than MAJORITY, the pose
+    within ``tolerance_px``, or three sigmas of mark and point together; where these are fewer than MAJORITY, the pose
     with the least median of squares, if a majority scatters by no more than SCATTER of the photograph's width. Three:
     the pose nearest to ``expected_world_m`` (3,), the GNSS position. Raises OrientationError when the points are too
     few, collinear, leave several poses, or contradict each other.
@@ -182,12 +184,12 @@ def resect(
             "3 control points allow up to four poses: mark a fourth point, or give the GNSS position"
         )
     sigma_m = np.zeros((count, 3)) if sigma_m is None else sigma_m
-    marks = _Marks(camera, points_world_m, pixel, sigma_px, sigma_m)
-    first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > FLAT else _triples(count)
+    marks = _Marks(camera, points_world_m, pixel, sigma_px, sigma_m, tolerance_px)
+    first = [(0, 1, 2)] if count <= 4 and _flatness(points_world_m[:3]) > FLAT else _triples(count, seed)
     choices = _solutions(marks, first, expected_world_m)
     if count == 4 and (not choices or min(c.misfit for c in choices) > _contradiction_px(marks, choices[0].pose)):
         # three points of a small or nearly flat triangle magnify the noise of their marks
-        choices = _solutions(marks, _triples(count), expected_world_m)
+        choices = _solutions(marks, _triples(count, seed), expected_world_m)
     if not choices:
         raise OrientationError(
             "no pose agrees with the marks of three of its control points: check their coordinates and marks"
@@ -271,7 +273,7 @@ def _settled(marks: _Marks, choices: list[_Choice]) -> _Agreeing | None:
     do."""
 
     def rank(pose: Pose, error_px: FloatArray, agrees: BoolArray) -> tuple[int, float]:
-        limit = np.maximum(TOLERANCE_PX, AGREEING * marks.expected_px(pose))
+        limit = np.maximum(marks.tolerance_px, AGREEING * marks.expected_px(pose))
         return -int(agrees.sum()), float(np.sum(np.minimum(error_px / limit, 1.0) ** 2))
 
     ranked = sorted(

@@ -116,6 +116,23 @@ def test_two_wrong_points_of_eight_are_found_and_left_out(seed: int) -> None:
     assert not set(found.points) & set(wrong.tolist())
 
 
+def test_the_tolerance_of_marks_is_that_which_is_given() -> None:
+    """A mark that is 7 px off agrees within the 10 px of the default, and not within 4 px."""
+    points, pixel = ground(8, 1)
+    pixel[3] += [7.0, 0.0]
+    assert resect(CAMERA, points, pixel, np.full(8, 0.5)).inliers.all()
+    strict = resect(CAMERA, points, pixel, np.full(8, 0.5), tolerance_px=4.0)
+    assert np.flatnonzero(~strict.inliers).tolist() == [3]
+
+
+def test_triples_of_many_marks_are_drawn_by_the_seed() -> None:
+    points, pixel = ground(20, 1)
+    drawn = [resect(CAMERA, points, pixel, np.full(20, 0.5), seed=seed) for seed in (0, 0, 1)]
+    assert drawn[0].points == drawn[1].points != drawn[2].points
+    for found in drawn:
+        assert_same(found.refined, POSE)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_survey_sigmas_count_in_the_picture(seed: int) -> None:
     """Half a metre is some 30 px here: points surveyed to that agree, a mark on another target does not."""
