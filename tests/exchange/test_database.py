@@ -1,15 +1,16 @@
 """Databases of COLMAP: read as pycolmap writes them, and refused where damaged or hostile."""
 
+import errno
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from foreign import assert_refused_or_read, assert_refuses
 
-from photogram.exchange.formats.colmap.database import read_colmap_database
+from photogram.exchange.formats.colmap.database import is_database, read_colmap_database
 
 SCHEMA = """
 CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, model INTEGER, width INTEGER, height INTEGER, params BLOB,
@@ -144,3 +145,14 @@ HOSTILE: list[tuple[str, Callable[[Path], Any], str]] = [
 def test_hostile_databases_are_refused(database: Path, _what: str, damage: Callable[[Path], Any], words: str) -> None:
     damage(database)
     assert_refuses(lambda: read_colmap_database(database), words)
+
+
+def test_a_database_that_may_not_be_read_is_not_taken_for_another_file(
+    database: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(path: Path, *_: object) -> NoReturn:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "open", forbidden)
+    assert not is_database(database)
+    assert_refuses(lambda: read_colmap_database(database), r"cannot be read \(Permission denied\): check its name")

@@ -107,10 +107,14 @@ class _Tables:
 def is_database(path: Path) -> bool:
     """Return whether a file is an SQLite database, whosever."""
     try:
-        with path.open("rb") as stream:
-            return stream.read(len(_HEADER)) == _HEADER
+        return _has_header(path)
     except OSError:
         return False
+
+
+def _has_header(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(len(_HEADER)) == _HEADER
 
 
 def read_colmap_database(path: Path) -> ColmapDatabase:
@@ -137,11 +141,12 @@ def read_colmap_database(path: Path) -> ColmapDatabase:
 def _checked_size(path: Path) -> int:
     try:
         size = check_size(path, 100 * MOST_BYTES)
+        has_header = _has_header(path)
         log = path.with_name(f"{path.name}-wal")
         has_log = log.exists() and log.stat().st_size > 0
     except OSError as error:
         raise ExchangeError(f"{path}: cannot be read ({error.strerror}): check its name and folder") from error
-    if not is_database(path):
+    if not has_header:
         raise ExchangeError(f"{path}: is no SQLite database: name the database.db of a project of COLMAP")
     if has_log:
         raise ExchangeError(
