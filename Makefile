@@ -11,7 +11,7 @@ help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
 	@echo "make test   install the test tools, then run ruff, mypy, import-linter and all tests"
 	@echo "make test CHANGED=main   the same, with those tests alone that changes since main can reach"
-	@echo "make test SEEDS=all     the same, with all seeds of the statistics that otherwise have ten"
+	@echo "make test SEEDS=all     the same, with all seeds of the statistics that otherwise have ten, and whole surveys in full"
 	@echo "make lint   ruff, mypy and import-linter alone"
 	@echo "make tables write the tables of settings in docs/ anew from the code"
 	@echo "make figures  run every benchmark whose figures the pages in docs/ show, and write docs/figures.json; many hours, goes on where it stopped"

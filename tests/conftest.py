@@ -18,7 +18,7 @@ import yaml
 from hypothesis import settings
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
-from makers import SharedData, undrawing
+from makers import SharedData, undrawing_unless_all
 from pyproj import Transformer
 from threadpoolctl import threadpool_limits
 
@@ -328,8 +328,8 @@ def edit() -> Callable[[Path, Callable[[dict[str, Any]], object]], None]:
 
 @pytest.fixture
 def undrawn() -> Iterator[None]:
-    """An empty picture stands for every figure: see `makers.undrawing`."""
-    with undrawing():
+    """An empty picture stands for every figure, except with all seeds: see `makers.undrawing`."""
+    with undrawing_unless_all():
         yield
 
 

@@ -4,7 +4,7 @@ import io
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +19,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
+from seeds import ALL
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
@@ -121,6 +122,11 @@ def undrawing() -> Iterator[None]:
         patch.setattr(Figure, "draw_without_rendering", lambda _: None)
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
         yield
+
+
+def undrawing_unless_all() -> AbstractContextManager[None]:
+    """Return ``undrawing``, or in the run of all seeds a context that draws as usual."""
+    return nullcontext() if ALL else undrawing()
 
 
 def textured(width: int, height: int, seed: int) -> np.ndarray:

@@ -1,12 +1,16 @@
-"""Of how many seeds a statistic is made: few in `make test`, all with PHOTOGRAM_SEEDS=all (`make test SEEDS=all`)."""
+"""Of how many seeds a statistic is made: few in `make test`, all with PHOTOGRAM_SEEDS=all (`make test SEEDS=all`), and
+whether whole surveys are made in full."""
 
 import math
 import os
 
+ALL = os.environ.get("PHOTOGRAM_SEEDS") == "all"
+"""Whether statistics have all their seeds, and surveys all their cells, key points, control points and figures."""
+
 
 def seeds(count: int, few: int = 10) -> range:
     """Return the seeds of a statistic that has ``count`` of them, and ``few`` in every run."""
-    return range(count if os.environ.get("PHOTOGRAM_SEEDS") == "all" else min(count, few))
+    return range(count if ALL else min(count, few))
 
 
 def limit(of_all: float, count: int, few: int = 10) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from makers import undrawing
+from makers import undrawing_unless_all
 
 from photogram.errors import ImageError
 from photogram.files.npz_json import read_json
@@ -59,7 +59,7 @@ def both(pristine_survey: Path, edit: Edit, tmp_path_factory: pytest.TempPathFac
         if name == "masked":
             write_mask(folder / "gear.png", USED)
             edit(folder / "project.yaml", with_gear_mask)
-        with undrawing():
+        with undrawing_unless_all():
             found[name] = folder, run_pipeline(load_project(folder / "project.yaml"))
     return found
 

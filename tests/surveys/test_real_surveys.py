@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from makers import SharedData
+from seeds import ALL
 
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.report.record.report import Report
@@ -60,7 +61,7 @@ def test_map_grade_control_marked_in_larger_pictures(
     """Heights of the tags are 70 m off; there is no attitude; marks are in pictures of five times the size."""
     sheffield = shared_data("sheffield_cross")
     options = ("--control", sheffield / "gcp_file.txt", "--picture-size", "4000x3000", "--control-sigma", "0.5")
-    settings = "\nfeatures: {maximum: 1000}\n"
+    settings = f"\nfeatures: {{maximum: {1500 if ALL else 1000}}}\n"
     report = reported(tmp_path, photogram, settings, sheffield / "images", *options)
     assert report["adjustment"]["converged"]
     assert report["block"]["registered"] == 41

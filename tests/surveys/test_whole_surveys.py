@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy.stats import chi2
-from seeds import seeds
+from seeds import ALL, seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -58,7 +58,7 @@ def settle(folder: Path, photogram: Run, *options: str) -> Path:
     outcome = photogram("init", folder / "photographs", "--crs", PLAN.crs, "--project", project, *options)
     assert outcome.code == 0, outcome.err
     values = yaml.safe_load(project.read_text(encoding="utf-8"))
-    values["features"] = {**(values.get("features") or {}), "maximum": 1000}
+    values["features"] = {**(values.get("features") or {}), "maximum": 1500 if ALL else 1000}
     values |= SPARSE
     project.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return project
