@@ -1,14 +1,15 @@
 """From matched heights to a surface model: which cells are kept, how sure they are, how holes may be closed.
 
 A cell is kept when the photographs agree on it as well as they do elsewhere, and when at least SUPPORT of its eight
-neighbours lie within reach of it at the steepest slope, give or take their standard deviations: what hangs between a
-roof and the ground has too few. Neighbours share most of their window, so one match by chance makes several cells that
-support each other: a patch that stands alone and holds no more than a few windows needs a third photograph, and nearly
-all that look at it.
+neighbours lie on one plane with it, give or take their standard deviations: what hangs between a roof and the ground
+has too few, a steep face has all. Neighbours share most of their window, so one match by chance makes several cells
+that support each other: a patch that stands alone and holds no more than a few windows needs a third photograph, and
+nearly all that look at it.
 """
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -43,15 +44,19 @@ ROUGH_SUPPORT, ROUGH_CORRELATION = 2, 0.75
 the heights around differ, so that one that stands alone is not believed. Their photographs must show the same: on
 asphalt, where they hardly do, heights that neighbours contradict are false."""
 
-STEEPEST = 1.5
-"""Rise over run up to which neighbouring cells belong to one surface."""
+REACH = 1.5
+"""How far from the plane of a neighbour a cell of the same surface may lie, over the distance of the two."""
+
+STEEPEST = 5.7
+"""Rise over run of the steepest plane, 80°: what rises faster from cell to cell is a wall between two surfaces."""
 
 NOISE_SIGMAS = 2.0
 """How many standard deviations of their difference neighbours may differ besides."""
 
-LINK_SLOPE = 1.0
-"""Rise over run up to which neighbouring cells belong to one patch. Where three photographs agree on both, a standard
-deviation of their difference is allowed besides; with two it says nothing, for that of a match by chance is small."""
+LINK_REACH = 1.0
+"""The same for neighbouring cells of one patch, where each must lie on the other's plane. Where three photographs agree
+on both, a standard deviation of their difference is allowed besides; with two it says nothing, for that of a match by
+chance is small."""
 
 LEAST_PATCH_CELLS = 50
 """Fewer connected cells than these hold no more than a few windows of 7 × 7 pixels (2.5 to 5 cells wide)."""
@@ -63,8 +68,12 @@ chance on a window, and nobody objects."""
 LEAST_WINDOW_CELLS = 9
 """Fewer connected cells than these are not even one window, whoever agrees on them."""
 
-KEPT_MARGIN_CELLS = LEAST_PATCH_CELLS + LEAST_WINDOW_CELLS + 1
+KEPT_MARGIN_CELLS = LEAST_PATCH_CELLS + LEAST_WINDOW_CELLS + 9
 """How far beyond a window heights must be known, so that what is kept of it does not depend on the window."""
+
+SURE_RAYS, SURE_SHARE = 3, (2, 3)
+"""So many photographs, and this share of those that look, agree on a height that nothing else need confirm. Of others
+on the smooth ground of a real survey 2 % were false where the next coarser level did not say the same."""
 
 OUTVOTED = 3
 """So many photographs that look at a cell and do not agree outvote two that do: a third of such heights are wrong."""
@@ -75,8 +84,58 @@ FILL_DIRECTIONS = 5
 _NEAREST = 8
 
 
+@njit(inline="always")
+def _gentler(behind: float, ahead: float, most: float) -> float:
+    """Return the step of the gentler side, of ``most`` at most; 0 where neither is known."""
+    if np.isnan(behind) and np.isnan(ahead):
+        return 0.0
+    step = ahead if np.isnan(behind) or abs(ahead) < abs(behind) else behind
+    return min(max(step, -most), most)
+
+
 @njit(cache=True, nogil=True)
-def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: int, out: BoolArray) -> None:
+def _fill_slopes(height: Float32Array, most_m: float, out: Float32Array) -> None:
+    rows, columns = height.shape
+    for r in range(rows):
+        for c in range(columns):
+            z = height[r, c]
+            north = z - height[r - 1, c] if r > 0 else np.nan
+            south = height[r + 1, c] - z if r + 1 < rows else np.nan
+            west = z - height[r, c - 1] if c > 0 else np.nan
+            east = height[r, c + 1] - z if c + 1 < columns else np.nan
+            out[r, c, 0], out[r, c, 1] = _gentler(north, south, most_m), _gentler(west, east, most_m)
+
+
+def surface_slopes(height_m: Float32Array, cell_m: float) -> Float32Array:
+    """Return the plane of each cell: what the surface rises by (rows, columns, 2), m, to the next cell to the south and
+    to the east. It is that of the gentler side: beside a wall, a cell lies on the plane of its own side."""
+    out = np.empty((*height_m.shape, 2), np.float32)
+    _fill_slopes(height_m, STEEPEST * cell_m, out)
+    return out
+
+
+def _sure_slopes(height_m: Float32Array, rays: ByteArray, cell_m: float) -> Float32Array:
+    """Return the planes of cells as ``surface_slopes`` does, their slopes by the median of 3 × 3 cells on which
+    SURE_RAYS photographs agree, others are level: a row that hangs between two surfaces has no plane of its own, and
+    what two photographs agree on by chance has none."""
+    slope = surface_slopes(np.where(rays >= SURE_RAYS, height_m, np.float32(np.nan)), cell_m)
+    return np.asarray(cv2.medianBlur(slope, 3), np.float32)
+
+
+@njit(inline="always")
+def off_planes(height: Float32Array, slope: Float32Array, r: int, c: int, rr: int, cc: int) -> tuple[float, float]:
+    """Return how far two cells (r, c) and (rr, cc) lie from each other's planes, the nearer first; none is further than
+    from the other's level. NaN where one of them has no height."""
+    rise, down, right = height[rr, cc] - height[r, c], rr - r, cc - c
+    from_first = abs(rise - down * slope[r, c, 0] - right * slope[r, c, 1])
+    from_other = abs(rise - down * slope[rr, cc, 0] - right * slope[rr, cc, 1])
+    return min(abs(rise), from_first, from_other), min(abs(rise), max(from_first, from_other))
+
+
+@njit(cache=True, nogil=True)
+def _supported(
+    height: Float32Array, slope: Float32Array, sigma: Float32Array, reach_m: float, least: int, out: BoolArray
+) -> None:
     rows, columns = height.shape
     for r in range(rows):
         for c in range(columns):
@@ -86,20 +145,24 @@ def _supported(height: Float32Array, sigma: Float32Array, rise_m: float, least: 
                 if k != 4 and 0 <= rr < rows and 0 <= cc < columns:
                     run = np.sqrt(2.0) if k % 2 == 0 else 1.0
                     noise = NOISE_SIGMAS * np.sqrt(sigma[rr, cc] ** 2 + sigma[r, c] ** 2)
-                    near += abs(height[rr, cc] - height[r, c]) < rise_m * run + noise
+                    near += off_planes(height, slope, r, c, rr, cc)[0] < reach_m * run + noise
             out[r, c] = near >= least
 
 
-def supported_cells(height_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT) -> BoolArray:
-    """Return which cells (rows, columns) have so many neighbours within reach at the steepest slope, give or take their
-    standard deviations; those without height have none."""
+def supported_cells(
+    height_m: Float32Array, slope_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT
+) -> BoolArray:
+    """Return which cells (rows, columns) have so many neighbours on one plane with them, within REACH, give or take
+    their standard deviations; those without height have none. ``slope_m`` are the planes (rows, columns, 2)."""
     out = np.empty(height_m.shape, dtype=bool)
-    _supported(height_m, sigma_m, STEEPEST * cell_m, least, out)
+    _supported(height_m, slope_m, sigma_m, REACH * cell_m, least, out)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out: Int32Array) -> None:
+def _patch_cells(
+    height: Float32Array, slope: Float32Array, allowed: Float32Array, reach_m: float, out: Int32Array
+) -> None:
     """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
     standard deviation of a cell that may count, NaN where none may."""
     rows, columns = height.shape
@@ -117,11 +180,11 @@ def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out
                 rr, cc = r + k // 3 - 1, c + k % 3 - 1
                 if k == 4 or not (0 <= rr < rows and 0 <= cc < columns) or out[rr, cc] != 0:
                     continue
-                reach = rise_m * (np.sqrt(2.0) if k % 2 == 0 else 1.0)
+                reach = reach_m * (np.sqrt(2.0) if k % 2 == 0 else 1.0)
                 noise = np.sqrt(allowed[rr, cc] ** 2 + allowed[r, c] ** 2)
                 if not np.isnan(noise):
                     reach += noise
-                if abs(height[rr, cc] - height[r, c]) < reach:
+                if off_planes(height, slope, r, c, rr, cc)[1] < reach:
                     out[rr, cc] = -1
                     place[count] = rr * columns + cc
                     count += 1
@@ -131,19 +194,30 @@ def _patch_cells(height: Float32Array, allowed: Float32Array, rise_m: float, out
 
 def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float) -> Int32Array:
     """Return how many cells (rows, columns) the patch of each cell has, 0 where there is no height: cells that are
-    connected by neighbours, diagonal ones too, as LINK_SLOPE says."""
+    connected by neighbours, diagonal ones too, as LINK_REACH says."""
     count = np.empty(height_m.shape, dtype=np.int32)
     allowed = np.where(rays >= PATCH_RAYS, sigma_m, np.float32(np.nan)).astype(np.float32)
-    _patch_cells(height_m, allowed, LINK_SLOPE * cell_m, count)
+    _patch_cells(height_m, _sure_slopes(height_m, rays, cell_m), allowed, LINK_REACH * cell_m, count)
     return count
 
 
+def sure_cells(height_m: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float) -> tuple[BoolArray, FloatArray]:
+    """Return on which cells (rows, columns) SURE_RAYS photographs agree, and SURE_SHARE of those that look, and the
+    cosines of their slopes. Of the sky a slope sees (1 + cosine) / 2: the others that look see what is before it."""
+    slope = _sure_slopes(height_m, rays, cell_m) / np.float32(cell_m)
+    cosine = 1.0 / np.sqrt(1.0 + (slope.astype(np.float64) ** 2).sum(axis=-1))
+    look = seen * (1.0 + cosine) / 2.0
+    return (rays >= SURE_RAYS) & (SURE_SHARE[1] * rays.astype(np.float64) >= SURE_SHARE[0] * look), cosine
+
+
 def _agreed_heights(
-    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, least: float
+    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float, least: float
 ) -> Float32Array:
-    """Return the heights (rows, columns) on which enough photographs agree."""
+    """Return the heights (rows, columns) on which enough photographs agree. On a slope they see a window foreshortened,
+    the texture in it finer: sure cells may correlate less there, by the cosine."""
     outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
-    agreed = (correlation >= least) & (rays >= 2) & ~outvoted
+    sure, cosine = sure_cells(height_m, rays, seen, cell_m)
+    agreed = (correlation >= least * np.where(sure, cosine, 1.0)) & (rays >= 2) & ~outvoted
     return np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
 
 
@@ -158,8 +232,8 @@ def rough_heights(
 ) -> Float32Array:
     """Return the heights (rows, columns) of a coarser level on which photographs agree as ``filtered_heights`` says,
     with ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
-    height = _agreed_heights(height_m, correlation, rays, seen, max(least, ROUGH_CORRELATION))
-    supported = supported_cells(height, sigma_m, cell_m, ROUGH_SUPPORT)
+    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, max(least, ROUGH_CORRELATION))
+    supported = supported_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m, ROUGH_SUPPORT)
     return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
 
 
@@ -180,8 +254,9 @@ def filtered_heights(
     The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
     each side than are needed.
     """
-    height = _agreed_heights(height_m, correlation, rays, seen, least)
-    height = np.where(supported_cells(height, sigma_m, cell_m), height, np.float32(np.nan)).astype(np.float32)
+    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, least)
+    supported = supported_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
+    height = np.where(supported, height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
         lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared
@@ -202,9 +277,9 @@ def steps_to_height(height: Float32Array, r: int, c: int, dr: int, dc: int, reac
 
 
 @njit(cache=True, nogil=True)
-def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) -> None:
+def _fill(height: Float32Array, slope: Float32Array, reach: int, reach_m: float, out: Float32Array) -> None:
     rows, columns = height.shape
-    z, run = np.empty(8), np.empty(8)
+    row, column, run = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(8)
     for r in range(rows):
         for c in range(columns):
             out[r, c] = height[r, c]
@@ -217,17 +292,18 @@ def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) ->
                     continue
                 step = steps_to_height(height, r, c, dr, dc, reach)
                 if step > 0:
-                    z[met], run[met] = height[r + step * dr, c + step * dc], step * np.hypot(dr, dc)
+                    row[met], column[met], run[met] = r + step * dr, c + step * dc, step * np.hypot(dr, dc)
                     met += 1
             if met < FILL_DIRECTIONS:
                 continue
             low = 0
             for k in range(met):
-                low = k if z[k] < z[low] else low
+                low = k if height[row[k], column[k]] < height[row[low], column[low]] else low
             total, weight = 0.0, 0.0
             for k in range(met):
-                if z[k] - z[low] <= rise_m * (run[k] + run[low]):
-                    total += z[k] / (run[k] * run[k])
+                off, _ = off_planes(height, slope, row[low], column[low], row[k], column[k])
+                if off <= reach_m * (run[k] + run[low]):
+                    total += height[row[k], column[k]] / (run[k] * run[k])
                     weight += 1.0 / (run[k] * run[k])
             out[r, c] = total / weight
 
@@ -235,11 +311,12 @@ def _fill(height: Float32Array, reach: int, rise_m: float, out: Float32Array) ->
 def filled_heights(height_m: Float32Array, cell_m: float, reach_cells: int) -> Float32Array:
     """Return heights whose holes are closed where the surface lies within ``reach_cells`` in most of eight directions.
 
-    The height is the mean of what was met, weighted by the inverse square of the distance. What the photographs cannot
-    see behind a wall is the ground, so what stands higher than the lowest by more than the steepest slope is left out.
+    Whether a cell that was met lies on a wall the cell behind it tells: heights must be known one further. The height
+    is the mean of what was met, weighted by the inverse square of the distance. What the photographs cannot
+    see behind a wall is the ground, so what is not on one plane with the lowest, within REACH, is left out.
     """
     out = np.empty_like(height_m)
-    _fill(height_m, reach_cells, STEEPEST * cell_m, out)
+    _fill(height_m, surface_slopes(height_m, cell_m), reach_cells, REACH * cell_m, out)
     return out
 
 
@@ -271,23 +348,13 @@ def shared_error(
     return SharedError(wide, six.reshape(wide.rows, wide.columns, 6))
 
 
-@njit(inline="always")
-def _gentler(behind: float, ahead: float) -> float:
-    """Return the step of the gentler side; 0 where neither is known."""
-    if np.isnan(behind) and np.isnan(ahead):
-        return 0.0
-    if np.isnan(behind) or abs(ahead) < abs(behind):
-        return ahead
-    return behind
-
-
 @njit(cache=True, nogil=True)
 def _fill_sigma(
-    covariance: FloatArray, row: FloatArray, column: FloatArray, height: Float32Array, own: Float32Array,
-    cell_m: float, out: Float32Array,
+    covariance: FloatArray, row: FloatArray, column: FloatArray, height: Float32Array, slope: Float32Array,
+    own: Float32Array, out: Float32Array,
 ) -> None:  # fmt: skip
-    """Fill the standard deviations of heights; ``row`` and ``column`` are those of the cells in the wide grid of
-    ``covariance`` (R, C, 6), which is linear between its nodes."""
+    """Fill the standard deviations of heights; ``slope`` is rise over run; ``row`` and ``column`` are those of the
+    cells in the wide grid of ``covariance`` (R, C, 6), which is linear between its nodes."""
     rows, columns = height.shape
     last_i, last_j = covariance.shape[0] - 1, covariance.shape[1] - 1
     six = np.empty(6)
@@ -296,8 +363,7 @@ def _fill_sigma(
         i = min(int(down), max(last_i - 1, 0))
         ii, down = min(i + 1, last_i), down - i
         for c in range(columns):
-            z = float(height[r, c])
-            if np.isnan(z):
+            if np.isnan(height[r, c]):
                 out[r, c] = np.nan
                 continue
             right = min(max(column[c], 0.0), float(last_j))
@@ -307,11 +373,7 @@ def _fill_sigma(
                 above = (1.0 - right) * covariance[i, j, k] + right * covariance[i, jj, k]
                 below = (1.0 - right) * covariance[ii, j, k] + right * covariance[ii, jj, k]
                 six[k] = (1.0 - down) * above + down * below
-            west = z - height[r, c - 1] if c > 0 else np.nan
-            east = height[r, c + 1] - z if c + 1 < columns else np.nan
-            north = z - height[r - 1, c] if r > 0 else np.nan
-            south = height[r + 1, c] - z if r + 1 < rows else np.nan
-            e, n = _gentler(west, east) / cell_m, -_gentler(north, south) / cell_m
+            e, n = slope[r, c, 1], -slope[r, c, 0]
             variance = e * e * six[0] + n * n * six[1] + six[2] + 2.0 * (e * n * six[3] - e * six[4] - n * six[5])
             out[r, c] = np.sqrt(max(variance, 0.0) + float(own[r, c]) ** 2)
 
@@ -327,5 +389,6 @@ def surface_sigma_m(
     row = (wide.north_map_m - north) / wide.cell_m - 0.5
     column = (east - wide.west_map_m) / wide.cell_m - 0.5
     out = np.empty(height_m.shape, np.float32)
-    _fill_sigma(shared.covariance_m2, row, column, height_m, matching_sigma_m, grid.cell_m, out)
+    slope = surface_slopes(height_m, grid.cell_m) / np.float32(grid.cell_m)
+    _fill_sigma(shared.covariance_m2, row, column, height_m, slope, matching_sigma_m, out)
     return out

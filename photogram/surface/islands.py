@@ -12,8 +12,8 @@ import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.surface.dsm import ROUGH_CORRELATION, STEEPEST, steps_to_height
-from photogram.surface.levels import SURE_RAYS, SURE_SHARE, LevelSurface
+from photogram.surface.dsm import ROUGH_CORRELATION, STEEPEST, SURE_RAYS, SURE_SHARE, steps_to_height
+from photogram.surface.levels import LevelSurface
 
 REACH_CELLS = 100
 """Distance to which sure heights are looked for, in cells; windows must reach so much further."""

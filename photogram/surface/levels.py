@@ -14,11 +14,10 @@ import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array
 from photogram.compilation import njit
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.dsm import REACH, SURE_RAYS, off_planes, sure_cells, surface_slopes
 
-SURE_RAYS, SURE_SHARE, HALF = 3, (2, 3), (1, 2)
-"""So many photographs, and this share of those that look, agree on a height that nothing else need confirm. Of others
-on the smooth ground of a real survey 2 % were false where the next coarser level did not say the same."""
+HALF = (1, 2)
+"""Share of the photographs that look at a rough surface which must agree there."""
 
 WINDOW_HALF = 2
 """Cells of a level to each side of one whose heights tell how the surface strays from it: a window of the matching.
@@ -32,7 +31,7 @@ its height is that of one side of a wall that the finest level shows better, and
 def margin_cells(coarser: Iterable[int]) -> int:
     """Return how far beyond a window heights must be known, in cells of the finest level, so that what is taken there
     does not depend on the window; ``coarser`` are the sides of the cells of all others that are asked."""
-    return (WINDOW_HALF + 1) * sum(coarser)
+    return (WINDOW_HALF + 2) * sum(coarser)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,17 +123,21 @@ def _fill_spread(
 
 
 @njit(inline="always")
-def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, rise_m: float) -> float:
+def _height_at(
+    height: Float32Array, slope: Float32Array, r: int, c: int, row: float, column: float, reach_m: float
+) -> float:
     """Return the height at a place near the centre of cell (r, c), linear between it and those of the three cells
-    around the place that are known and hang together with it."""
+    around the place that lie on one plane with it."""
     down, right = row - r, column - c
     rr, cc = r + (1 if down > 0.0 else -1), c + (1 if right > 0.0 else -1)
     down, right = abs(down), abs(right)
-    total, weight, middle = 0.0, 0.0, height[r, c]
+    total, weight = 0.0, 0.0
     for i, j, w in ((r, c, (1 - down) * (1 - right)), (rr, c, down * (1 - right)), (r, cc, (1 - down) * right),
                     (rr, cc, down * right)):  # fmt: skip
         run = 1.5 if i != r and j != c else 1.0
-        if 0 <= i < height.shape[0] and 0 <= j < height.shape[1] and abs(height[i, j] - middle) <= run * rise_m:
+        if not (0 <= i < height.shape[0] and 0 <= j < height.shape[1]):
+            continue
+        if off_planes(height, slope, r, c, i, j)[0] <= run * reach_m:
             total += w * height[i, j]
             weight += w
     return float(total / weight)
@@ -142,8 +145,8 @@ def _height_at(height: Float32Array, r: int, c: int, row: float, column: float, 
 
 @njit(cache=True, nogil=True)
 def _take(
-    coarse: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray,
-    place: tuple[int, int, int], rise_m: float,
+    coarse: Float32Array, slope: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray,
+    seen: ByteArray, place: tuple[int, int, int], reach_m: float,
     out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray, ByteArray],
 ) -> None:  # fmt: skip
     """Give cells without height what the coarser cell that holds them has; ``place`` as above. ``out`` are heights,
@@ -157,14 +160,15 @@ def _take(
             i, j = (top + r) // cells, (left + c) // cells
             if not np.isnan(coarse[i, j]):
                 row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
-                height[r, c] = _height_at(coarse, i, j, row, column, rise_m)
+                height[r, c] = _height_at(coarse, slope, i, j, row, column, reach_m)
                 own[r, c], alike[r, c] = sigma[i, j], correlation[i, j]
                 agreeing[r, c], looking[r, c], side[r, c] = rays[i, j], seen[i, j], cells
 
 
 @njit(cache=True, nogil=True)
 def _keep_near(
-    fine: Float32Array, coarse: Float32Array, place: tuple[int, int, int], rise_m: float, out: Float32Array
+    fine: Float32Array, coarse: Float32Array, slope: Float32Array, place: tuple[int, int, int], reach_m: float,
+    out: Float32Array,
 ) -> None:  # fmt: skip
     """Fill the finer heights to which the coarser level is near, where ``out`` has none; ``place`` as above."""
     top, left, cells = place
@@ -174,7 +178,7 @@ def _keep_near(
             if np.isnan(fine[r, c]) or np.isnan(coarse[i, j]) or not np.isnan(out[r, c]):
                 continue
             row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
-            if abs(fine[r, c] - _height_at(coarse, i, j, row, column, rise_m)) <= rise_m:
+            if abs(fine[r, c] - _height_at(coarse, slope, i, j, row, column, reach_m)) <= reach_m:
                 out[r, c] = fine[r, c]
 
 
@@ -187,14 +191,16 @@ def agreed_level(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
 
 
 def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
-    """Return a level without the heights that neither SURE_SHARE of the photographs tell nor the next ``coarser`` level
-    confirms, within the steepest slope over one of its cells; it covers the level and reaches a cell further as far as
-    the grid goes. ``cell_m`` is the side of the finest cells."""
+    """Return a level without the heights that are not sure and that the next ``coarser`` level does not confirm, within
+    REACH of one of its cells; it covers the level and reaches two cells further as far as the grid goes. ``cell_m`` is
+    the side of the finest cells."""
     n = coarser.cells // level.cells
     place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
-    sure = agreed_level(level, SURE_SHARE)
-    _keep_near(level.height_m, coarser.height_m, place, STEEPEST * cell_m * coarser.cells, sure.height_m)
-    return sure
+    at_m = cell_m * coarser.cells
+    sure, _ = sure_cells(level.height_m, level.rays, level.seen, cell_m * level.cells)
+    height, slope = np.where(sure, level.height_m, np.float32(np.nan)), surface_slopes(coarser.height_m, at_m)
+    _keep_near(level.height_m, coarser.height_m, slope, place, REACH * at_m, height)
+    return replace(level, height_m=height)
 
 
 def around_cells(
@@ -218,8 +224,8 @@ def around_cells(
 def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cell_m: float) -> LevelSurface:
     """Return the surface of the window of the finest level, whose cells have a side of ``cell_m``.
 
-    ``coarser`` levels, in the order in which they are asked, cover the window, and reach a cell of theirs beyond it as
-    far as the grid goes. All is as with a larger window from ``margin_cells`` inside this one on.
+    ``coarser`` levels, in the order in which they are asked, cover the window, and reach two cells of theirs beyond it
+    as far as the grid goes. All is as with a larger window from ``margin_cells`` inside this one on.
     """
     height, sigma = finest.height_m.copy(), finest.sigma_m.copy()
     cells = np.isfinite(height).astype(np.uint8)
@@ -229,8 +235,9 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
     for level in coarser:
         place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
         spread, covered = around_cells(level, height, finest.height_m, place)
-        adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * cell_m * level.cells)
+        at_m, out = cell_m * level.cells, (height, sigma, correlation, rays, seen, cells)
+        adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * at_m)
         taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.maximum(level.sigma_m, spread)
-        rise_m, out = STEEPEST * cell_m * level.cells, (height, sigma, correlation, rays, seen, cells)
-        _take(taken_m, own, level.correlation, level.rays, level.seen, place, rise_m, out)
+        slope = surface_slopes(taken_m, at_m)
+        _take(taken_m, slope, own, level.correlation, level.rays, level.seen, place, REACH * at_m, out)
     return made

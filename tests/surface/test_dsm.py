@@ -10,11 +10,13 @@ from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import (
     FILL_DIRECTIONS,
     KEPT_MARGIN_CELLS,
+    REACH,
     STEEPEST,
     filled_heights,
     filtered_heights,
     patch_cells,
     shared_error,
+    sure_cells,
     surface_sigma_m,
 )
 
@@ -30,7 +32,7 @@ def kept(height: FloatArray, correlation: float = 0.9, rays: int = 3, sigma_m: f
 def test_what_differs_by_its_noise_alone_stays() -> None:
     noisy = 10.0 + np.random.default_rng(1).normal(0.0, 0.3, (60, 70))
     inner = (slice(1, -1), slice(1, -1))
-    assert np.isfinite(kept(noisy)[inner]).mean() < 0.7
+    assert np.isfinite(kept(noisy, rays=2)[inner]).mean() < 0.7
     assert np.isfinite(kept(noisy, sigma_m=0.3)[inner]).mean() > 0.998
 
 
@@ -110,16 +112,65 @@ def plane(rows: int, columns: int, east: float, south: float) -> FloatArray:
 INSIDE = (slice(1, -1), slice(1, -1))
 
 
-@pytest.mark.parametrize("share", [-0.9, 0.0, 0.9])
-def test_slopes_below_the_limit_stay(share: float) -> None:
-    height = plane(20, 30, share * STEEPEST, 0.0)
-    assert np.array_equal(kept(height)[INSIDE], height[INSIDE].astype(np.float32))
+@pytest.mark.parametrize("slope_deg", [-80.0, -55.0, 0.0, 30.0, 57.0, 70.0, 80.0])
+@pytest.mark.parametrize("towards_deg", [0.0, 30.0, 45.0, 90.0])
+def test_every_cell_of_a_plane_stays(slope_deg: float, towards_deg: float) -> None:
+    rise, towards = np.tan(np.radians(slope_deg)), np.radians(towards_deg)
+    height = plane(20, 30, rise * np.cos(towards), rise * np.sin(towards))
+    # a plane of the steepest correlates as little as a fifth of what is asked of level ground
+    correlation = 0.9 if abs(slope_deg) < 57.0 else 0.61 * np.cos(np.radians(slope_deg))
+    inside = (slice(2, -2), slice(2, -2))  # in a corner level ground outvotes the plane
+    assert np.array_equal(kept(height, correlation)[inside], height[inside].astype(np.float32))
 
 
-def test_steeper_than_the_limit_goes() -> None:
+def test_where_a_steep_face_meets_level_ground_every_cell_stays() -> None:
+    rise = np.tan(np.radians(70.0)) * CELL_M
+    face = np.broadcast_to(np.clip(np.arange(40) - 15.4, 0.0, 9.0) * rise, (24, 40))
+    assert np.isfinite(kept(face)[INSIDE]).all()
+
+
+def test_what_two_photographs_tell_is_no_steep_face() -> None:
     """Neighbours across the corner are further away: along the rows the limit is that of the diagonal."""
-    assert np.isnan(kept(plane(20, 30, 1.05 * np.sqrt(2.0) * STEEPEST, 0.0))).all()
-    assert np.isnan(kept(plane(20, 30, STEEPEST, STEEPEST))).all()
+    assert np.isnan(kept(plane(20, 30, 1.05 * np.sqrt(2.0) * REACH, 0.0), rays=2)).all()
+    assert np.isnan(kept(plane(20, 30, REACH, REACH), rays=2)).all()
+    assert np.isfinite(kept(plane(20, 30, 0.9 * REACH, 0.0), rays=2)[INSIDE]).all()
+
+
+def test_steeper_than_the_steepest_goes() -> None:
+    assert np.isnan(kept(plane(20, 30, STEEPEST + 1.05 * np.sqrt(2.0) * REACH, 0.0))).all()
+
+
+def test_a_slope_is_not_asked_to_be_seen_by_photographs_that_it_is_turned_away_from() -> None:
+    height = plane(9, 9, np.tan(np.radians(75.0)), 0.0).astype(np.float32)
+    for slope, rays, seen, is_sure in ((height, 3, 6, True), (height, 2, 3, False), (height, 3, 8, False),
+                                       (0.0 * height, 3, 6, False), (0.0 * height, 4, 6, True)):  # fmt: skip
+        agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
+        sure, cosine = sure_cells(slope, agree, see, CELL_M)
+        assert (sure == is_sure).all()
+        level = rays < 3 or not slope.any()
+        assert cosine == pytest.approx(1.0 if level else np.cos(np.radians(75.0)), rel=1e-5)
+
+
+def test_a_face_is_a_patch_and_a_piece_of_a_curtain_belongs_to_neither_side() -> None:
+    height = np.zeros((30, 40))
+    height[:, 20:] = 8.0
+    height[10:14, 18:20] = [3.1, 4.6]
+    count, sigma = np.full(height.shape, 3, np.uint8), np.zeros(height.shape, np.float32)
+    found = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
+    assert found[12, 18] == 8
+    face = plane(30, 40, 2.7, 0.0).astype(np.float32)
+    assert (patch_cells(face, sigma, count, CELL_M) == face.size).all()
+
+
+@pytest.mark.parametrize("wall_m", [1.5, 2.5, 3.5, 5.0, 9.0])
+def test_a_row_that_hangs_between_two_levels_goes(wall_m: float) -> None:
+    height = np.zeros((24, 40))
+    height[:, 20:] = wall_m
+    height[:, 19] = 0.45 * wall_m
+    found = kept(height)
+    assert np.isnan(found[1:-1, 19]).all()
+    assert np.all(found[1:-1, 1:18] == 0.0)
+    assert np.all(found[1:-1, 21:-1] == np.float32(wall_m))
 
 
 def test_a_curtain_between_roof_and_ground_is_taken_away() -> None:
@@ -159,7 +210,7 @@ def test_a_hole_behind_a_wall_takes_the_height_of_the_ground() -> None:
 
 
 @settings(max_examples=40)
-@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.integers(1, 8))
+@given(st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.integers(1, 8))
 def test_a_hole_in_a_plane_is_filled_with_the_plane(east: float, south: float, half: int) -> None:
     """The middle of a hole: what lies on opposite sides of it is met at the same distance."""
     height = plane(33, 33, east, south).astype(np.float32)
@@ -190,7 +241,7 @@ def test_filling_does_not_depend_on_the_window(seed: int, row: int, column: int,
     height = np.where(rng.random((50, 60)) < 0.15, rng.uniform(0.0, 9.0, (50, 60)), np.nan).astype(np.float32)
     grid = MapGrid(0.0, 100.0, CELL_M, 50, 60)
     window = Window(row, column, min(row + 17, 50), min(column + 13, 60))
-    outer = grid.around_window(window, reach)
+    outer = grid.around_window(window, reach + 1)
     part = filled_heights(np.ascontiguousarray(height[outer.slices]), CELL_M, reach)
     at = (slice(row - outer.row, window.row_end - outer.row), slice(column - outer.column, None))
     whole = filled_heights(height, CELL_M, reach)[window.slices]
@@ -202,13 +253,13 @@ def covariances(count: int, rng: np.random.Generator) -> FloatArray:
     return np.asarray(root @ root.transpose(0, 2, 1))
 
 
-def test_sigma_is_that_of_a_plane_moved_by_the_errors_of_the_photographs() -> None:
+@pytest.mark.parametrize(("east", "south"), [(0.7, -0.4), (2.7, 1.0), (-5.6, 0.0)])
+def test_sigma_is_that_of_a_plane_moved_by_the_errors_of_the_photographs(east: float, south: float) -> None:
     """A plane is moved as a whole, many times; its height at a fixed place scatters by what is predicted."""
     rng = np.random.default_rng(6)
     grid = MapGrid(500.0, 900.0, CELL_M, 12, 14)
     one = covariances(1, rng)
     shared = shared_error(np.array([[501.0, 899.0, 3.0], [502.0, 898.0, 3.0]]), np.repeat(one, 2, axis=0), grid, 2.0)
-    east, south = 0.7, -0.4
     height, matching = plane(12, 14, east, south).astype(np.float32), np.full((12, 14), 0.013, np.float32)
     sigma = surface_sigma_m(shared, grid, grid.whole, height, matching)
     moved = rng.multivariate_normal(np.zeros(3), one[0], 200_000)

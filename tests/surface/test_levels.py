@@ -107,6 +107,20 @@ def test_beside_a_wall_that_the_finest_level_shows_nothing_is_taken() -> None:
     assert made.sigma_m[20:40, 31:33].min() > 2.0
 
 
+@pytest.mark.parametrize("rise", [0.3, 2.4, 4.5])
+def test_on_a_steep_plane_larger_cells_lie_on_it_and_confirm_what_does(rise: float) -> None:
+    fine, two = level(slope(32, 32, 1, rise), 1), level(slope(16, 16, 2, rise), 2)
+    told = replace(fine, rays=np.full((32, 32), 2, np.uint8), seen=np.full((32, 32), 4, np.uint8))
+    assert np.isfinite(confirmed(told, two, CELL_M).height_m[1:-1, 1:-1]).all()
+    off = replace(told, height_m=told.height_m + np.float32(1.6 * 2 * CELL_M))
+    assert np.isnan(confirmed(off, two, CELL_M).height_m[2:-2, 2:-2]).all()
+    nothing = replace(fine, height_m=np.full_like(fine.height_m, np.nan))
+    made = surface_of_levels(nothing, [two], CELL_M)
+    np.testing.assert_allclose(made.height_m[2:-2, 2:-2], fine.height_m[2:-2, 2:-2], atol=1e-4)
+    # and their sigmas say how much of the plane a window of theirs holds
+    assert made.sigma_m[8:-8, 8:-8].min() > 0.9 * 2 * CELL_M * rise
+
+
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31), top=st.integers(0, 30), left=st.integers(0, 30))
 def test_a_part_is_as_the_whole(seed: int, top: int, left: int) -> None:

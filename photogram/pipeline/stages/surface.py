@@ -49,6 +49,7 @@ from photogram.surface.dsm import (
     KEPT_MARGIN_CELLS,
     MEASURED,
     MEASURED_IN,
+    SURE_SHARE,
     WATER,
     SharedError,
     filled_heights,
@@ -61,7 +62,6 @@ from photogram.surface.dtm import terrain_from_surface
 from photogram.surface.islands import REACH_CELLS, without_islands
 from photogram.surface.levels import (
     HALF,
-    SURE_SHARE,
     LevelHeights,
     agreed_level,
     confirmed,
@@ -376,9 +376,9 @@ def _tile(
     that neighbours share, with the datum's part and, where they are known, without; ``least`` the correlations below
     which a level's heights are doubtful."""
     grid = heights.grid
-    outer = grid.around_window(window, reach + 1 + REACH_CELLS + margin_cells([*heights.levels][1:] * 2))
+    outer = grid.around_window(window, reach + 3 + REACH_CELLS + margin_cells([*heights.levels][1:] * 2))
     both = [
-        heights.kept(store.grid.around_window(outer.coarser(cells), 2 if cells > 1 else 0), cells, least[cells])
+        heights.kept(store.grid.around_window(outer.coarser(cells), 3 if cells > 1 else 0), cells, least[cells])
         for cells, store in heights.levels.items()
     ]
     kept = [level for level, _ in both]
