@@ -39,7 +39,7 @@ from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
 from photogram.simulation.simulated_survey import SurveyPlan
-from photogram.surface.dense.lattice import Crops, GroundCells
+from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells
 from photogram.surface.dense.pyramid import choose_views
 from photogram.surface.views import Views
 
@@ -190,7 +190,16 @@ class PhotographedPlane:
         chosen, _ = choose_views(self.views, place.reshape(-1, 3), len(self.views))
         east, south = cell_steps(self.frame, self.grid)
         of_patches = chosen.reshape(*place.shape[:2], len(self.views))
-        return GroundCells(lines.foot_world_m, lines.up, east, south, self.per_cell, of_patches, self.patch)
+        return GroundCells(
+            lines.foot_world_m,
+            lines.up,
+            east,
+            south,
+            self.per_cell,
+            of_patches,
+            self.patch,
+            NOTHING_HIDDEN,
+        )
 
 
 @pytest.fixture(scope="session")

@@ -16,9 +16,11 @@ from photogram.surface.dense.correlation import (
     Hypotheses,
     fill_agreement,
     fill_costs,
+    leave_out_hidden,
     scratch_for_agreement,
     share_of,
 )
+from photogram.surface.dense.lattice import NOTHING_HIDDEN, CellWindow, GroundCells
 from photogram.surface.dense.window_sums import Window
 
 STEP_M = 0.3
@@ -62,7 +64,7 @@ def test_two_photographs_at_least_must_agree(count: int, share: float, least: in
     assert share_of(count, share) == least
 
 
-def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> ByteArray:
+def costs(plane: Any, pictures: Any = None, noise: float = 1.5, ground: GroundCells | None = None) -> ByteArray:
     """Return the costs (rows, columns, hypotheses) from REACH steps below the true height to as many above it."""
     rows, columns = plane.grid.rows, plane.grid.columns
     count = 2 * REACH + 1
@@ -70,7 +72,8 @@ def costs(plane: Any, pictures: Any = None, noise: float = 1.5) -> ByteArray:
     cost = np.empty(start.size * count, np.uint8)
     first, counts = np.full(start.shape, -REACH, np.int32), np.full(start.shape, count)
     tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, counts, start)
-    fill_costs(plane.crops(pictures), plane.ground(), Window(2, noise, 0.5), tried, cost)
+    looked_up = plane.ground() if ground is None else ground
+    fill_costs(plane.crops(pictures), looked_up, Window(2, noise, 0.5), tried, cost)
     return cost.reshape(rows, columns, count)
 
 
@@ -129,3 +132,65 @@ def test_what_fewer_than_two_photographs_show_is_neutral(photographed_plane: Any
     tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, count, start)
     fill_costs(plane.crops(), plane.ground()._replace(views=alone), Window(2, 1.5, 0.5), tried, cost)
     assert np.all(cost == NEUTRAL)
+
+
+def cells_without(views: NDArray[np.int64], hidden: NDArray[np.bool_], patch: int) -> GroundCells:
+    """Return cells of which only the views and what these do not see count."""
+    nothing, step = np.zeros((*hidden.shape[:2], 3)), np.zeros(3)
+    return GroundCells(nothing, nothing, step, step, 1, views, patch, hidden)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 6), st.sampled_from([0.3, 0.5, 1.0]))
+def test_a_view_that_does_not_see_a_cell_has_no_part_in_it(seed: int, count: int, share: float) -> None:
+    """What is left is what the others say without it, whatever places in the list of a patch are empty."""
+    rng = np.random.default_rng(seed)
+    slots = np.sort(rng.choice(8, count, replace=False))
+    views = np.full((2, 2, 8), -1)
+    views[..., slots] = rng.permutation(20)[:count]
+    box, width, more = CellWindow(5, 9, 3, 4), 6, 2
+    hidden = rng.random((10, 16, 8)) < 0.3
+    pairs = rng.uniform(-1.0, 1.0, (count, count, box.rows * width + more)).astype(np.float32)
+    pairs = np.ascontiguousarray((pairs + pairs.swapaxes(0, 1)) / 2)
+    found = pairs.copy()
+    leave_out_hidden(cells_without(views, hidden, 5), box, width, found)
+    for r in range(box.rows):
+        for c in range(width):
+            n = r * width + c
+            if c >= box.columns:
+                assert np.array_equal(found[..., n], pairs[..., n])
+                continue
+            sees = np.flatnonzero(~hidden[box.row + r, box.column + c, slots])
+            kept = np.ix_(sees, sees)
+            assert np.array_equal(found[..., n][kept], pairs[..., n][kept])
+            score, used = agreed(found[..., n : n + 1], share)
+            assert not used[np.setdiff1d(np.arange(count), sees), 0].any()
+            if len(sees) < 2:
+                assert score[0] == -1.0
+                continue
+            expected, also = agreed(pairs[..., n : n + 1][kept], share)
+            assert score[0] == pytest.approx(expected[0], abs=1e-6)
+            assert np.array_equal(used[sees, 0], also[:, 0])
+
+
+def test_nothing_hidden_changes_no_pair() -> None:
+    pairs = np.random.default_rng(3).random((3, 3, 20)).astype(np.float32)
+    found = pairs.copy()
+    leave_out_hidden(cells_without(np.zeros((2, 2, 3), np.int64), NOTHING_HIDDEN, 5), CellWindow(0, 0, 4, 5), 5, found)
+    assert np.array_equal(found, pairs)
+
+
+@pytest.mark.parametrize("left_out", [0, 2, 4])
+def test_costs_without_a_view_that_is_hidden(photographed_plane: Any, left_out: int) -> None:
+    """On half of the cells, those that it would have without it in its list; on the others, as if nothing were."""
+    plane, whole = photographed_plane, costs(photographed_plane)
+    ground = plane.ground()
+    fewer = np.where(ground.views == left_out, -1, ground.views)
+    hidden = np.zeros((*plane.height_m.shape, ground.views.shape[2]), bool)
+    of_cells = ground.views.repeat(ground.patch, axis=0).repeat(ground.patch, axis=1)
+    hidden[:, 30:] = (of_cells == left_out)[: hidden.shape[0], 30 : hidden.shape[1]]
+    assert hidden.any()
+    found = costs(plane, ground=ground._replace(hidden=hidden))
+    without = costs(plane, ground=ground._replace(views=fewer))
+    assert np.array_equal(found[:, :30], whole[:, :30])
+    assert np.abs(found[:, 30:].astype(int) - without[:, 30:]).max() <= 1  # of what is rounded
+    assert np.mean(found[:, 30:] != whole[:, 30:]) > 0.3

@@ -15,6 +15,7 @@ import yaml
 from conftest import PLAN, SEED
 from makers import undrawing
 from pyproj import CRS, Transformer
+from scipy.spatial import cKDTree
 
 from photogram.files.npz_json import read_json
 from photogram.local_grids.site_calibration import calibrate_site
@@ -111,8 +112,15 @@ def test_rasters_are_the_same_in_feet_and_say_so(in_metres: Path, in_feet: Path)
 def test_clouds_contours_and_tables_are_the_same_in_feet(in_metres: Path, in_feet: Path) -> None:
     for name in ("points_adjusted.laz", "dense.laz"):
         a, b = (laspy.read(folder / "results" / name) for folder in (in_metres, in_feet))
-        assert np.abs(a.xyz - b.xyz * US_FOOT).max() < 1e-3
-        np.testing.assert_allclose(a["sigma z"], b["sigma z"] * US_FOOT, rtol=1e-5)
+        other: np.ndarray = np.arange(len(a))
+        same: np.ndarray = np.ones(len(a), dtype=bool)
+        if name == "dense.laz":  # a foot's last digit can turn a choice of the matching, in a cell or so of thousands
+            away, nearest = cKDTree(b.xyz * US_FOOT).query(a.xyz)
+            other, same = np.asarray(nearest), np.asarray(away < 1e-3)
+            assert same.mean() > 0.998
+            assert len(np.unique(other[same])) == same.sum() >= 0.998 * len(b)
+        assert np.abs(a.xyz[same] - b.xyz[other[same]] * US_FOOT).max() < 1e-3
+        np.testing.assert_allclose(a["sigma z"][same], b["sigma z"][other[same]] * US_FOOT, rtol=1e-5)
         sigma = next(d for d in b.point_format.extra_dimensions if d.name == "sigma z")
         assert "[ftUS]" in sigma.description
         crs = b.header.parse_crs()

@@ -17,7 +17,7 @@ from scipy.ndimage import distance_transform_edt
 from photogram.arrays import BoolArray, Float32Array
 from photogram.camera import Camera, oriented_cameras
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
-from photogram.surface.dense.lattice import Crops, GroundCells
+from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells
 from photogram.surface.dense.pyramid import median_of_known
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
@@ -66,7 +66,7 @@ def pair(left: Float32Array, right: Float32Array) -> tuple[Crops, GroundCells]:
     foot, up = np.stack([column, -row, np.zeros_like(row)], axis=-1), np.zeros((rows, columns, 3))
     up[..., 2] = 1.0
     views = np.broadcast_to(np.arange(2), (-(-rows // PATCH), -(-columns // PATCH), 2)).copy()
-    return crops, GroundCells(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1, views, PATCH)
+    return crops, GroundCells(foot, up, np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), 1, views, PATCH, NOTHING_HIDDEN)
 
 
 @pytest.fixture(scope="module")

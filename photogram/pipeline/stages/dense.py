@@ -43,6 +43,7 @@ from photogram.surface.dense.pyramid import (
     plan_levels,
     survey_grid,
 )
+from photogram.surface.dense.steep_places import COARSER
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
 from photogram.surface.views import Views
 from photogram.wording import Progress, things
@@ -164,7 +165,8 @@ class _Matching:
         known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
         cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
         levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
-        reductions = tuple(sorted({level.reduction for level in levels}))
+        # steep places of the finest level are looked up in pictures of half their size too
+        reductions = tuple(sorted({level.reduction for level in levels} | {COARSER * levels[-1].reduction}))
         pictures = ReducedPictures(
             folder / "pictures",
             lambda view: run.grey(int(views.photograph[view])),

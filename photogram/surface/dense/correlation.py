@@ -104,6 +104,27 @@ def views_of_patch(ground: GroundCells, box: CellWindow, out: IntArray) -> int:
 
 
 @njit(cache=True, nogil=True)
+def leave_out_hidden(ground: GroundCells, box: CellWindow, width: int, pairs: Float32Array) -> None:
+    """Make the ``pairs`` (K, K, n) of cells of a box, in rows of ``width``, what they are without the views that do not
+    see these."""
+    if ground.hidden.shape[0] == 0:
+        return
+    for slot in range(ground.hidden.shape[2]):
+        i = 0
+        for earlier in range(slot):
+            i += ground.views[box.row // ground.patch, box.column // ground.patch, earlier] >= 0
+        if ground.views[box.row // ground.patch, box.column // ground.patch, slot] < 0:
+            continue
+        for r in range(box.rows):
+            for c in range(box.columns):
+                if ground.hidden[box.row + r, box.column + c, slot]:
+                    n = r * width + c
+                    for j in range(len(pairs)):
+                        pairs[i, j, n], pairs[j, i, n] = np.float32(0.0), np.float32(0.0)
+                    pairs[i, i, n] = np.float32(np.nan)
+
+
+@njit(cache=True, nogil=True)
 def _add(pair: Float32Array, total: Float32Array) -> None:
     for k in range(len(total)):
         total[k] += pair[k]
@@ -263,6 +284,7 @@ def _fill_patch(
                 )  # fmt: skip
             pairs = layer.pairs[: seen * seen * n].reshape(seen, seen, n)
             fill_correlations(samples, window, m, width, sums, pairs)
+            leave_out_hidden(ground, box, width, pairs)
             fill_agreement(pairs, window.kept, agreement)
             _fill_layer(tried, box, k, width, agreement, cost)
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from photogram.arrays import Float32Array, FloatArray, Int32Array, IntArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.projection import OrientedCameras, seen_called
 
@@ -43,7 +43,8 @@ class Crops(NamedTuple):
 class GroundCells(NamedTuple):
     """The cells of a block: vertical lines ``foot`` and ``up`` (rows, columns, 3), the steps ``east`` and ``south``
     (3,) to the next cell, the places of the lattice ``per_cell`` along its side, and ``views`` (rows / patch, columns /
-    patch, N): in which views the cells of a patch of ``patch`` × ``patch`` cells are matched, −1 for none."""
+    patch, N): in which views the cells of a patch of ``patch`` × ``patch`` cells are matched, −1 for none; which of
+    them do not see a cell, ``hidden`` (rows, columns, N), without cells where all see all."""
 
     foot: FloatArray
     up: FloatArray
@@ -52,6 +53,11 @@ class GroundCells(NamedTuple):
     per_cell: int
     views: IntArray
     patch: int
+    hidden: BoolArray
+
+
+NOTHING_HIDDEN: BoolArray = np.zeros((0, 0, 0), dtype=np.bool_)
+"""Where all views of a patch see all its cells."""
 
 
 class CellWindow(NamedTuple):

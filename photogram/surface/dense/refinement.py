@@ -24,6 +24,7 @@ from photogram.surface.dense.correlation import (
     LEFT_OUT,
     Agreement,
     fill_agreement,
+    leave_out_hidden,
     scratch_for_agreement,
     views_of_patch,
 )
@@ -243,12 +244,13 @@ def _fill_partly(
 
 @njit(inline="always")
 def _fill_pairs(
-    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, widely: bool, rooms: _Scratch
-) -> Float32Array:
+    crops: Crops, ground: GroundCells, patch: _Patch, window: Window, start: InitialHeights, widely: bool,
+    rooms: _Scratch,
+) -> Float32Array:  # fmt: skip
     """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
     ``widely`` at the others; returns all of these (5, K, K, n)."""
     first, end = (3, 5) if widely else (0, 3)
-    seen, m, half = len(patch.views), per_cell, window.half
+    seen, m, half = len(patch.views), ground.per_cell, window.half
     size, n, whole = patch.surface.shape[1], len(patch.supported), (2 * half + 1) ** 2
     pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
     samples = rooms.samples[: 5 * seen * m * m * size].reshape(5, seen, m * m, size)
@@ -266,6 +268,8 @@ def _fill_pairs(
                 which = _find_support(patch, k, start, m, half, rooms)
                 for layer in range(first, end):
                     _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
+    for layer in range(first, end):
+        leave_out_hidden(ground, patch.box, patch.width, pairs[layer])
     return pairs
 
 
@@ -314,11 +318,11 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
 
 @njit(inline="always")
 def _refine_patch(
-    crops: Crops, patch: _Patch, window: Window, start: InitialHeights, per_cell: int, rooms: _Scratch, using: IntArray,
-    out: Refined,
+    crops: Crops, ground: GroundCells, patch: _Patch, window: Window, start: InitialHeights, rooms: _Scratch,
+    using: IntArray, out: Refined,
 ) -> None:  # fmt: skip
     """Fill the heights of a patch."""
-    pairs = _fill_pairs(crops, patch, window, start, per_cell, False, rooms)
+    pairs = _fill_pairs(crops, ground, patch, window, start, False, rooms)
     fill_agreement(pairs[1], window.kept, rooms.agreement)
     widely, seen, box = False, len(patch.views), patch.box
     for r in range(box.rows):
@@ -333,7 +337,7 @@ def _refine_patch(
             probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
             if not abs(shift) <= FARTHEST:
                 if not widely:
-                    _fill_pairs(crops, patch, window, start, per_cell, True, rooms)
+                    _fill_pairs(crops, ground, patch, window, start, True, rooms)
                     widely = True
                 probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
             out.correlation[at], out.rays[at] = best, kept
@@ -392,4 +396,4 @@ def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: Ini
                 fill_places(crops, ground, nodes, views[i], places[i])
             patch = _Patch(box, width, views[:seen], places[:seen], nodes, on, supported[:n])
             _fill_supported(patch, start, m, half, rooms)
-            _refine_patch(crops, patch, window, start, m, rooms, using, out)
+            _refine_patch(crops, ground, patch, window, start, rooms, using, out)

@@ -12,12 +12,10 @@ neither the order of the blocks nor the number of workers, and memory not on the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError
@@ -25,17 +23,16 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import Verticals, Window, cell_steps, verticals
 from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
-from photogram.surface.dense.lattice import Crops, GroundCells, grey_of_cells, places_per_cell
+from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells, grey_of_cells, places_per_cell
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
+from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
-from photogram.surface.dense.slopes import gentle_surface, slopes_without_walls
+from photogram.surface.dense.sight import hidden_cells
+from photogram.surface.dense.slopes import STEEPEST_FACE, slopes_without_walls, surface_along
+from photogram.surface.dense.steep_places import SteepGround, on_faces, steep_ground, torn_cells
 from photogram.surface.dense.window_sums import Window as Samples
 from photogram.surface.views import Views, places_in_view
-
-Picture = Callable[[int, int], NDArray[np.generic]]
-"""Gives the grey values (height, width) of a view, by its number, reduced by a factor: pixel (u, v) lies at (u, v) /
-factor of it."""
 
 BLOCK_CELLS = 384
 """Cells along the side of a block: part of the result, for a path of the regularisation ends with its block."""
@@ -167,11 +164,16 @@ def match_block(
     if not (views >= 0).any():
         nothing = _nothing(block.shape)
         return MatchedBlock(nothing.height_m, nothing.correlation, nothing if refined else None)
-    east, south = cell_steps(scene.frame, level.grid)
-    ground = GroundCells(lines.foot_world_m, lines.up, east, south, places_per_cell(level.spacing), views, PATCH_CELLS)
+    steps = cell_steps(scene.frame, level.grid)
+    torn = _torn(views, prior, level)
+    prior, steep = steep_ground(scene.views, scene.picture, level, lines, prior, torn)
+    views, hidden = _views_of_steep(scene, lines, steps, views, steep, level)
+    ground = GroundCells(
+        lines.foot_world_m, lines.up, *steps, places_per_cell(level.spacing), views, PATCH_CELLS, hidden
+    )
     crops = _crops(scene, lines, views, prior, level.reduction)
-    start, agreement = _regularised(crops, ground, prior, level, settings)
-    heights = _refined(crops, ground, start, prior.surface, level, settings).part(*inner) if refined else None
+    start, agreement = _regularised(crops, ground, prior, steep, level, settings)
+    heights = _refined(crops, ground, start, prior.surface, steep, level, settings).part(*inner) if refined else None
     return MatchedBlock(start[inner], agreement[inner], heights)
 
 
@@ -180,10 +182,56 @@ def _nothing(shape: tuple[int, int]) -> Heights:
     return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
 
 
+def _of_cells(of_patches: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Return values (rows, columns, …) of cells from those of their patches."""
+    return np.repeat(np.repeat(of_patches, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
+
+
 def _seen(ground: GroundCells, shape: tuple[int, int]) -> ByteArray:
-    """Return in how many photographs each cell is looked up."""
-    count = (ground.views >= 0).sum(axis=2).astype(np.uint8)
-    return np.repeat(np.repeat(count, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
+    """Return in how many photographs each cell is looked up, of those that see it."""
+    shown = _of_cells(np.asarray(ground.views >= 0), shape)
+    if ground.hidden.size:
+        shown = np.asarray(shown & ~ground.hidden)
+    return np.asarray(shown.sum(axis=2), dtype=np.uint8)
+
+
+def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
+    """Return which cells are steep, or torn, as a coarser level tells: of the finest level, for larger cells are none
+    of steep ground."""
+    if level.cells > 1 or prior.worthwhile is None:
+        return np.zeros(prior.surface.shape, dtype=np.bool_)
+    looked_at = _of_cells(np.asarray((views >= 0).any(axis=2)), (prior.surface.shape[0], prior.surface.shape[1]))
+    return torn_cells(prior, level, np.asarray(looked_at & prior.worthwhile))
+
+
+def _views_of_steep(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    level: Level,
+) -> tuple[IntArray, BoolArray]:  # fmt: skip
+    """Return the views of patches, where ground is steep those that see most of it best, and which of them do not see a
+    cell."""
+    if not steep.share.any():
+        return views, NOTHING_HIDDEN
+    most = views.shape[2]
+    patches = _steep_patches(steep.share)
+    wide = _views_of_patches(scene, lines, steep.surface, 2 * most, level.reduction)
+    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST_FACE)
+    of_patch = PATCH_CELLS, lines, steps, steep.surface, slope, steep.told, level.step_m
+    _, facing = hidden_cells(scene.views.position_world_m, wide, *of_patch)
+    order = np.argsort(-facing, axis=2, kind="stable")[..., :most]
+    best = np.take_along_axis(wide, order, axis=2)
+    best[np.take_along_axis(facing, order, axis=2) <= 0.0] = -1
+    views = np.where(patches[..., None] & ((best >= 0).sum(axis=2) > 1)[..., None], best, views)
+    hidden, _ = hidden_cells(scene.views.position_world_m, views, *of_patch)
+    return np.ascontiguousarray(views), hidden
+
+
+def _steep_patches(share: Float32Array) -> BoolArray:
+    """Return which patches hold steep cells."""
+    rows, columns = (-(-n // PATCH_CELLS) * PATCH_CELLS for n in share.shape)
+    whole = np.zeros((rows, columns), dtype=np.bool_)
+    whole[: share.shape[0], : share.shape[1]] = share > 0.0
+    return np.asarray(whole.reshape(rows // PATCH_CELLS, PATCH_CELLS, -1, PATCH_CELLS).any(axis=(1, 3)))
 
 
 def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int, reduction: int) -> IntArray:
@@ -270,12 +318,12 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
 
 
 def _regularised(
-    crops: Crops, ground: GroundCells, prior: Prior, level: Level, settings: DenseSettings
+    crops: Crops, ground: GroundCells, prior: Prior, steep: SteepGround, level: Level, settings: DenseSettings
 ) -> tuple[Float32Array, Float32Array]:
     """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
     elsewhere, and its correlation."""
     rows, columns = prior.surface.shape
-    along = gentle_surface(prior.surface, level.grid.cell_m)
+    along = surface_along(prior.surface, level.grid.cell_m, steep.surface, steep.share)
     first = np.floor((prior.low - along) / level.step_m).astype(np.int32)
     count = np.ceil((prior.high - along) / level.step_m).astype(np.int64) - first + 1
     count[_seen(ground, (rows, columns)) == 0] = 0
@@ -305,13 +353,14 @@ def _refined(
     ground: GroundCells,
     height: Float32Array,
     elsewhere: Float32Array,
+    steep: SteepGround,
     level: Level,
     settings: DenseSettings,
 ) -> Heights:
     """Return heights to a fraction of a hypothesis, with their standard deviations; where there are none, windows reach
     to the heights ``elsewhere``."""
     z = median_of_known(height)
-    slope = slopes_without_walls(z, level.grid.cell_m)
+    slope = slopes_without_walls(z, level.grid.cell_m, steep.steepest)
     tolerance, smooth = _TOLERANCE_SHARE * level.step_m, np.empty_like(z)
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
@@ -321,4 +370,5 @@ def _refined(
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip
     refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, refined)
-    return Heights(*refined, _seen(ground, z.shape))
+    height, sigma = on_faces(refined.height, refined.sigma, steep, level)
+    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, z.shape))
