@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from photogram.surface.dense.slopes import STEEPEST_FACE, slopes_without_walls, surface_along
+from photogram.surface.dense.slopes import slopes_without_walls, surface_along
+from photogram.surface.dsm import STEEPEST
 
 CELL_M = 0.5
 
@@ -100,5 +101,5 @@ def test_a_wall_that_pairs_have_told_is_none_of_the_surface() -> None:
     house[20:40, 20:40] += 7.0
     along = surface_along(truth, CELL_M, house, share)
     assert np.ptp((along - truth)[4:-4, 4:-4]) < 0.7
-    slope = slopes_without_walls(house, CELL_M, STEEPEST_FACE)
-    assert np.abs(slope).max() <= STEEPEST_FACE * CELL_M
+    slope = slopes_without_walls(house, CELL_M, STEEPEST)
+    assert np.abs(slope).max() <= STEEPEST * CELL_M

@@ -12,7 +12,7 @@ from steep_site import CELL_M, GSD_M, HEIGHT_M, STEP_M, SteepSite, steep_site
 from photogram.arrays import BoolArray, Float32Array
 from photogram.grid import MapGrid, Window
 from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior
-from photogram.surface.dense.slopes import STEEPEST, STEEPEST_FACE
+from photogram.surface.dense.slopes import STEEPEST_GENTLE
 from photogram.surface.dense.steep_places import (
     FACE_ERROR,
     MET,
@@ -21,11 +21,12 @@ from photogram.surface.dense.steep_places import (
     SteepGround,
     _fill_between,
     _pieces,
-    on_faces,
+    means_of_faces,
     steep_ground,
     torn_cells,
 )
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, match_block
+from photogram.surface.dsm import STEEPEST
 
 FACE_DEG = 65.0
 LEVEL = Level(MapGrid(0.0, 0.0, CELL_M, 60, 60), 1, 0.5, STEP_M)
@@ -138,7 +139,7 @@ def test_a_noisy_face_gets_nearer_to_the_truth() -> None:
     truth, rng = tilted(65.0), np.random.default_rng(4)
     height = (truth + rng.normal(0.0, 0.15, truth.shape)).astype(np.float32)
     sigma = np.full(truth.shape, 0.15, np.float32)
-    mean, _ = on_faces(height, sigma, ground_of(truth, np.ones_like(truth)), LEVEL)
+    mean, _ = means_of_faces(height, sigma, ground_of(truth, np.ones_like(truth)), LEVEL)
     inner = slice(4, -4), slice(4, -4)
     before, after = ((v - truth)[inner].std() for v in (height, mean))
     assert after < 0.65 * before
@@ -149,7 +150,7 @@ def test_a_noisy_face_gets_nearer_to_the_truth() -> None:
 def test_sigma_of_a_face_grows_with_its_slope(degrees: float) -> None:
     """By what a window, shorter on it, is off in plan."""
     truth, sigma = tilted(degrees), np.full((60, 60), 0.05, np.float32)
-    _, grown = on_faces(truth, sigma, ground_of(truth, np.ones_like(truth)), LEVEL)
+    _, grown = means_of_faces(truth, sigma, ground_of(truth, np.ones_like(truth)), LEVEL)
     expected = np.hypot(0.05, FACE_ERROR * STEP_M * np.tan(np.radians(degrees)) ** 2)
     assert np.allclose(grown[4:-4, 4:-4], expected, rtol=1e-3)
     assert grown.dtype == np.float32
@@ -162,12 +163,12 @@ def test_gentle_cells_stay_to_the_bit() -> None:
     gentle[7, 9] = np.nan
     sigma, share = rng.random((60, 60)).astype(np.float32), np.ones((60, 60), np.float32)
     for height, steep in ((gentle, share), (tilted(65.0), 0.0 * share)):
-        found = on_faces(height, sigma, ground_of(height, steep), LEVEL)
+        found = means_of_faces(height, sigma, ground_of(height, steep), LEVEL)
         assert [v.tobytes() for v in found] == [height.tobytes(), sigma.tobytes()]
     half = share.copy()
     half[:, :30] = 0.0
     noisy = (tilted(65.0) + rng.normal(0.0, 0.1, (60, 60))).astype(np.float32)
-    mean, grown = on_faces(noisy, sigma, ground_of(tilted(65.0), half), LEVEL)
+    mean, grown = means_of_faces(noisy, sigma, ground_of(tilted(65.0), half), LEVEL)
     assert np.array_equal(mean[:, :30], noisy[:, :30])
     assert np.array_equal(grown[:, :30], sigma[:, :30])
     assert np.all(grown[4:-4, 34:-4] > sigma[4:-4, 34:-4])
@@ -176,7 +177,7 @@ def test_gentle_cells_stay_to_the_bit() -> None:
 def test_walls_of_steep_ground_are_steeper() -> None:
     share = np.array([[0.0, 0.3, 1.0]], np.float32)
     steepest = ground_of(np.zeros_like(share), share).steepest
-    assert np.array_equal(steepest, np.array([[STEEPEST, STEEPEST_FACE, STEEPEST_FACE]], np.float32))
+    assert np.array_equal(steepest, np.array([[STEEPEST_GENTLE, STEEPEST, STEEPEST]], np.float32))
 
 
 def told(site: SteepSite, prior: Prior) -> tuple[Prior, SteepGround, BoolArray]:

@@ -19,13 +19,11 @@ AGREE_M = 2.0 * STEP_M
 NAN = float("nan")
 
 
-def found_of(
-    site: SteepSite, near: Float32Array, reduction: int = 1, most: int = 6, *, closely: bool = False
-) -> StereoHeights:
+def found_of(site: SteepSite, near: Float32Array, reduction: int = 1, *, closely: bool = False) -> StereoHeights:
     """Return what pairs tell of the whole grid."""
     lines = site.lines(site.level.grid.whole)
     return stereo_heights(
-        site.views, site.picture, reduction, lines, near, BOUNDS_M, reduction * AGREE_M, most, closely=closely
+        site.views, site.picture, reduction, lines, near, BOUNDS_M, reduction * AGREE_M, closely=closely
     )
 
 
@@ -75,10 +73,9 @@ def test_no_pair_tells_nothing() -> None:
         position=site.views.cameras.position[:1], velocity=site.views.cameras.velocity[:1],
     ))  # fmt: skip
     lines = site.lines(site.level.grid.whole)
-    found = stereo_heights(one, site.picture, 1, lines, level(site), BOUNDS_M, AGREE_M, 6)
+    found = stereo_heights(one, site.picture, 1, lines, level(site), BOUNDS_M, AGREE_M)
     assert np.isnan(found.height_m).all()
     assert not found.pairs.any()
-    assert not found_of(site, level(site), most=0).pairs.any()
 
 
 @pytest.mark.parametrize("closely", [False, True])
@@ -89,7 +86,7 @@ def test_threads_of_opencv_change_nothing(closely: bool) -> None:
     try:
         for count in (1, 2, 4):
             cv2.setNumThreads(count)
-            heights = found_of(site, near, most=3, closely=closely)
+            heights = found_of(site, near, closely=closely)
             found.append((heights.height_m.tobytes(), heights.pairs.tobytes()))
     finally:
         cv2.setNumThreads(threads)

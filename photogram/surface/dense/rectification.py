@@ -46,6 +46,7 @@ MARGIN_PX = 12
 """Pixels around what a pair shows of the ground."""
 
 MOST_DISPARITIES = 512
+"""A pair with more is not matched: its parallax is too large for ground that rises so much."""
 
 
 def choose_pairs(views: Views, places_world_m: FloatArray, most: int) -> list[tuple[int, int]]:
@@ -123,7 +124,8 @@ def rectify(
     views: Views, pair: tuple[int, int], places_world_m: FloatArray, reduction: int, margin_px: int | None = None
 ) -> RectifiedPair | None:
     """Return a pair rectified over places (N, 3), in pixels of pictures reduced by a factor; None where one lies in the
-    direction of the other, or beside the places."""
+    direction of the other, or beside the places, or where there are too many disparities. To the west the pictures
+    reach so much further that all disparities have a partner, or by ``margin_px``."""
     position = views.position_world_m[list(pair)]
     base = position[1] - position[0]
     x = base / np.linalg.norm(base)
@@ -146,7 +148,7 @@ def rectify(
     count = int(np.ceil((disparity.max() + 4 - first) / 16)) * 16
     left = focal * seen[0][:, :2] / depth[:, None]
     low, high = np.floor(left.min(axis=0)) - MARGIN_PX, np.ceil(left.max(axis=0)) + MARGIN_PX
-    low[0] -= count if margin_px is None else margin_px  # columns that have no partner for all disparities
+    low[0] -= count if margin_px is None else margin_px
     size = high - low + 1
     if count > MOST_DISPARITIES:
         return None

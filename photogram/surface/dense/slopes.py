@@ -11,19 +11,17 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray
+from photogram.surface.dsm import STEEPEST
 
-STEEPEST = 1.0
-"""What rises by more than its run is a wall."""
-
-STEEPEST_FACE = 5.7
-"""The same where ground is steep: 80°."""
+STEEPEST_GENTLE = 1.0
+"""What rises by more than its run is a wall where nothing but a coarser level is known; elsewhere `dsm.STEEPEST`."""
 
 SMOOTH_CELLS = 3.0
 """Standard deviation of the Gaussian that smooths the slopes of the gentle surface."""
 
 
 def slopes_without_walls(
-    surface: Float32Array, cell_m: float, steepest: Float32Array | float = STEEPEST
+    surface: Float32Array, cell_m: float, steepest: Float32Array | float = STEEPEST_GENTLE
 ) -> Float32Array:
     """Return what a surface (rows, columns) rises by to the next cell to the east and to the south (rows, columns, 2);
     none where it rises by more than ``steepest`` times its run, of all or of each cell."""
@@ -57,7 +55,7 @@ def surface_along(surface: Float32Array, cell_m: float, steep_m: Float32Array, s
         if share.any():
             weight = _between(share, axis)
             rise = np.diff(steep_m, axis=axis)
-            between += weight * (np.where(np.abs(rise) > STEEPEST_FACE * cell_m, 0.0, rise) - between)
+            between += weight * (np.where(np.abs(rise) > STEEPEST * cell_m, 0.0, rise) - between)
         divergence += np.diff(between, axis=axis, prepend=0.0, append=0.0)
     bend = _cosines(rows)[:, None] + _cosines(columns)
     bend[0, 0] = 1.0

@@ -26,8 +26,9 @@ from photogram.grid import Verticals, Window
 from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior
 from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import own_side_mean
-from photogram.surface.dense.slopes import STEEPEST, STEEPEST_FACE, slopes_without_walls
+from photogram.surface.dense.slopes import STEEPEST_GENTLE, slopes_without_walls
 from photogram.surface.dense.stereo_heights import StereoHeights, stereo_heights
+from photogram.surface.dsm import STEEPEST
 from photogram.surface.views import Views
 
 OPEN_CELLS, WALL_CELLS = 3.0, 7
@@ -50,11 +51,12 @@ TILE_CELLS, AROUND_CELLS = 104, 12
 WHOLLY_CELLS, PARTLY_CELLS = 6.0, 14.0
 """How far around steep places their surface is that of pairs alone, and how far in parts."""
 
-FACE_RIM_CELLS, NEAR_SHARE = 3, 0.15
-"""So many cells around a face count as its own; how far beyond its heights pairs are matched, as a share of these."""
+FACE_RIM_CELLS, NEAR_SHARE, NEAR_STEPS = 3, 0.15, 4.0
+"""So many cells around a face count as its own; how far beyond its heights pairs are matched, as a share of their range
+and in steps."""
 
-PAIRS = 6
-"""Pairs that are matched over a piece of ground at most."""
+OUTLYING_PERCENT = 0.5
+"""Of the lowest and of the highest heights that torn cells may have, so many count for none of the pairs' bounds."""
 
 AGREE_STEPS, SEARCHED_STEPS = 2.0, 3.0
 """Steps of height within which pairs agree, and that are searched around what several tell; around what one tells the
@@ -81,7 +83,7 @@ class SteepGround(NamedTuple):
     @property
     def steepest(self) -> Float32Array:
         """Return what rises by more than so many times its run is a wall."""
-        return np.where(self.share > 0.0, np.float32(STEEPEST_FACE), np.float32(STEEPEST))
+        return np.where(self.share > 0.0, np.float32(STEEPEST), np.float32(STEEPEST_GENTLE))
 
 
 class _Told(NamedTuple):
@@ -99,19 +101,14 @@ class _Sources(NamedTuple):
     level: Level
     lines: Verticals
 
-    def heights(
-        self, part: Window, every: slice, near: Float32Array, bounds: tuple[float, float], most: int, *, closely: bool
-    ) -> StereoHeights:
-        """Return the heights of ``every`` cell of a part of the window, from pictures as much reduced."""
-        cells = every.step or 1
-        at = part.slices
-        lines = Verticals(
-            self.lines.base_map_m, self.lines.foot_world_m[at][every, every], self.lines.up[at][every, every]
-        )
-        agree_m = AGREE_STEPS * cells * self.level.step_m
+    def heights(self, part: Window, near: Float32Array, bounds_m: tuple[float, float], cells: int) -> StereoHeights:
+        """Return the heights of every so many ``cells`` of a part of the window, from pictures as much reduced: all
+        within bounds, or of all cells those close to ``near`` (rows, columns)."""
+        foot, up = (layer[part.slices][::cells, ::cells] for layer in (self.lines.foot_world_m, self.lines.up))
         return stereo_heights(
-            self.views, self.picture, cells * self.level.reduction, lines, near, bounds, agree_m, most, closely=closely
-        )
+            self.views, self.picture, cells * self.level.reduction, Verticals(self.lines.base_map_m, foot, up), near,
+            bounds_m, AGREE_STEPS * cells * self.level.step_m, closely=cells == 1,
+        )  # fmt: skip
 
 
 def torn_cells(prior: Prior, level: Level, looked_at: BoolArray) -> BoolArray:
@@ -125,7 +122,7 @@ def _smoothed(height: Float32Array, level: Level, cells: int) -> Float32Array:
     """Return heights (rows, columns) of cells so many times as large as the level's, without outliers, smoothed along
     their own planes."""
     surface = np.asarray(median_filter(height, 3, mode="nearest"), dtype=np.float32)
-    slope = slopes_without_walls(surface, cells * level.grid.cell_m, STEEPEST_FACE)
+    slope = slopes_without_walls(surface, cells * level.grid.cell_m, STEEPEST)
     smooth = np.empty_like(surface)
     own_side_mean(surface, slope, SMOOTH_STEPS * cells * level.step_m, 1, smooth)
     return smooth
@@ -158,14 +155,14 @@ def steep_ground(
     return Prior(low, high, surface, worthwhile), SteepGround(surface, share, several)
 
 
-def on_faces(
+def means_of_faces(
     height: Float32Array, sigma: Float32Array, steep: SteepGround, level: Level
 ) -> tuple[Float32Array, Float32Array]:
     """Return heights (rows, columns) and their standard deviations, those of faces as means along their planes."""
     if not steep.share.any():
         return height, sigma
     cell_m = level.grid.cell_m
-    slope = slopes_without_walls(np.where(np.isfinite(height), height, steep.surface), cell_m, STEEPEST_FACE)
+    slope = slopes_without_walls(np.where(np.isfinite(height), height, steep.surface), cell_m, STEEPEST)
     mean = np.empty_like(height)
     own_side_mean(height, slope, FACE_TOLERANCE_STEPS * level.step_m, 1, mean)
     tangent = np.hypot(slope[..., 0], slope[..., 1]) / np.float32(cell_m)
@@ -191,19 +188,18 @@ def _pieces(which: BoolArray, side: int, around: int) -> Iterator[tuple[Window, 
 def _told_by_half_size(sources: _Sources, prior: Prior, torn: BoolArray, share: Float32Array) -> _Told:
     """Return the surface of steep places as pairs of half the size tell it."""
     surface, pairs = prior.surface.copy(), np.zeros(torn.shape, np.uint8)
-    every = slice(None, None, COARSER)
     for core, part in _pieces(share > 0.0, COARSER * TILE_CELLS, COARSER * AROUND_CELLS):
         at = part.slices
-        near, asked = prior.surface[at], torn[at] if torn[at].any() else share[at] > 0.0
-        bounds = float(np.percentile(prior.low[at][asked], 0.5)), float(np.percentile(prior.high[at][asked], 99.5))
-        told = sources.heights(part, every, near[every, every], bounds, PAIRS, closely=False)
-        known = np.isfinite(told.height_m)
-        filled = np.where(known, told.height_m, near[every, every]).astype(np.float32)
+        near, asked = prior.surface[at][::COARSER, ::COARSER], torn[at] if torn[at].any() else share[at] > 0.0
+        low = float(np.percentile(prior.low[at][asked], OUTLYING_PERCENT))
+        high = float(np.percentile(prior.high[at][asked], 100.0 - OUTLYING_PERCENT))
+        told = sources.heights(part, near, (low, high), COARSER)
+        filled = np.where(np.isfinite(told.height_m), told.height_m, near).astype(np.float32)
         _fill_between(told.height_m, np.ones_like(filled), REACH_CELLS // COARSER, filled, filled.copy(), filled.copy())
         smooth = _smoothed(filled, sources.level, COARSER)
         inner = core.within(part)
-        surface[core.slices] = _finer(smooth, near.shape)[inner]
-        pairs[core.slices] = _finer(told.pairs.astype(np.float32), near.shape)[inner]
+        surface[core.slices] = _finer(smooth, part.shape)[inner]
+        pairs[core.slices] = _finer(told.pairs.astype(np.float32), part.shape)[inner]
     return _Told(surface, pairs)
 
 
@@ -217,9 +213,8 @@ def _told_by_whole_size(sources: _Sources, told: _Told, share: Float32Array) -> 
     faces = binary_dilation(faces, np.ones((2 * FACE_RIM_CELLS + 1, 2 * FACE_RIM_CELLS + 1), np.bool_)) & (share > 0.0)
     for core, part in _pieces(faces, TILE_CELLS, AROUND_CELLS):
         near = told.height[part.slices]
-        beyond = NEAR_SHARE * float(np.ptp(near)) + 4.0 * level.step_m
-        bounds = float(near.min()) - beyond, float(near.max()) + beyond
-        found = sources.heights(part, slice(None), near, bounds, PAIRS, closely=True)
+        beyond = NEAR_SHARE * float(np.ptp(near)) + NEAR_STEPS * level.step_m
+        found = sources.heights(part, near, (float(near.min()) - beyond, float(near.max()) + beyond), 1)
         at, inner = core.slices, core.within(part)
         better = faces[at] & np.isfinite(found.height_m[inner])
         height[at] = np.where(better, found.height_m[inner], height[at])

@@ -29,6 +29,9 @@ NEAR_PX = 16
 SPECKLE_PX, UNIQUE_PERCENT, PREFILTER = 100, 10, 63
 """Fewer pixels of one surface are no heights, nor are those whose second best is so near; the cut of its gradients."""
 
+PAIRS = 6
+"""Pairs that are matched over a piece of ground at most."""
+
 NODES = 5
 """Places along the sides of a piece of ground at which it is looked up."""
 
@@ -42,10 +45,11 @@ class StereoHeights(NamedTuple):
 
 def stereo_heights(
     views: Views, picture: Picture, reduction: int, lines: Verticals, near: Float32Array, bounds_m: tuple[float, float],
-    agree_m: float, most: int, closely: bool = False,
+    agree_m: float, *, closely: bool = False,
 ) -> StereoHeights:  # fmt: skip
     """Return the heights of a window from pairs; they lie about ``near`` (rows, columns), between ``bounds_m``, and
-    agree within ``agree_m``; up to ``most`` pairs are matched."""
+    agree within ``agree_m``. Those ``closely`` around ``near`` alone are tried, NEAR_PX of disparity to each side, or
+    all within the bounds."""
     rows, columns = near.shape
     at = np.ix_(*(np.linspace(0, n - 1, NODES).astype(int) for n in (rows, columns)))
     foot, up = lines.foot_world_m[at].reshape(-1, 3), lines.up[at].reshape(-1, 3)
@@ -54,7 +58,7 @@ def stereo_heights(
     bounds = np.concatenate([foot + bottom * up, foot + top * up])
     to_cell = _to_cell(lines, bottom, top)
     found = []
-    for pair in choose_pairs(views, middle, most):
+    for pair in choose_pairs(views, middle, PAIRS):
         geometry = rectify(views, pair, bounds, reduction, NEAR_PX if closely else None)
         if geometry is None:
             continue

@@ -29,9 +29,10 @@ from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.sight import hidden_cells
-from photogram.surface.dense.slopes import STEEPEST_FACE, slopes_without_walls, surface_along
-from photogram.surface.dense.steep_places import SteepGround, on_faces, steep_ground, torn_cells
+from photogram.surface.dense.slopes import slopes_without_walls, surface_along
+from photogram.surface.dense.steep_places import SteepGround, means_of_faces, steep_ground, torn_cells
 from photogram.surface.dense.window_sums import Window as Samples
+from photogram.surface.dsm import STEEPEST
 from photogram.surface.views import Views, places_in_view
 
 BLOCK_CELLS = 384
@@ -215,7 +216,7 @@ def _views_of_steep(
     most = views.shape[2]
     patches = _steep_patches(steep.share)
     wide = _views_of_patches(scene, lines, steep.surface, 2 * most, level.reduction)
-    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST_FACE)
+    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST)
     of_patch = PATCH_CELLS, lines, steps, steep.surface, slope, steep.told, level.step_m
     _, facing = hidden_cells(scene.views.position_world_m, wide, *of_patch)
     order = np.argsort(-facing, axis=2, kind="stable")[..., :most]
@@ -370,5 +371,5 @@ def _refined(
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip
     refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, refined)
-    height, sigma = on_faces(refined.height, refined.sigma, steep, level)
+    height, sigma = means_of_faces(refined.height, refined.sigma, steep, level)
     return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, z.shape))
