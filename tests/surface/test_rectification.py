@@ -193,6 +193,9 @@ def test_no_pair_beside_the_places_or_with_too_many_disparities() -> None:
     assert at_30 > MOST_DISPARITIES
     assert rectify(views, (0, 1), tall, 1) is None
     assert made(views, (0, 1), tall, 2).disparities > at_30 / 2
+    few_tried = rectify(views, (0, 1), tall, 1, 16)
+    assert few_tried is not None
+    assert few_tried.disparities > at_30
 
 
 def test_known_disparities_need_fewer_columns() -> None:

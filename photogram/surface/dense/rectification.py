@@ -125,7 +125,7 @@ def rectify(
 ) -> RectifiedPair | None:
     """Return a pair rectified over places (N, 3), in pixels of pictures reduced by a factor; None where one lies in the
     direction of the other, or beside the places, or where there are too many disparities. To the west the pictures
-    reach so much further that all disparities have a partner, or by ``margin_px``."""
+    reach so much further that all disparities have a partner; or by ``margin_px``, where few are tried."""
     position = views.position_world_m[list(pair)]
     base = position[1] - position[0]
     x = base / np.linalg.norm(base)
@@ -148,10 +148,10 @@ def rectify(
     count = int(np.ceil((disparity.max() + 4 - first) / 16)) * 16
     left = focal * seen[0][:, :2] / depth[:, None]
     low, high = np.floor(left.min(axis=0)) - MARGIN_PX, np.ceil(left.max(axis=0)) + MARGIN_PX
+    if margin_px is None and count > MOST_DISPARITIES:
+        return None
     low[0] -= count if margin_px is None else margin_px
     size = high - low + 1
-    if count > MOST_DISPARITIES:
-        return None
     return RectifiedPair(
         pair, rotation, position, focal, (int(low[0]), int(low[1])), (int(size[0]), int(size[1])), first, count,
         float(np.median(depth)),
