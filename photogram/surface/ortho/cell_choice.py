@@ -57,7 +57,7 @@ def edges_of(height: Float32Array, cell_m: float) -> BoolArray:
     known = np.isfinite(height)
     low, high = np.where(known, height, np.float32(np.inf)), np.where(known, height, np.float32(-np.inf))
     around = np.ones((2 * EDGE_REACH + 1,) * 2, np.uint8)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):  # where nothing is known around
         step = cv2.dilate(high, around) - cv2.erode(low, around)
     return np.asarray(step > EDGE_CELLS * cell_m)
 
