@@ -285,7 +285,8 @@ def compare(survey: Survey, methods: list[str], repeat: int, cloud: Path | None,
     if canopy:
         print_canopy(survey, outcomes)
     if survey.made is not None and truths is not None:
-        print_steep(outcomes, truths[1], *survey.made)
+        finest = {f"{n}, finest": at_finest_level(survey, o) for n, o in outcomes.items() if n == "photogram"}
+        print_steep(outcomes | finest, truths[1], *survey.made)
     for path in [] if cloud is None else [cloud]:
         other = read_cloud(path)
         judge = point_agreement if len(other) < FEW_POINTS * filled.sum() else agreement
