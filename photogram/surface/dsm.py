@@ -211,10 +211,12 @@ def sure_cells(height_m: Float32Array, rays: ByteArray, seen: ByteArray, cell_m:
 
 
 def _agreed_heights(
-    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float, least: float
-) -> Float32Array:
-    """Return the heights (rows, columns) on which enough photographs agree. On a slope they see a window foreshortened,
-    the texture in it finer: sure cells may correlate less there, by the cosine."""
+    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float,
+    least: Float32Array | float,
+) -> Float32Array:  # fmt: skip
+    """Return the heights (rows, columns) on which enough photographs agree, that correlate by the ``least`` of all or
+    of each cell. On a slope they see a window foreshortened, the texture in it finer: sure cells may correlate less
+    there, by the cosine."""
     outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
     sure, cosine = sure_cells(height_m, rays, seen, cell_m)
     agreed = (correlation >= least * np.where(sure, cosine, 1.0)) & (rays >= 2) & ~outvoted
@@ -228,11 +230,11 @@ def rough_heights(
     rays: ByteArray,
     seen: ByteArray,
     cell_m: float,
-    least: float,
+    least: Float32Array | float,
 ) -> Float32Array:
     """Return the heights (rows, columns) of a coarser level on which photographs agree as ``filtered_heights`` says,
     with ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
-    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, max(least, ROUGH_CORRELATION))
+    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, np.maximum(least, ROUGH_CORRELATION))
     supported = supported_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m, ROUGH_SUPPORT)
     return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
 
@@ -244,7 +246,7 @@ def filtered_heights(
     rays: ByteArray,
     seen: ByteArray,
     cell_m: float,
-    least: float,
+    least: Float32Array | float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
     of those ``seen``, and two alone are not believed against OUTVOTED or more. In a patch of fewer than

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from patch_windows import same_windows
 
 from photogram.arrays import ByteArray
 from photogram.surface.dense.correlation import (
@@ -21,7 +22,6 @@ from photogram.surface.dense.correlation import (
     share_of,
 )
 from photogram.surface.dense.lattice import NOTHING_HIDDEN, CellWindow, GroundCells
-from photogram.surface.dense.window_sums import Window
 
 STEP_M = 0.3
 REACH = 6
@@ -73,7 +73,7 @@ def costs(plane: Any, pictures: Any = None, noise: float = 1.5, ground: GroundCe
     first, counts = np.full(start.shape, -REACH, np.int32), np.full(start.shape, count)
     tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, counts, start)
     looked_up = plane.ground() if ground is None else ground
-    fill_costs(plane.crops(pictures), looked_up, Window(2, noise, 0.5), tried, cost)
+    fill_costs(plane.crops(pictures), looked_up, same_windows(looked_up, 2, noise, 0.5), tried, cost)
     return cost.reshape(rows, columns, count)
 
 
@@ -98,7 +98,7 @@ def test_costs_do_not_depend_on_what_else_is_asked_for(photographed_plane: Any) 
     cost = np.full(ends[-1], 255, np.uint8)
     start = (ends - count.ravel()).reshape(shape)
     tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, count, start)
-    fill_costs(plane.crops(), plane.ground(), Window(2, 1.5, 0.5), tried, cost)
+    fill_costs(plane.crops(), plane.ground(), same_windows(plane.ground(), 2, 1.5, 0.5), tried, cost)
     cell = np.repeat(np.arange(count.size), count.ravel())
     k = np.arange(len(cost)) - (ends - count.ravel())[cell] + first.ravel()[cell]
     expected = all_of_them.reshape(-1, 2 * REACH + 1)[cell, k + REACH]
@@ -130,7 +130,8 @@ def test_what_fewer_than_two_photographs_show_is_neutral(photographed_plane: Any
     cost = np.zeros(start.size, np.uint8)
     first, count = np.zeros(start.shape, np.int32), np.ones(start.shape, np.int64)
     tried = Hypotheses(plane.height_m.astype(np.float32), STEP_M, first, count, start)
-    fill_costs(plane.crops(), plane.ground()._replace(views=alone), Window(2, 1.5, 0.5), tried, cost)
+    ground = plane.ground()._replace(views=alone)
+    fill_costs(plane.crops(), ground, same_windows(ground, 2, 1.5, 0.5), tried, cost)
     assert np.all(cost == NEUTRAL)
 
 

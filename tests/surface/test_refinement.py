@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from patch_windows import same_windows
 
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
-from photogram.surface.dense.window_sums import Window
 
 GSD_M = 0.1
-WINDOW = Window(3, 1.5, 0.5)
+WINDOW = 3, 1.5, 0.5
 
 
 def refined(plane: Any, pictures: Any, start: Any, views: Any = None) -> tuple[Any, Any, Any, Any]:
@@ -24,7 +24,8 @@ def refined(plane: Any, pictures: Any, start: Any, views: Any = None) -> tuple[A
     own_side_mean(surface, plane.tilt, 0.3, 2, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, plane.height_m).astype(np.float32)
     from_here = InitialHeights(surface, smooth, plane.tilt, 0.08, 0.3, 1.0, 0.15)
-    refine_heights(plane.crops(pictures), ground, WINDOW, from_here, Refined(height, sigma, correlation, rays))
+    windows = same_windows(ground, *WINDOW)
+    refine_heights(plane.crops(pictures), ground, windows, from_here, Refined(height, sigma, correlation, rays))
     return height, sigma, correlation, rays
 
 

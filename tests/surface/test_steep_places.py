@@ -18,9 +18,13 @@ from photogram.surface.dense.steep_places import (
     MET,
     OPEN_CELLS,
     WALL_CELLS,
+    WEAK_STEPS,
+    Asked,
     SteepGround,
     _fill_between,
     _pieces,
+    _Told,
+    _without_strays,
     means_of_faces,
     steep_ground,
     torn_cells,
@@ -60,13 +64,13 @@ def test_a_narrow_range_is_not_torn_nor_is_what_nobody_looks_at() -> None:
 
 
 def between(
-    height: Float32Array, share: Float32Array | None = None, reach: int = 24
+    height: Float32Array, share: Float32Array | None = None, reach: int = 24, rise_m: float = np.inf
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Return what is filled between heights (rows, columns), and the least and the largest of those around."""
     filled = np.full(height.shape, -99.0, np.float32)
     low, high = height.copy(), height.copy()
     given_to = np.ones(height.shape, np.float32) if share is None else share
-    _fill_between(height, given_to, reach, filled, low, high)
+    _fill_between(height, given_to, reach, rise_m, filled, low, high)
     return filled, low, high
 
 
@@ -180,11 +184,16 @@ def test_walls_of_steep_ground_are_steeper() -> None:
     assert np.array_equal(steepest, np.array([[STEEPEST_GENTLE, STEEPEST, STEEPEST]], np.float32))
 
 
+def only(torn: BoolArray) -> Asked:
+    """Return that pairs are asked of torn cells alone."""
+    return Asked(torn, np.zeros_like(torn))
+
+
 def told(site: SteepSite, prior: Prior) -> tuple[Prior, SteepGround, BoolArray]:
     """Return what pairs tell of the whole grid, and which cells are torn."""
     whole = site.level.grid.whole
     torn = torn_cells(prior, site.level, np.ones(whole.shape, bool))
-    found, steep = steep_ground(site.views, site.picture, site.level, site.lines(whole), prior, torn)
+    found, steep = steep_ground(site.views, site.picture, site.level, site.lines(whole), prior, only(torn))
     return found, steep, torn
 
 
@@ -232,7 +241,7 @@ def test_noise_alone_narrows_no_range() -> None:
     def picture(view: int, reduction: int) -> Float32Array:
         return noise[view, reduction].astype(np.float32)
 
-    found, steep = steep_ground(site.views, picture, site.level, site.lines(whole), prior, torn)
+    found, steep = steep_ground(site.views, picture, site.level, site.lines(whole), prior, only(torn))
     assert steep.told.mean() < 0.001
     assert torn.mean() > 0.5
     assert np.mean(steep.share > 0.0) < 0.05
@@ -246,7 +255,8 @@ def test_pictures_without_texture_narrow_no_range() -> None:
     prior = site.prior(whole)
     torn = torn_cells(prior, site.level, np.ones(whole.shape, bool))
     blank = {(v, r): np.zeros_like(site.picture(v, r)) for v in range(9) for r in (1, 2)}
-    found, steep = steep_ground(site.views, lambda v, r: blank[v, r], site.level, site.lines(whole), prior, torn)
+    lines = site.lines(whole)
+    found, steep = steep_ground(site.views, lambda v, r: blank[v, r], site.level, lines, prior, only(torn))
     assert not steep.told.any()
     assert np.array_equal(found.low, prior.low)
     assert np.array_equal(found.high, prior.high)
@@ -296,3 +306,85 @@ def test_blocks_in_any_order_with_any_threads_are_the_same() -> None:
             assert found[::-1] == expected
     finally:
         cv2.setNumThreads(threads)
+
+
+def weakly_shown(site: SteepSite, contrast: float, noise_dn: float) -> dict[tuple[int, int], Float32Array]:
+    """Return its pictures, whole and of half the size, with so much of their contrast under so much noise."""
+    rng, shown = np.random.default_rng(5), {}
+    for view in range(len(site.views)):
+        clean = site.picture(view, 1)
+        noisy = 90.0 + contrast * (clean - clean.mean()) + noise_dn * rng.standard_normal(clean.shape)
+        shown[view, 1] = noisy.astype(np.float32)
+        shown[view, 2] = cv2.pyrDown(shown[view, 1])
+    return shown
+
+
+def test_pairs_tell_the_surface_of_weak_texture() -> None:
+    """From a coarser level that knows nothing but a wide range."""
+    site = steep_site(FACE_DEG)
+    whole, shown = site.level.grid.whole, weakly_shown(steep_site(FACE_DEG), 0.15, 4.0)
+    truth, weak = site.truth_m(whole), np.ones(site.level.grid.whole.shape, bool)
+    low = np.full(whole.shape, -4.0, np.float32)
+    prior = Prior(low, low + 16.0, low + 8.0, np.zeros(whole.shape, bool))
+    lines, asked = site.lines(whole), Asked(~weak, weak)
+    found, steep = steep_ground(site.views, lambda v, r: shown[v, r], site.level, lines, prior, asked)
+    level = (np.abs(site.lines(whole).foot_world_m[..., :2]).max(axis=-1) > 9.0) & (steep.share >= 1.0)
+    assert level.mean() > 0.3
+    error = np.abs(steep.surface - truth)[level]
+    assert np.median(error) < 1.5 * GSD_M
+    assert np.mean(error < 4.0 * GSD_M) > 0.9
+    assert np.mean(((found.low <= truth) & (truth <= found.high))[level]) > 0.9
+    assert np.median((found.high - found.low)[level]) < 1.1 * 2.0 * WEAK_STEPS * STEP_M
+    assert found.worthwhile is not None
+    assert found.worthwhile[level].all()
+    assert not steep.told.any()  # photographs are chosen as on gentle ground
+
+
+def test_what_is_beyond_a_wall_is_not_filled_between() -> None:
+    """Behind a roof, which hides the ground from most photographs."""
+    height = np.full((11, 30), np.nan, np.float32)
+    height[:, :10], height[:, 14:] = 0.0, 9.0
+    filled, low, high = between(height, rise_m=0.5)
+    inner = slice(4, 7), slice(10, 14)
+    assert np.all(filled[inner] == 0.0)
+    assert np.all((low[inner] == 0.0) & (high[inner] == 9.0))
+    assert np.all(between(height)[0][inner] > 0.5)
+    assert np.all(between(height, rise_m=5.0)[0][inner] > 0.5)
+
+
+def test_a_height_of_one_pair_is_kept_where_others_are_near_it() -> None:
+    height, pairs = np.zeros((30, 60), np.float32), np.full((30, 60), 3, np.uint8)
+    height[10:14, 20:30], pairs[10:14, 20:30] = 6.0, 1  # a roof that one pair has seen on the ground beside it
+    height[20:24, 20:30], pairs[20:24, 20:30] = 0.5 * STEP_M, 1
+    pairs[5, 5] = 0
+    found = _without_strays(_Told(height, pairs), np.ones(height.shape, np.float32), LEVEL)
+    assert np.isnan(found.height[10:14, 20:30]).all()
+    assert not found.pairs[10:14, 20:30].any()
+    assert np.array_equal(found.height[20:24, 20:30], height[20:24, 20:30])
+    assert np.isnan(found.height[5, 5])
+    alone = _without_strays(
+        _Told(height, np.minimum(pairs, 1).astype(np.uint8)), np.ones(height.shape, np.float32), LEVEL
+    )
+    assert np.array_equal(np.isnan(alone.height), pairs == 0)
+
+
+def test_heights_of_weak_texture_are_measured() -> None:
+    """A coarser level that is wrong by metres, a tenth of the usual contrast and noise of four grey values."""
+    site, block = steep_site(FACE_DEG), Window(6, 6, 114, 114)
+    shown = weakly_shown(site, 0.15, 4.0)
+    outer = site.level.grid.around_window(block, MARGIN_CELLS)
+    low = np.full(outer.shape, -4.0, np.float32)
+    scene = replace(site.scene, picture=lambda view, reduction: shown[view, reduction])
+    level = np.abs(site.lines(block).foot_world_m[..., :2]).max(axis=-1) > 9.0
+    rough = np.random.default_rng(2).normal(0.0, 0.5, outer.shape).astype(np.float32)
+    errors = []
+    for worthwhile in (np.ones(outer.shape, bool), None):  # None: there is no coarser level, and nothing is told
+        prior = Prior(low, low + 16.0, rough, worthwhile)
+        found = match_block(scene, site.level, block, prior, DenseSettings()).heights
+        assert found is not None
+        errors.append((found.height_m - site.truth_m(block))[level])
+        assert bool((found.expected < 1.0)[level].mean() > 0.9) == (worthwhile is not None)
+    good = [np.mean(np.abs(error) < 3.0 * GSD_M) for error in errors]
+    assert good[0] > 0.95
+    assert good[1] < 0.9
+    assert 1.4826 * np.nanmedian(np.abs(errors[0])) < 1.0 * GSD_M

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -99,6 +100,35 @@ def test_pictures_without_texture_give_no_confidence(photographed_plane: Any) ->
     noise = [(90.0 + rng.normal(0.0, 1.5, p.shape)).astype(np.float32) for p in photographed_plane.pictures]
     found = matched(photographed_plane, GRID, Window(48, 48, 112, 112), pictures=noise)
     assert np.nanmedian(found.correlation) < 0.5
+
+
+@pytest.mark.parametrize(("contrast", "noise_dn"), [(0.2, 4.0), (0.3, 3.0)])
+def test_a_weak_plane_is_one_smooth_sheet(photographed_plane: Any, contrast: float, noise_dn: float) -> None:
+    """With standard deviations that are those of its errors, and a correlation that is as low as its noise makes it."""
+    block, plane, rng = Window(40, 40, 120, 130), photographed_plane, np.random.default_rng(12)
+    weak = [90.0 + contrast * (p - p.mean()) + noise_dn * rng.standard_normal(p.shape) for p in plane.pictures]
+    shown = {(v, r): p for v, whole in enumerate(weak) for r, p in ((1, whole), (2, cv2.pyrDown(whole)))}
+    scene = Scene(plane.frame, plane.views, lambda view, reduction: shown[view, reduction].astype(np.float32))
+    outer = GRID.around_window(block, MARGIN_CELLS)
+    truth = truth_m(plane, GRID, block)
+    surface = (truth_m(plane, GRID, outer) + rng.normal(0.0, 0.4, outer.shape)).astype(np.float32)
+    prior = Prior(surface - np.float32(4.0), surface + np.float32(4.0), surface, np.ones(outer.shape, bool))
+    found = match_block(scene, level_of(GRID), block, prior, DenseSettings()).heights
+    assert found is not None
+    error = found.height_m - truth
+    gsd_m, z = 0.1, error / found.sigma_m
+    assert np.isfinite(error).all()
+    assert abs(np.median(error)) < 0.4 * gsd_m
+    assert np.abs(error).max() < 5.0 * gsd_m
+    assert np.mean(np.abs(error) < 3.0 * gsd_m) > 0.97
+    assert np.mean(np.abs(z) < 2.0) > 0.85
+    assert np.median(found.sigma_m) < 1.0 * gsd_m
+    weak_share = np.mean(found.expected < 1.0)
+    assert weak_share > 0.95
+    assert np.mean(found.correlation > 0.3 * found.expected) > 0.97
+    plain = matched(plane, GRID, block, pictures=[w.astype(np.float32) for w in weak])  # of one level: as if textured
+    assert np.all(plain.expected == 1.0)
+    assert np.nanmedian(np.abs(plain.height_m - truth)) > 1.5 * np.median(np.abs(error))
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,15 @@ import numpy as np
 import pytest
 import rasterio
 
+from photogram.grid import MapGrid, Window
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages import dense as dense_stages
 from photogram.pipeline.stages import surface as surface_stages
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.publishing.products import CLOUD, write_dense_cloud
-from photogram.pipeline.stages.surface import model_surface
+from photogram.pipeline.stages.surface import MatchedHeights, model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
+from photogram.pipeline.store.tiles import BlockFiles
 from photogram.pipeline.store.workspace import Workspace
 from photogram.surface.dense import tile_matching as dense_matching
 from photogram.surface.dense.semi_global import regularised
@@ -243,6 +245,29 @@ def test_surfaces_do_not_depend_on_tiles(
         truth = file.read(1)
     assert np.isfinite(height).mean() > 0.3
     assert np.nanmin(truth) - 2.0 < np.nanmin(height) < np.nanmax(height) < np.nanmax(truth) + 2.0
+
+
+def test_weak_texture_correlates_less_and_has_no_larger_cells(tmp_path: Path) -> None:
+    """The western half correlates by 0.1, which is as much as its texture lets expect; the grid is odd-sized."""
+    grid = MapGrid(0.0, 0.0, 0.1, 61, 83)
+    expected = np.where(np.arange(83) < 42, 0.2, 1.0) * np.ones((61, 1))
+    levels = {cells: BlockFiles(tmp_path / str(cells), grid.coarser(cells), 50) for cells in (1, 2)}
+    for cells, store in levels.items():
+        for block in store.windows:
+            of = np.ones(block.shape)
+            correlation = (0.1 if cells == 1 else 0.9) * of
+            texture = expected[block.slices] if cells == 1 else of
+            layers: dict[str, Any] = {"height_m": of, "sigma_m": 0.01 * of, "correlation": correlation}
+            layers = {name: layer.astype(np.float32) for name, layer in (layers | {"expected": texture}).items()}
+            store.write(block, layers | {name: (5 * of).astype(np.uint8) for name in ("rays", "seen")})
+    heights = MatchedHeights(levels, 0.0, 50.0)
+    fine, _ = heights.kept(Window(3, 1, 60, 80), 1, 0.3)
+    assert np.isfinite(fine.height_m[2:-2, 2:38]).all()
+    assert np.isnan(fine.height_m[:, 41:]).all()
+    coarse, rough = heights.kept(grid.coarser(2).whole, 2, 0.3)
+    for level in (coarse, rough):
+        assert np.isnan(level.height_m[:, :21]).all()
+        assert np.isfinite(level.height_m[2:-2, 23:-2]).all()
 
 
 def test_the_dense_cloud_ends_with_the_work_beside_it(adjusted_survey: Path) -> None:

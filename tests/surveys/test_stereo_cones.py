@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import rasterio
 from makers import SharedData
+from patch_windows import same_windows
 from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import BoolArray, Float32Array
@@ -22,7 +23,6 @@ from photogram.surface.dense.pyramid import median_of_known
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.tile_matching import DenseSettings
-from photogram.surface.dense.window_sums import Window
 
 Read = Callable[[str], Float32Array]
 
@@ -81,7 +81,7 @@ def disparity(read: Read) -> Float32Array:
         np.zeros(left.shape, np.float32), STEP_PX, first.reshape(left.shape), np.full(left.shape, count),
         start[:-1].reshape(left.shape),
     )  # fmt: skip
-    fill_costs(crops, ground, Window(2, settings.noise_dn, 0.5), tried, cost)
+    fill_costs(crops, ground, same_windows(ground, 2, settings.noise_dn, 0.5), tried, cost)
     unit = NEUTRAL / 100.0
     volume = CostVolume(cost, start, first, left)
     best, _ = regularised(volume, settings.small_step * unit, settings.large_step * unit, settings.contrast_dn)
@@ -91,8 +91,8 @@ def disparity(read: Read) -> Float32Array:
     smooth = np.empty_like(z)
     own_side_mean(z, level, STEP_PX, 2, smooth)
     from_here = InitialHeights(z, smooth, level, 0.3 * STEP_PX, STEP_PX, 1.0, 0.58 * STEP_PX)
-    window = Window(3, settings.noise_dn, 0.5)
-    refine_heights(crops, ground, window, from_here, Refined(found, sigma, correlation, rays))
+    windows = same_windows(ground, 3, settings.noise_dn, 0.5)
+    refine_heights(crops, ground, windows, from_here, Refined(found, sigma, correlation, rays))
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import cv2
@@ -44,7 +44,14 @@ from photogram.surface.dense.pyramid import (
     survey_grid,
 )
 from photogram.surface.dense.steep_places import COARSER
-from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Scene, match_block
+from photogram.surface.dense.tile_matching import (
+    BLOCK_CELLS,
+    MARGIN_CELLS,
+    DenseSettings,
+    Heights,
+    Scene,
+    match_block,
+)
 from photogram.surface.views import Views
 from photogram.wording import Progress, things
 
@@ -201,7 +208,10 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
         prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
     matching = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
     around = {} if last else {"start_m": matching.start_m, "agreement": matching.agreement}
-    store.write(block, around | ({} if matching.heights is None else vars(matching.heights)))
+    layers = {} if matching.heights is None else dict(vars(matching.heights))
+    if not last:
+        layers.pop("expected", None)  # texture is told by the finest cells alone
+    store.write(block, around | layers)
 
 
 _PICTURES = PieceType(_Matching.read, _make_pictures)
@@ -241,6 +251,7 @@ DENSE: Stage = Stage(
         run.project.surface.cell_m,
         run.project.surface.in_plan,
         run.project.surface.plane,
+        [layer.name for layer in fields(Heights)],
         *stretches(run),
     ],
     match_surface,

@@ -188,19 +188,32 @@ class MatchedHeights:
 
     def kept(self, window: Window, cells: int, least: float) -> tuple[LevelHeights, LevelHeights]:
         """Return the heights of a level that are kept, and those that are where the surface is rough, in a window of
-        its own grid: what it needs from beyond the edge is read."""
+        its own grid: what it needs from beyond the edge is read. Larger cells have none of weak texture."""
         store = self.levels[cells]
         outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
         height, *others = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
         at, (sigma, correlation, rays, seen) = window.within(outer), others
+        expected = self._expected(outer, cells)
+        if cells > 1:
+            height = np.where(expected < 1.0, np.float32(np.nan), height)
         smooth, rough = (
             LevelHeights(
-                kept(height, sigma, correlation, rays, seen, at_m, least)[at], sigma[at], correlation[at], rays[at],
-                seen[at], cells, window.row, window.column,
+                kept(height, sigma, correlation, rays, seen, at_m, least * expected)[at], sigma[at],
+                correlation[at], rays[at], seen[at], cells, window.row, window.column,
             )
             for kept in (filtered_heights, rough_heights)
         )  # fmt: skip
         return smooth, rough
+
+    def _expected(self, window: Window, cells: int) -> Float32Array:
+        """Return the least correlation that is to be expected in each cell (rows, columns) of a window of a level, by
+        the texture of the finest cells in it, in that of textured ground."""
+        fine = Window(window.row * cells, window.column * cells, window.row_end * cells, window.column_end * cells)
+        inner = self.grid.common(fine)
+        assert inner is not None
+        values = np.ones(fine.shape, np.float32)
+        values[inner.within(fine)] = self.blocks.read(inner, "expected")[0]
+        return np.asarray(values.reshape(window.shape[0], cells, window.shape[1], cells).min(axis=(1, 3)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from photogram.surface.dense.lattice import (
     scratch_for_samples,
 )
 from photogram.surface.dense.semi_global import FULL_COST
-from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, scratch_for_sums
+from photogram.surface.dense.window_sums import PatchWindows, Sums, Window, fill_correlations, scratch_for_sums
 
 NEUTRAL = FULL_COST // 2
 """Cost of a hypothesis without any correlation, and of one that fewer than two photographs see."""
@@ -290,11 +290,11 @@ def _fill_patch(
 
 
 @njit(cache=True, nogil=True)
-def fill_costs(crops: Crops, ground: GroundCells, window: Window, tried: Hypotheses, cost: ByteArray) -> None:
+def fill_costs(crops: Crops, ground: GroundCells, windows: PatchWindows, tried: Hypotheses, cost: ByteArray) -> None:
     """Fill the costs of all hypotheses, 0 for perfect agreement, NEUTRAL for none."""
     rows, columns = tried.surface.shape
     most, m = ground.views.shape[2], ground.per_cell
-    more = 2 * window.half // m
+    more = 2 * windows.half.max() // m
     cells = (ground.patch + more) ** 2 + more
     layer = _Layer(
         np.empty((most, 2, TERMS), np.float32), np.zeros(m * m * cells, np.float32),
@@ -308,9 +308,11 @@ def fill_costs(crops: Crops, ground: GroundCells, window: Window, tried: Hypothe
             patch = CellWindow(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
             seen = views_of_patch(ground, patch, views)
             if seen >= 2:
+                at = row // ground.patch, column // ground.patch
+                window = Window(windows.half[at], windows.noise, windows.kept[at])
                 _fill_patch(crops, ground, window, tried, patch, views[:seen], rooms, cost)
             else:
                 for r in range(row, row + patch.rows):
                     for c in range(column, column + patch.columns):
-                        at = tried.start[r, c]
-                        cost[at : at + tried.number[r, c]] = NEUTRAL
+                        begin = tried.start[r, c]
+                        cost[begin : begin + tried.number[r, c]] = NEUTRAL

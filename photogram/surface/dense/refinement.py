@@ -42,7 +42,7 @@ from photogram.surface.dense.lattice import (
     sample_lattice,
     scratch_for_samples,
 )
-from photogram.surface.dense.window_sums import Sums, Window, fill_correlations, scratch_for_sums
+from photogram.surface.dense.window_sums import PatchWindows, Sums, Window, fill_correlations, scratch_for_sums
 
 ALIKE = 0.7
 """A photograph that correlates with those that agree by this much of their own correlation is one of them."""
@@ -365,7 +365,9 @@ def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Scratch:
 
 
 @njit(cache=True, nogil=True)
-def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: InitialHeights, out: Refined) -> None:
+def refine_heights(
+    crops: Crops, ground: GroundCells, windows: PatchWindows, start: InitialHeights, out: Refined
+) -> None:
     """Fill heights to a fraction of a hypothesis.
 
     Three heights are tried, and where they do not hold the best, three further apart. A cell whose best is not near
@@ -373,16 +375,19 @@ def refine_heights(crops: Crops, ground: GroundCells, window: Window, start: Ini
     height (NaN).
     """
     rows, columns = start.z.shape
-    most, m, half = ground.views.shape[2], ground.per_cell, window.half
-    more = 2 * half // m
+    most, m, largest = ground.views.shape[2], ground.per_cell, windows.half.max()
+    more = 2 * largest // m
     cells = (ground.patch + more) ** 2 + more
-    rooms = _rooms(most, m, cells, (2 * half + 1) ** 2)
+    rooms = _rooms(most, m, cells, (2 * largest + 1) ** 2)
     lattice, supported = np.zeros(m * m * cells, np.float32), np.empty(cells, np.float32)
     places, views, using = np.empty((most, 2, TERMS), np.float32), np.empty(most, np.int64), np.empty(most, np.int64)
     out.height[:], out.sigma[:], out.correlation[:], out.rays[:] = np.nan, np.nan, 0.0, 0
     for row in range(0, rows, ground.patch):
         for column in range(0, columns, ground.patch):
             box = CellWindow(row, column, min(ground.patch, rows - row), min(ground.patch, columns - column))
+            at = row // ground.patch, column // ground.patch
+            window = Window(windows.half[at], windows.noise, windows.kept[at])
+            half, more = window.half, 2 * window.half // m
             seen, width = views_of_patch(ground, box, views), box.columns + more
             if seen < 2:
                 continue

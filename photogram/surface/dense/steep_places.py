@@ -1,9 +1,9 @@
-"""Where ground is steep or torn, and what pairs of photographs tell of it.
+"""Where ground is steep or torn or its texture weak, and what pairs of photographs tell of it.
 
 Ground on which the coarser level tells heights closely is matched as it is (`tile_matching`). Where it does not, over
 more than a wall's width, heights of pairs (`stereo_heights`) tell the surface along which windows lie, and the range
 that is searched around it: pairs of pictures of half the size first, and of the whole size where what these tell is a
-steep face.
+steep face. Where texture is weak (`texture`) the coarser level tells too little as well; pairs of half the size do.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior
 from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import own_side_mean
 from photogram.surface.dense.slopes import STEEPEST_GENTLE, slopes_without_walls
-from photogram.surface.dense.stereo_heights import StereoHeights, stereo_heights
+from photogram.surface.dense.stereo_heights import TEXTURED, WEAK, Smoothness, StereoHeights, stereo_heights
 from photogram.surface.dsm import STEEPEST
 from photogram.surface.views import Views
 
@@ -71,10 +71,23 @@ REACH_CELLS, MET = 24, 5
 SMOOTH_STEPS = 1.5
 """Steps within which heights that pairs tell count for the mean along their plane."""
 
+RISE = 1.5
+"""What rises by more than so many times its run around a hole in weak texture is beyond a wall."""
+
+WEAK_STEPS = 2.0
+"""Steps that are searched around the surface that pairs tell of weak texture."""
+
+
+class Asked(NamedTuple):
+    """Of which cells (rows, columns) pairs are asked: those that are ``torn``, and those of ``weak`` texture."""
+
+    torn: BoolArray
+    weak: BoolArray
+
 
 class SteepGround(NamedTuple):
-    """The surface (rows, columns) of steep places in m over the base, to which ``share`` (rows, columns) each cell is
-    one, and which of them several pairs have ``told``."""
+    """The surface (rows, columns) of which pairs were asked, in m over the base, to which ``share`` (rows, columns)
+    each cell is theirs, and which of those that are steep several pairs have ``told``."""
 
     surface: Float32Array
     share: Float32Array
@@ -101,13 +114,15 @@ class _Sources(NamedTuple):
     level: Level
     lines: Verticals
 
-    def heights(self, part: Window, near: Float32Array, bounds_m: tuple[float, float], cells: int) -> StereoHeights:
+    def heights(
+        self, part: Window, near: Float32Array, bounds_m: tuple[float, float], cells: int, smoothness: Smoothness
+    ) -> StereoHeights:
         """Return the heights of every so many ``cells`` of a part of the window, from pictures as much reduced: all
         within bounds, or of all cells those close to ``near`` (rows, columns)."""
         foot, up = (layer[part.slices][::cells, ::cells] for layer in (self.lines.foot_world_m, self.lines.up))
         return stereo_heights(
             self.views, self.picture, cells * self.level.reduction, Verticals(self.lines.base_map_m, foot, up), near,
-            bounds_m, AGREE_STEPS * cells * self.level.step_m, closely=cells == 1,
+            bounds_m, AGREE_STEPS * cells * self.level.step_m, closely=cells == 1, smoothness=smoothness,
         )  # fmt: skip
 
 
@@ -128,30 +143,66 @@ def _smoothed(height: Float32Array, level: Level, cells: int) -> Float32Array:
     return smooth
 
 
+def _share_around(which: BoolArray) -> Float32Array:
+    """Return to which share (rows, columns) cells are those of an array or around them."""
+    if not which.any():
+        return np.zeros(which.shape, np.float32)
+    away = distance_transform_edt(~which)
+    return np.clip((PARTLY_CELLS - away) / (PARTLY_CELLS - WHOLLY_CELLS), 0.0, 1.0).astype(np.float32)
+
+
+def _without_strays(told: _Told, share: Float32Array, level: Level) -> _Told:
+    """Return heights of weak texture without those that one pair alone tells and that are not near what several tell
+    around: beside a wall, where most see the roof, it may be the only one, and wrong."""
+    several = np.where(told.pairs > 1, told.height, np.float32(np.nan))
+    around, low, high = several.copy(), several.copy(), several.copy()
+    _fill_between(several, share, REACH_CELLS, RISE * level.grid.cell_m, around, low, high)
+    astray = np.abs(told.height - around) > np.float32(AGREE_STEPS * COARSER * level.step_m)
+    kept = (told.pairs > 0) & ~astray
+    return _Told(np.where(kept, told.height, np.float32(np.nan)), np.where(kept, told.pairs, np.uint8(0)))
+
+
+def _told_by_pairs(
+    sources: _Sources, prior: Prior, asked: Asked, steep: Float32Array, weak: Float32Array
+) -> tuple[_Told, Float32Array]:
+    """Return what pairs tell of the shares (rows, columns) of cells that are steep and weak, NaN where none does, and a
+    surface that has no holes."""
+    first = _told_by_half_size(sources, prior, asked.torn, steep, TEXTURED)
+    told, surface = _told_by_whole_size(sources, first, steep, TEXTURED), first.height
+    if asked.weak.any():
+        first, instead = _told_by_half_size(sources, prior, asked.weak, weak, WEAK), weak > steep
+        other = _without_strays(_told_by_whole_size(sources, first, weak, WEAK), weak, sources.level)
+        surface = np.where(instead, first.height, surface)
+        told = _Told(np.where(instead, other.height, told.height), np.where(instead, other.pairs, told.pairs))
+    return told, np.where(np.isfinite(told.height), told.height, surface)
+
+
 def steep_ground(
-    views: Views, picture: Picture, level: Level, lines: Verticals, prior: Prior, torn: BoolArray
+    views: Views, picture: Picture, level: Level, lines: Verticals, prior: Prior, asked: Asked
 ) -> tuple[Prior, SteepGround]:
-    """Return the range of a window with what pairs tell of its ``torn`` cells, and the surface of these."""
-    if not torn.any():
+    """Return the range of a window with what pairs tell of its ``asked`` cells, and the surface of these."""
+    torn, weak = asked
+    if not (torn.any() or weak.any()):
         return prior, SteepGround(prior.surface, np.zeros(torn.shape, np.float32), torn)
-    away = distance_transform_edt(~torn)
-    share = np.clip((PARTLY_CELLS - away) / (PARTLY_CELLS - WHOLLY_CELLS), 0.0, 1.0).astype(np.float32)
-    sources = _Sources(views, picture, level, lines)
-    first = _told_by_half_size(sources, prior, torn, share)
-    height, pairs = _told_by_whole_size(sources, first, share)
-    lowest, highest, filled = height.copy(), height.copy(), np.where(np.isfinite(height), height, first.height)
-    _fill_between(height, share, REACH_CELLS, filled, lowest, highest)
+    of_steep, of_weak = _share_around(torn), _share_around(weak)
+    share, sources = np.maximum(of_steep, of_weak), _Sources(views, picture, level, lines)
+    (height, pairs), filled = _told_by_pairs(sources, prior, asked, of_steep, of_weak)
+    lowest, highest = height.copy(), height.copy()
+    for of, rise in ((np.where(weak, np.float32(0.0), share), np.inf), (np.where(weak, share, np.float32(0.0)), RISE)):
+        _fill_between(height, of, REACH_CELLS, rise * level.grid.cell_m, filled, lowest, highest)
     share[np.isnan(lowest)] = 0.0
     smooth = _smoothed(filled, level, 1)
-    low, high = np.fmin(lowest, smooth), np.fmax(highest, smooth)
-    reach_m = np.float32(SEARCHED_STEPS * level.step_m)
-    low = minimum_filter(low, NEIGHBOURS_CELLS, mode="nearest") - reach_m
-    high = maximum_filter(high, NEIGHBOURS_CELLS, mode="nearest") + reach_m
-    several, steep = (share >= 1.0) & (pairs > 1), share > 0.0
-    low = np.where(several, low, np.where(steep, np.minimum(prior.low, low), prior.low))
-    high = np.where(several, high, np.where(steep, np.maximum(prior.high, high), prior.high))
-    surface = np.where(steep, smooth, prior.surface)
-    worthwhile = None if prior.worthwhile is None else prior.worthwhile | several
+    least, most = np.fmin(lowest, smooth), np.fmax(highest, smooth)
+    reach_m, weak_m = np.float32(SEARCHED_STEPS * level.step_m), np.float32(WEAK_STEPS * level.step_m)
+    low = minimum_filter(least, NEIGHBOURS_CELLS, mode="nearest") - reach_m
+    high = maximum_filter(most, NEIGHBOURS_CELLS, mode="nearest") + reach_m
+    several, known = (share >= 1.0) & (of_steep >= 1.0) & (pairs > 1), share > 0.0
+    gentle = known & weak & ~several
+    low = np.where(several, low, np.where(known, np.minimum(prior.low, low), prior.low))
+    high = np.where(several, high, np.where(known, np.maximum(prior.high, high), prior.high))
+    low, high = np.where(gentle, least - weak_m, low), np.where(gentle, most + weak_m, high)
+    surface = np.where(known, smooth, prior.surface)
+    worthwhile = None if prior.worthwhile is None else prior.worthwhile | several | gentle
     return Prior(low, high, surface, worthwhile), SteepGround(surface, share, several)
 
 
@@ -185,17 +236,21 @@ def _pieces(which: BoolArray, side: int, around: int) -> Iterator[tuple[Window, 
             yield core, part
 
 
-def _told_by_half_size(sources: _Sources, prior: Prior, torn: BoolArray, share: Float32Array) -> _Told:
-    """Return the surface of steep places as pairs of half the size tell it."""
+def _told_by_half_size(
+    sources: _Sources, prior: Prior, torn: BoolArray, share: Float32Array, smoothness: Smoothness
+) -> _Told:
+    """Return the surface of the places that have a ``share`` as pairs of half the size tell it."""
     surface, pairs = prior.surface.copy(), np.zeros(torn.shape, np.uint8)
     for core, part in _pieces(share > 0.0, COARSER * TILE_CELLS, COARSER * AROUND_CELLS):
         at = part.slices
         near, asked = prior.surface[at][::COARSER, ::COARSER], torn[at] if torn[at].any() else share[at] > 0.0
         low = float(np.percentile(prior.low[at][asked], OUTLYING_PERCENT))
         high = float(np.percentile(prior.high[at][asked], 100.0 - OUTLYING_PERCENT))
-        told = sources.heights(part, near, (low, high), COARSER)
+        told = sources.heights(part, near, (low, high), COARSER, smoothness)
         filled = np.where(np.isfinite(told.height_m), told.height_m, near).astype(np.float32)
-        _fill_between(told.height_m, np.ones_like(filled), REACH_CELLS // COARSER, filled, filled.copy(), filled.copy())
+        spare = filled.copy(), filled.copy()
+        rise_m = RISE * COARSER * sources.level.grid.cell_m if smoothness == WEAK else np.inf
+        _fill_between(told.height_m, np.ones_like(filled), REACH_CELLS // COARSER, rise_m, filled, *spare)
         smooth = _smoothed(filled, sources.level, COARSER)
         inner = core.within(part)
         surface[core.slices] = _finer(smooth, part.shape)[inner]
@@ -203,7 +258,7 @@ def _told_by_half_size(sources: _Sources, prior: Prior, torn: BoolArray, share: 
     return _Told(surface, pairs)
 
 
-def _told_by_whole_size(sources: _Sources, told: _Told, share: Float32Array) -> _Told:
+def _told_by_whole_size(sources: _Sources, told: _Told, share: Float32Array, smoothness: Smoothness) -> _Told:
     """Return the heights of steep faces as pairs of the whole size tell them, and elsewhere what is ``told``."""
     height = np.where(told.pairs > 0, told.height, np.float32(np.nan))
     pairs, level = told.pairs.copy(), sources.level
@@ -214,7 +269,8 @@ def _told_by_whole_size(sources: _Sources, told: _Told, share: Float32Array) -> 
     for core, part in _pieces(faces, TILE_CELLS, AROUND_CELLS):
         near = told.height[part.slices]
         beyond = NEAR_SHARE * float(np.ptp(near)) + NEAR_STEPS * level.step_m
-        found = sources.heights(part, near, (float(near.min()) - beyond, float(near.max()) + beyond), 1)
+        bounds_m = float(near.min()) - beyond, float(near.max()) + beyond
+        found = sources.heights(part, near, bounds_m, 1, smoothness)
         at, inner = core.slices, core.within(part)
         better = faces[at] & np.isfinite(found.height_m[inner])
         height[at] = np.where(better, found.height_m[inner], height[at])
@@ -230,16 +286,19 @@ def _finer(values: Float32Array, shape: tuple[int, ...]) -> Float32Array:
 
 @njit(cache=True, nogil=True)
 def _fill_between(
-    height: Float32Array, share: Float32Array, reach: int, out: Float32Array, low: Float32Array, high: Float32Array
+    height: Float32Array, share: Float32Array, reach: int, rise_m: float, out: Float32Array, low: Float32Array,
+    high: Float32Array,
 ) -> None:  # fmt: skip
     """Fill cells that have a ``share`` and no ``height`` with the mean of the heights around, weighted by the inverse
-    square of their distances, and ``low`` and ``high`` with the least and the largest of these."""
+    square of their distances, and ``low`` and ``high`` with the least and the largest of these. What rises from the
+    least by more than ``rise_m`` for each cell between is beyond a wall, and not in the mean."""
     rows, columns = height.shape
+    around, square = np.empty(8), np.empty(8)
     for r in range(rows):
         for c in range(columns):
             if height[r, c] == height[r, c] or share[r, c] == 0.0:
                 continue
-            met, total, weight, least, most = 0, 0.0, 0.0, np.inf, -np.inf
+            met, lowest = 0, 0
             for k in range(9):
                 dr, dc = k // 3 - 1, k % 3 - 1
                 if k == 4:
@@ -250,11 +309,16 @@ def _fill_between(
                         break
                     z = height[i, j]
                     if z == z:
-                        w = 1.0 / (step * step * (dr * dr + dc * dc))
+                        around[met], square[met] = z, step * step * (dr * dr + dc * dc)
+                        lowest = met if z < around[lowest] else lowest
                         met += 1
-                        total += w * z
-                        weight += w
-                        least, most = min(least, z), max(most, z)
                         break
-            if met >= MET:
-                out[r, c], low[r, c], high[r, c] = total / weight, least, most
+            if met < MET:
+                continue
+            total, weight = 0.0, 0.0
+            for k in range(met):
+                if around[k] - around[lowest] <= rise_m * (np.sqrt(square[k]) + np.sqrt(square[lowest])):
+                    w = 1.0 / square[k]
+                    total += w * around[k]
+                    weight += w
+            out[r, c], low[r, c], high[r, c] = total / weight, around[lowest], around[:met].max()

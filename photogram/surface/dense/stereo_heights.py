@@ -20,8 +20,18 @@ from photogram.surface.views import Views
 SPREAD_DN = 40.0
 """Standard deviation to which pictures are stretched."""
 
-BLOCK_PX, SMALL_STEP, LARGE_STEP = 3, 4, 24
-"""Window and penalties of the matching, these for each pixel of the window."""
+
+class Smoothness(NamedTuple):
+    """Side of the window of the matching, and its penalties for each pixel of it."""
+
+    block_px: int
+    small_step: int
+    large_step: int
+
+
+TEXTURED, WEAK = Smoothness(3, 4, 24), Smoothness(5, 2, 12)
+"""Of textured ground, and of ground on which photographs show little but their noise: costs of a larger window differ
+less."""
 
 NEAR_PX = 16
 """Pixels to each side of known disparities that are tried."""
@@ -45,7 +55,7 @@ class StereoHeights(NamedTuple):
 
 def stereo_heights(
     views: Views, picture: Picture, reduction: int, lines: Verticals, near: Float32Array, bounds_m: tuple[float, float],
-    agree_m: float, *, closely: bool = False,
+    agree_m: float, *, closely: bool = False, smoothness: Smoothness = TEXTURED,
 ) -> StereoHeights:  # fmt: skip
     """Return the heights of a window from pairs; they lie about ``near`` (rows, columns), between ``bounds_m``, and
     agree within ``agree_m``. Those ``closely`` around ``near`` alone are tried, NEAR_PX of disparity to each side, or
@@ -64,7 +74,7 @@ def stereo_heights(
             continue
         left, right = (rectified(views, geometry, side, picture, reduction) for side in (0, 1))
         known = _known_disparities(geometry, lines, near) if closely else None
-        disparity = _disparities(geometry, left, right, known)
+        disparity = _disparities(geometry, left, right, known, smoothness)
         found.append(_pair_heights(disparity, geometry, to_cell, bounds_m, (rows, columns)))
     height, count = np.full((rows, columns), np.nan, np.float32), np.zeros((rows, columns), np.uint8)
     if found:
@@ -84,7 +94,7 @@ def _stretched(picture: Float32Array) -> ByteArray:
 
 
 def _disparities(
-    pair: RectifiedPair, left: Float32Array, right: Float32Array, known: Float32Array | None
+    pair: RectifiedPair, left: Float32Array, right: Float32Array, known: Float32Array | None, smoothness: Smoothness
 ) -> Float32Array:
     """Return the disparities (height, width) of the left picture, in pixels, NaN where there is none: all that the pair
     allows, or those near ``known`` ones, by which the right picture is moved before."""
@@ -92,24 +102,25 @@ def _disparities(
     column = np.arange(width, dtype=np.float32)[None, :]
     one, other = _stretched(left), _stretched(right)
     if known is None:
-        found = _matched(one, other, 0, pair.disparities)
+        found = _matched(one, other, 0, pair.disparities, smoothness)
     else:
         start = np.rint(known)
         moved = np.clip(column - start, 0, width - 1).astype(np.int64)
         other = np.ascontiguousarray(np.take_along_axis(other, moved, axis=1))
-        found = start + _matched(one, other, -NEAR_PX, 2 * NEAR_PX)
+        found = start + _matched(one, other, -NEAR_PX, 2 * NEAR_PX, smoothness)
     partner = np.nan_to_num(column - found, nan=-1.0)
     at = np.clip(np.rint(partner), 0, width - 1).astype(np.int64)
     there = (partner >= 0) & np.isfinite(left) & np.isfinite(np.take_along_axis(right, at, axis=1))
     return np.where(there, found + np.float32(pair.first_disparity), np.float32(np.nan)).astype(np.float32)
 
 
-def _matched(left: ByteArray, right: ByteArray, first: int, count: int) -> Float32Array:
+def _matched(left: ByteArray, right: ByteArray, first: int, count: int, smoothness: Smoothness) -> Float32Array:
     """Return disparities (height, width) above ``first``, NaN where there is none: the first is what pictures without
     texture give."""
+    block_px, small_step, large_step = smoothness
     matcher = cv2.StereoSGBM.create(
-        minDisparity=first, numDisparities=count, blockSize=BLOCK_PX, P1=SMALL_STEP * BLOCK_PX**2,
-        P2=LARGE_STEP * BLOCK_PX**2, disp12MaxDiff=1, preFilterCap=PREFILTER, uniquenessRatio=UNIQUE_PERCENT,
+        minDisparity=first, numDisparities=count, blockSize=block_px, P1=small_step * block_px**2,
+        P2=large_step * block_px**2, disp12MaxDiff=1, preFilterCap=PREFILTER, uniquenessRatio=UNIQUE_PERCENT,
         speckleWindowSize=SPECKLE_PX, speckleRange=1, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
     raw = matcher.compute(left, right)

@@ -13,9 +13,10 @@ neither the order of the blocks nor the number of workers, and memory not on the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from photogram.errors import SettingError
@@ -24,14 +25,26 @@ from photogram.grid import Verticals, Window, cell_steps, verticals
 from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells, grey_of_cells, places_per_cell
+from photogram.surface.dense.neighbours import combined_where_weak, smoothed_where_weak
 from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
 from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.sight import hidden_cells
 from photogram.surface.dense.slopes import slopes_without_walls, surface_along
-from photogram.surface.dense.steep_places import SteepGround, means_of_faces, steep_ground, torn_cells
-from photogram.surface.dense.window_sums import Window as Samples
+from photogram.surface.dense.steep_places import Asked, SteepGround, means_of_faces, steep_ground, torn_cells
+from photogram.surface.dense.texture import (
+    MOST_VIEWS,
+    Effort,
+    Texture,
+    as_around,
+    effort_for,
+    noise_over_texture,
+    texture_of,
+    weak_patches,
+    windows_for,
+)
+from photogram.surface.dense.window_sums import PatchWindows
 from photogram.surface.dsm import STEEPEST
 from photogram.surface.views import Views, places_in_view
 
@@ -59,6 +72,9 @@ RIM_PX = 8
 _COST_HALF, _REFINEMENT_HALF, _SMOOTH_HALF = 2, 3, 3
 _COARSE_LARGE_STEP_SHARE = 0.5
 _PROBE_SHARE, _TOLERANCE_SHARE = 0.3, 1.0
+
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -114,18 +130,19 @@ class DenseSettings(Settings):
 class Heights:
     """Heights (rows, columns) of a window over the base, in m, NaN where there is none; their standard deviations as
     far as the matching goes, the mean correlation of the photographs that agree, how many these are, and how many were
-    looked at because they show the place (to PATCH_CELLS cells)."""
+    looked at because they show the place (to PATCH_CELLS cells). ``expected`` is the correlation that photographs have
+    by their texture and noise, in that of textured ground: 1 there, less where texture is weak."""
 
     height_m: Float32Array
     sigma_m: Float32Array
     correlation: Float32Array
     rays: ByteArray
     seen: ByteArray
+    expected: NDArray[np.float16]
 
     def part(self, rows: slice, columns: slice) -> Heights:
         """Return a part of the window."""
-        at = rows, columns
-        return Heights(self.height_m[at], self.sigma_m[at], self.correlation[at], self.rays[at], self.seen[at])
+        return Heights(*(layer[rows, columns] for layer in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,24 +183,34 @@ def match_block(
         nothing = _nothing(block.shape)
         return MatchedBlock(nothing.height_m, nothing.correlation, nothing if refined else None)
     steps = cell_steps(scene.frame, level.grid)
-    torn = _torn(views, prior, level)
-    prior, steep = steep_ground(scene.views, scene.picture, level, lines, prior, torn)
-    views, hidden = _views_of_steep(scene, lines, steps, views, steep, level)
-    ground = GroundCells(
-        lines.foot_world_m, lines.up, *steps, places_per_cell(level.spacing), views, PATCH_CELLS, hidden
-    )
+    weak = _weak_patches(scene, lines, steps, views, prior, level)
+    torn, weak_cells = _torn(views, prior, level), _of_cells(weak, (prior.surface.shape[0], prior.surface.shape[1]))
+    asked = Asked(torn & ~weak_cells, weak_cells)
+    prior, steep = steep_ground(scene.views, scene.picture, level, lines, prior, asked)
+    views, hidden, effort = _views_of_asked(scene, lines, steps, views, prior, steep, weak, level, settings)
+    ground = _ground(lines, steps, views, level, hidden)
     crops = _crops(scene, lines, views, prior, level.reduction)
-    start, agreement = _regularised(crops, ground, prior, steep, level, settings)
-    heights = _refined(crops, ground, start, prior.surface, steep, level, settings).part(*inner) if refined else None
-    return MatchedBlock(start[inner], agreement[inner], heights)
+    start, agreement = _regularised(crops, ground, prior, steep, effort, level, settings)
+    if not refined:
+        return MatchedBlock(start[inner], agreement[inner], None)
+    heights = _refined(crops, ground, start, prior.surface, steep, effort, level, settings)
+    return MatchedBlock(start[inner], agreement[inner], heights.part(*inner))
+
+
+def _ground(
+    lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, level: Level,
+    hidden: BoolArray = NOTHING_HIDDEN,
+) -> GroundCells:  # fmt: skip
+    return GroundCells(lines.foot_world_m, lines.up, *steps, places_per_cell(level.spacing), views, PATCH_CELLS, hidden)
 
 
 def _nothing(shape: tuple[int, int]) -> Heights:
     none, zero = np.full(shape, np.nan, np.float32), np.zeros(shape, np.uint8)
-    return Heights(none, none.copy(), np.zeros(shape, np.float32), zero, zero.copy())
+    zeros, ones = np.zeros(shape, np.float32), np.ones(shape, np.float16)
+    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones)
 
 
-def _of_cells(of_patches: BoolArray, shape: tuple[int, int]) -> BoolArray:
+def _of_cells(of_patches: NDArray[ScalarT], shape: tuple[int, int]) -> NDArray[ScalarT]:
     """Return values (rows, columns, …) of cells from those of their patches."""
     return np.repeat(np.repeat(of_patches, PATCH_CELLS, axis=0), PATCH_CELLS, axis=1)[: shape[0], : shape[1]]
 
@@ -196,11 +223,53 @@ def _seen(ground: GroundCells, shape: tuple[int, int]) -> ByteArray:
     return np.asarray(shown.sum(axis=2), dtype=np.uint8)
 
 
+def _is_finest(prior: Prior, level: Level) -> bool:
+    """Return whether a level is the finest of several."""
+    return level.cells == 1 and prior.worthwhile is not None
+
+
+def _weak_patches(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, prior: Prior, level: Level
+) -> BoolArray:
+    """Return which patches have weak texture, as far as the surface of the coarser level tells: of the finest level."""
+    if not _is_finest(prior, level):
+        return np.zeros(views.shape[:2], dtype=np.bool_)
+    return weak_patches(_texture(scene, lines, steps, views, prior, level))
+
+
+def _texture(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, prior: Prior, level: Level
+) -> Texture:
+    ground, crops = _ground(lines, steps, views, level), _crops(scene, lines, views, prior, level.reduction)
+    return texture_of(crops, ground, prior.surface)
+
+
+def _views_of_asked(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, prior: Prior,
+    steep: SteepGround, weak: BoolArray, level: Level, settings: DenseSettings,
+) -> tuple[IntArray, BoolArray, Effort]:  # fmt: skip
+    """Return the views of patches, of ``weak`` texture (patch rows, patch columns) as many as it needs, and where
+    ground is steep those that see most of it best; which of them do not see a cell, and how patches are matched."""
+    views = _views_of_steep(scene, lines, steps, views, steep, level)
+    ratio = np.zeros(weak.shape)
+    if weak.any():
+        ratio = as_around(noise_over_texture(_texture(scene, lines, steps, views, prior, level)), weak)
+        more = _views_of_patches(scene, lines, prior.surface, max(settings.photographs, MOST_VIEWS), level.reduction)
+        effort = effort_for(ratio, (more >= 0).sum(axis=2), settings.photographs, settings.agreeing_share)
+        more[np.arange(more.shape[2]) >= effort.views[..., None]] = -1
+        more[~effort.weak, : views.shape[2]] = views[~effort.weak]
+        views = more
+    else:
+        effort = effort_for(ratio, (views >= 0).sum(axis=2), settings.photographs, settings.agreeing_share)
+    return views, _hidden_from(scene, lines, steps, views, steep, level), effort
+
+
 def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
     """Return which cells are steep, or torn, as a coarser level tells: of the finest level, for larger cells are none
     of steep ground."""
-    if level.cells > 1 or prior.worthwhile is None:
+    if not _is_finest(prior, level):
         return np.zeros(prior.surface.shape, dtype=np.bool_)
+    assert prior.worthwhile is not None
     looked_at = _of_cells(np.asarray((views >= 0).any(axis=2)), (prior.surface.shape[0], prior.surface.shape[1]))
     return torn_cells(prior, level, np.asarray(looked_at & prior.worthwhile))
 
@@ -208,31 +277,34 @@ def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
 def _views_of_steep(
     scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
     level: Level,
-) -> tuple[IntArray, BoolArray]:  # fmt: skip
-    """Return the views of patches, where ground is steep those that see most of it best, and which of them do not see a
-    cell."""
-    if not steep.share.any():
-        return views, NOTHING_HIDDEN
+) -> IntArray:  # fmt: skip
+    """Return the views of patches, where ground is steep those that see most of it best."""
+    if not steep.told.any():
+        return views
     most = views.shape[2]
-    patches = _steep_patches(steep.share)
     wide = _views_of_patches(scene, lines, steep.surface, 2 * most, level.reduction)
-    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST)
-    of_patch = PATCH_CELLS, lines, steps, steep.surface, slope, steep.told, level.step_m
-    _, facing = hidden_cells(scene.views.position_world_m, wide, *of_patch)
+    facing = _sight(scene, lines, steps, wide, steep, level)[1]
     order = np.argsort(-facing, axis=2, kind="stable")[..., :most]
     best = np.take_along_axis(wide, order, axis=2)
     best[np.take_along_axis(facing, order, axis=2) <= 0.0] = -1
-    views = np.where(patches[..., None] & ((best >= 0).sum(axis=2) > 1)[..., None], best, views)
-    hidden, _ = hidden_cells(scene.views.position_world_m, views, *of_patch)
-    return np.ascontiguousarray(views), hidden
+    return np.ascontiguousarray(np.where(((best >= 0).sum(axis=2) > 1)[..., None], best, views))
 
 
-def _steep_patches(share: Float32Array) -> BoolArray:
-    """Return which patches hold steep cells."""
-    rows, columns = (-(-n // PATCH_CELLS) * PATCH_CELLS for n in share.shape)
-    whole = np.zeros((rows, columns), dtype=np.bool_)
-    whole[: share.shape[0], : share.shape[1]] = share > 0.0
-    return np.asarray(whole.reshape(rows // PATCH_CELLS, PATCH_CELLS, -1, PATCH_CELLS).any(axis=(1, 3)))
+def _hidden_from(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    level: Level,
+) -> BoolArray:  # fmt: skip
+    """Return which of the views of its patch do not see a cell where ground is steep."""
+    return _sight(scene, lines, steps, views, steep, level)[0] if steep.told.any() else NOTHING_HIDDEN
+
+
+def _sight(
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    level: Level,
+) -> tuple[BoolArray, Float32Array]:  # fmt: skip
+    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST)
+    of_patch = PATCH_CELLS, lines, steps, steep.surface, slope, steep.told, level.step_m
+    return hidden_cells(scene.views.position_world_m, views, *of_patch)
 
 
 def _views_of_patches(scene: Scene, lines: Verticals, surface: Float32Array, most: int, reduction: int) -> IntArray:
@@ -319,8 +391,9 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
 
 
 def _regularised(
-    crops: Crops, ground: GroundCells, prior: Prior, steep: SteepGround, level: Level, settings: DenseSettings
-) -> tuple[Float32Array, Float32Array]:
+    crops: Crops, ground: GroundCells, prior: Prior, steep: SteepGround, effort: Effort, level: Level,
+    settings: DenseSettings,
+) -> tuple[Float32Array, Float32Array]:  # fmt: skip
     """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
     elsewhere, and its correlation."""
     rows, columns = prior.surface.shape
@@ -333,7 +406,7 @@ def _regularised(
     start = np.concatenate([[0], np.cumsum(count.ravel())]).astype(np.int64)
     cost = np.empty(start[-1], np.uint8)
     tried = Hypotheses(along, level.step_m, first, count, start[:-1].reshape(rows, columns))
-    fill_costs(crops, ground, _window(_COST_HALF, level, ground, settings), tried, cost)
+    fill_costs(crops, ground, _windows(_COST_HALF, effort, level, ground, settings), tried, cost)
     guide = np.empty((rows, columns), np.float32)
     grey_of_cells(crops, ground, prior.surface, guide)
     unit = NEUTRAL / 100.0
@@ -343,10 +416,12 @@ def _regularised(
     return along + best * np.float32(level.step_m), 1.0 - own / np.float32(NEUTRAL)
 
 
-def _window(half: int, level: Level, ground: GroundCells, settings: DenseSettings) -> Samples:
-    """Return the window with the ground of ± ``half`` samples a pixel apart."""
-    side = (2 * half + 1) * level.spacing * ground.per_cell
-    return Samples(max(1, round((side - 1.0) / 2.0)), settings.noise_dn, settings.agreeing_share)
+def _windows(half: int, effort: Effort, level: Level, ground: GroundCells, settings: DenseSettings) -> PatchWindows:
+    """Return the windows of patches with the ground of ± ``half`` samples a pixel apart, where it is textured."""
+    own, weak = (
+        max(1, round(((2 * h + 1) * level.spacing * ground.per_cell - 1.0) / 2.0)) for h in (half, _REFINEMENT_HALF)
+    )
+    return windows_for(effort, own, weak, settings.noise_dn)
 
 
 def _refined(
@@ -355,6 +430,7 @@ def _refined(
     height: Float32Array,
     elsewhere: Float32Array,
     steep: SteepGround,
+    effort: Effort,
     level: Level,
     settings: DenseSettings,
 ) -> Heights:
@@ -365,11 +441,17 @@ def _refined(
     tolerance, smooth = _TOLERANCE_SHARE * level.step_m, np.empty_like(z)
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
+    shape = z.shape[0], z.shape[1]
+    expected, weak = _of_cells(effort.expected.astype(np.float16), shape), _of_cells(effort.weak, shape)
+    smooth, slope = smoothed_where_weak(smooth, slope, weak, tolerance, level.grid.cell_m)
     refined = Refined(*(np.empty(z.shape, kind) for kind in (np.float32, np.float32, np.float32, np.uint8)))
     start = InitialHeights(
         z, smooth, slope, _PROBE_SHARE * level.step_m, tolerance, 1.0 / (ground.per_cell * level.spacing),
         level.step_m / np.sqrt(3.0),
     )  # fmt: skip
-    refine_heights(crops, ground, _window(_REFINEMENT_HALF, level, ground, settings), start, refined)
-    height, sigma = means_of_faces(refined.height, refined.sigma, steep, level)
-    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, z.shape))
+    windows = _windows(_REFINEMENT_HALF, effort, level, ground, settings)
+    refine_heights(crops, ground, windows, start, refined)
+    side = _of_cells((2 * windows.half + 1) / ground.per_cell, shape)
+    height, sigma = combined_where_weak(refined.height, refined.sigma, slope, weak, side, level.step_m)
+    height, sigma = means_of_faces(height, sigma, steep, level)
+    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected)

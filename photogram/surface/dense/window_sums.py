@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from photogram.arrays import Float32Array
+from photogram.arrays import Float32Array, FloatArray, IntArray
 from photogram.compilation import njit
 
 
@@ -24,6 +24,15 @@ class Window(NamedTuple):
     half: int
     noise: float
     kept: float
+
+
+class PatchWindows(NamedTuple):
+    """The windows of the patches (rows, columns) of a block: ``half`` and ``kept`` of each, and the ``noise`` of all,
+    as of `Window`."""
+
+    half: IntArray
+    kept: FloatArray
+    noise: float
 
 
 class Sums(NamedTuple):
