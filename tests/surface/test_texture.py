@@ -13,6 +13,7 @@ from photogram.surface.dense.texture import (
     ENOUGH,
     GROUND_PATCHES,
     LARGEST,
+    LEAST_EXPECTED,
     LEAST_PATCHES,
     LEAST_TEXTURE,
     MOST_VIEWS,
@@ -157,6 +158,7 @@ def test_weak_texture_takes_photographs_first_and_then_larger_windows() -> None:
     assert effort.kept.tolist() == [[0.5, 0.5, WEAK_KEPT, WEAK_KEPT, WEAK_KEPT]]
     assert effort.weak.tolist() == [[False, False, True, True, True]]
     assert np.all(np.diff(effort.expected[0, 1:]) < 0.0)
+    assert effort.expected[0, 4] == LEAST_EXPECTED
     assert effort.expected[0, 3] == pytest.approx((1.0 + ENOUGH) / (1.0 + 4.0 * ENOUGH))
     few = effort_for(ratio, np.full(ratio.shape, 3), 6, 0.5)
     assert few.side[0, 3] > effort.side[0, 3]

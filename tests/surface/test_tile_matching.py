@@ -10,6 +10,7 @@ from photogram.errors import SettingError
 from photogram.grid import LATTICE_CELLS, MapGrid, Window
 from photogram.surface.dense.pyramid import Level, Prior
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, MatchedBlock, Scene, match_block
+from photogram.surface.dsm import filtered_heights
 
 GRID = MapGrid(599990.0, 5800010.0, 0.125, 160, 160)
 STEP_M = 0.25
@@ -129,6 +130,24 @@ def test_a_weak_plane_is_one_smooth_sheet(photographed_plane: Any, contrast: flo
     plain = matched(plane, GRID, block, pictures=[w.astype(np.float32) for w in weak])  # of one level: as if textured
     assert np.all(plain.expected == 1.0)
     assert np.nanmedian(np.abs(plain.height_m - truth)) > 1.5 * np.median(np.abs(error))
+
+
+@pytest.mark.parametrize("noise_dn", [1.5, 4.0])
+def test_noise_alone_has_no_heights(photographed_plane: Any, noise_dn: float) -> None:
+    """Fog, calm water: the accepted correlation is low where texture is weak, but not as low as chance."""
+    block, plane, rng = Window(40, 40, 120, 130), photographed_plane, np.random.default_rng(12)
+    blank = [90.0 + noise_dn * rng.standard_normal(p.shape) for p in plane.pictures]
+    shown = {(v, r): p for v, whole in enumerate(blank) for r, p in ((1, whole), (2, cv2.pyrDown(whole)))}
+    scene = Scene(plane.frame, plane.views, lambda view, reduction: shown[view, reduction].astype(np.float32))
+    surface = truth_m(plane, GRID, GRID.around_window(block, MARGIN_CELLS)).astype(np.float32)
+    prior = Prior(surface - np.float32(4.0), surface + np.float32(4.0), surface, np.ones(surface.shape, bool))
+    found = match_block(scene, level_of(GRID), block, prior, DenseSettings()).heights
+    assert found is not None
+    assert np.all(found.expected < 1.0)
+    kept = filtered_heights(
+        found.height_m, found.sigma_m, found.correlation, found.rays, found.seen, GRID.cell_m, 0.3 * found.expected
+    )
+    assert np.isfinite(kept).mean() < 0.01
 
 
 @pytest.mark.parametrize(

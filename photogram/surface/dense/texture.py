@@ -61,6 +61,9 @@ MOST_VIEWS = 10
 LARGEST = 8.0 / 3.0
 """Largest window, in sides of that of textured ground."""
 
+LEAST_EXPECTED = 1.0 / 3.0
+"""Least correlation that is expected, in that of textured ground: less is noise that agrees by chance."""
+
 WEAK_KEPT = 0.8
 """Share of the photographs that must agree on weak texture: leaving out those that agree least picks noise."""
 
@@ -233,7 +236,7 @@ def effort_for(ratio: FloatArray, seen: IntArray, views: int, kept: float) -> Ef
     wanted = np.minimum(np.ceil(views * weak - 1e-9), max(views, MOST_VIEWS))
     larger = 1.0 + (weak - 1.0) * views / np.maximum(np.minimum(wanted, seen), 2)
     side = np.clip(np.where(weak * views <= wanted, 1.0, np.sqrt(larger)), 1.0, LARGEST)
-    expected = np.where(weak > 1.0, (1.0 + ENOUGH) / (1.0 + ratio), 1.0)
+    expected = np.where(weak > 1.0, np.maximum((1.0 + ENOUGH) / (1.0 + ratio), LEAST_EXPECTED), 1.0)
     return Effort(wanted.astype(np.int64), side, np.where(weak > 1.0, max(kept, WEAK_KEPT), kept), expected)
 
 
