@@ -44,6 +44,9 @@ ROUGH_SUPPORT, ROUGH_CORRELATION = 2, 0.75
 the heights around differ, so that one that stands alone is not believed. Their photographs must show the same: on
 asphalt, where they hardly do, heights that neighbours contradict are false."""
 
+STEEP_SUPPORT = 5
+"""The same on steep, smooth ground, whose rims are narrow."""
+
 REACH = 1.5
 """How far from the plane of a neighbour a cell of the same surface may lie, over the distance of the two."""
 
@@ -133,8 +136,8 @@ def off_planes(height: Float32Array, slope: Float32Array, r: int, c: int, rr: in
 
 
 @njit(cache=True, nogil=True)
-def _supported(
-    height: Float32Array, slope: Float32Array, sigma: Float32Array, reach_m: float, least: int, out: BoolArray
+def _fill_support(
+    height: Float32Array, slope: Float32Array, sigma: Float32Array, reach_m: float, out: ByteArray
 ) -> None:
     rows, columns = height.shape
     for r in range(rows):
@@ -146,16 +149,14 @@ def _supported(
                     run = np.sqrt(2.0) if k % 2 == 0 else 1.0
                     noise = NOISE_SIGMAS * np.sqrt(sigma[rr, cc] ** 2 + sigma[r, c] ** 2)
                     near += off_planes(height, slope, r, c, rr, cc)[0] < reach_m * run + noise
-            out[r, c] = near >= least
+            out[r, c] = near
 
 
-def supported_cells(
-    height_m: Float32Array, slope_m: Float32Array, sigma_m: Float32Array, cell_m: float, least: int = SUPPORT
-) -> BoolArray:
-    """Return which cells (rows, columns) have so many neighbours on one plane with them, within REACH, give or take
-    their standard deviations; those without height have none. ``slope_m`` are the planes (rows, columns, 2)."""
-    out = np.empty(height_m.shape, dtype=bool)
-    _supported(height_m, slope_m, sigma_m, REACH * cell_m, least, out)
+def support_of_cells(height_m: Float32Array, slope_m: Float32Array, sigma_m: Float32Array, cell_m: float) -> ByteArray:
+    """Return how many neighbours of each cell (rows, columns) lie on one plane with it, within REACH, give or take
+    their standard deviations; one without height has none. ``slope_m`` are the planes (rows, columns, 2)."""
+    out = np.empty(height_m.shape, np.uint8)
+    _fill_support(height_m, slope_m, sigma_m, REACH * cell_m, out)
     return out
 
 
@@ -235,8 +236,8 @@ def rough_heights(
     """Return the heights (rows, columns) of a coarser level on which photographs agree as ``filtered_heights`` says,
     with ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
     height = _agreed_heights(height_m, correlation, rays, seen, cell_m, np.maximum(least, ROUGH_CORRELATION))
-    supported = supported_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m, ROUGH_SUPPORT)
-    return np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+    support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
+    return np.where(support >= ROUGH_SUPPORT, height, np.float32(np.nan)).astype(np.float32)
 
 
 def filtered_heights(
@@ -245,11 +246,13 @@ def filtered_heights(
     correlation: Float32Array,
     rays: ByteArray,
     seen: ByteArray,
+    steep: BoolArray,
     cell_m: float,
     least: Float32Array | float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
-    of those ``seen``, and two alone are not believed against OUTVOTED or more. In a patch of fewer than
+    of those ``seen``, and two alone are not believed against OUTVOTED or more; of SUPPORT neighbours, or STEEP_SUPPORT
+    where smooth ground is ``steep``. In a patch of fewer than
     LEAST_PATCH_CELLS at least PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than
     LEAST_WINDOW_CELLS goes.
 
@@ -257,8 +260,8 @@ def filtered_heights(
     each side than are needed.
     """
     height = _agreed_heights(height_m, correlation, rays, seen, cell_m, least)
-    supported = supported_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
-    height = np.where(supported, height, np.float32(np.nan)).astype(np.float32)
+    support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
+    height = np.where(support >= np.where(steep, STEEP_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
         lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from photogram.arrays import ByteArray, Float32Array
+from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.compilation import njit
 from photogram.surface.dsm import REACH, SURE_RAYS, off_planes, sure_cells, surface_slopes
 
@@ -38,7 +38,7 @@ def margin_cells(coarser: Iterable[int]) -> int:
 class LevelHeights:
     """What one level tells of a window, (rows, columns) of its own cells each: heights that are kept, in m over the
     base, NaN elsewhere, their standard deviations in m, their correlations, the number of photographs that agree, and
-    of those that were looked at.
+    of those that were looked at; and where ground is ``steep`` and smooth, in no cell of a coarser level.
 
     ``cells`` is the side of one of its cells in cells of the finest level; ``row`` and ``column`` are those of the
     window's first cell in the grid of the level.
@@ -52,6 +52,7 @@ class LevelHeights:
     cells: int
     row: int
     column: int
+    steep: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,16 +147,17 @@ def _height_at(
 @njit(cache=True, nogil=True)
 def _take(
     coarse: Float32Array, slope: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray,
-    seen: ByteArray, place: tuple[int, int, int], reach_m: float,
+    seen: ByteArray, place: tuple[int, int, int], reach_m: float, steep: BoolArray,
     out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray, ByteArray],
 ) -> None:  # fmt: skip
-    """Give cells without height what the coarser cell that holds them has; ``place`` as above. ``out`` are heights,
+    """Give cells without height what the coarser cell that holds them has, but none that is ``steep``: it is level
+    there, as its windows are; ``place`` as above. ``out`` are heights,
     standard deviations, correlations, numbers of photographs that agree and that look, and sides of cells."""
     top, left, cells = place
     height, own, alike, agreeing, looking, side = out
     for r in range(height.shape[0]):
         for c in range(height.shape[1]):
-            if not np.isnan(height[r, c]):
+            if not np.isnan(height[r, c]) or steep[r, c]:
                 continue
             i, j = (top + r) // cells, (left + c) // cells
             if not np.isnan(coarse[i, j]):
@@ -192,13 +194,16 @@ def agreed_level(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
 
 def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
     """Return a level without the heights that are not sure and that the next ``coarser`` level does not confirm, within
-    REACH of one of its cells; it covers the level and reaches two cells further as far as the grid goes. ``cell_m`` is
-    the side of the finest cells."""
+    REACH of one of its cells; where ground is steep it cannot. It covers the level and reaches two cells further as far
+    as the grid goes. ``cell_m`` is the side of the finest cells."""
     n = coarser.cells // level.cells
     place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
     at_m = cell_m * coarser.cells
     sure, _ = sure_cells(level.height_m, level.rays, level.seen, cell_m * level.cells)
-    height, slope = np.where(sure, level.height_m, np.float32(np.nan)), surface_slopes(coarser.height_m, at_m)
+    height, slope = (
+        np.where(sure | level.steep, level.height_m, np.float32(np.nan)),
+        surface_slopes(coarser.height_m, at_m),
+    )
     _keep_near(level.height_m, coarser.height_m, slope, place, REACH * at_m, height)
     return replace(level, height_m=height)
 
@@ -239,5 +244,5 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
         adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * at_m)
         taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.maximum(level.sigma_m, spread)
         slope = surface_slopes(taken_m, at_m)
-        _take(taken_m, slope, own, level.correlation, level.rays, level.seen, place, REACH * at_m, out)
+        _take(taken_m, slope, own, level.correlation, level.rays, level.seen, place, REACH * at_m, finest.steep, out)
     return made

@@ -26,7 +26,7 @@ def level(height_m: Any, cells: int, row: int = 0, column: int = 0, sigma_m: flo
     whole = np.ones(height.shape, np.uint8)
     return LevelHeights(
         height, np.full_like(height, sigma_m), np.full_like(height, 1.0 / cells), whole * cells, whole * 5, cells, row,
-        column,
+        column, np.zeros(height.shape, np.bool_),
     )  # fmt: skip
 
 
@@ -119,6 +119,22 @@ def test_on_a_steep_plane_larger_cells_lie_on_it_and_confirm_what_does(rise: flo
     np.testing.assert_allclose(made.height_m[2:-2, 2:-2], fine.height_m[2:-2, 2:-2], atol=1e-4)
     # and their sigmas say how much of the plane a window of theirs holds
     assert made.sigma_m[8:-8, 8:-8].min() > 0.9 * 2 * CELL_M * rise
+
+
+def test_on_smooth_steep_ground_no_larger_cell_is_taken_and_none_is_asked() -> None:
+    truth = slope(32, 32, 1, 2.4)
+    steep = np.zeros((32, 32), np.bool_)
+    steep[:, :16] = True
+    fine = truth.copy()
+    fine[:, 8:24] = np.nan
+    two = level(np.zeros((16, 16)), 2)
+    made = surface_of_levels(replace(level(fine, 1), steep=steep), [two], CELL_M)
+    expected = np.ones((32, 32), np.uint8)
+    expected[:, 8:16], expected[:, 16:24] = 0, 2
+    np.testing.assert_array_equal(made.cells, expected)
+    np.testing.assert_array_equal(np.isfinite(made.height_m), expected > 0)
+    doubtful = replace(level(truth, 1), steep=steep, seen=np.full((32, 32), 5, np.uint8))
+    np.testing.assert_array_equal(np.isfinite(confirmed(doubtful, two, CELL_M).height_m)[8:], steep[8:])
 
 
 @settings(max_examples=40, deadline=None)

@@ -14,9 +14,11 @@ from photogram.grid import MapGrid, Window
 from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior
 from photogram.surface.dense.slopes import STEEPEST_GENTLE
 from photogram.surface.dense.steep_places import (
+    CLOSED_CELLS,
     FACE_ERROR,
     MET,
     OPEN_CELLS,
+    ROUGH_AROUND,
     WALL_CELLS,
     WEAK_STEPS,
     Asked,
@@ -26,6 +28,7 @@ from photogram.surface.dense.steep_places import (
     _Told,
     _without_strays,
     means_of_faces,
+    smooth_places,
     steep_ground,
     torn_cells,
 )
@@ -61,6 +64,40 @@ def test_a_narrow_range_is_not_torn_nor_is_what_nobody_looks_at() -> None:
     assert np.array_equal(torn, width > limit)
     looked_at[:, 14:] = False
     assert np.array_equal(torn_cells(level_prior(width), LEVEL, looked_at), torn & looked_at)
+
+
+def test_what_lies_between_torn_cells_is_torn_though_nothing_was_found_there() -> None:
+    width = np.zeros((60, 60), np.float32)
+    width[10:50, 10:50] = 5.0
+    worthwhile = np.ones(width.shape, np.bool_)
+    worthwhile[:, 24:36] = False
+    width[28:32, 28:32] = 0.0
+    prior = replace(level_prior(width), worthwhile=worthwhile)
+    everywhere = np.ones(width.shape, bool)
+    assert np.array_equal(torn_cells(prior, LEVEL, everywhere), width > 0.0)
+    assert not torn_cells(replace(prior, worthwhile=~everywhere), LEVEL, everywhere).any()
+    far = worthwhile.copy()
+    far[:, 16 : 16 + 2 * CLOSED_CELLS + 4] = False  # wider than is closed
+    torn = torn_cells(replace(prior, worthwhile=far), LEVEL, everywhere)
+    assert np.array_equal(torn, (width > 0.0) & far)
+
+
+def test_faces_are_smooth_and_crowns_are_not() -> None:
+    rng = np.random.default_rng(3)
+    face, share = tilted(65.0), np.ones((60, 60), np.float32)
+    share[:, :6] = 0.5
+    noisy = (face + rng.normal(0.0, 0.1 * CELL_M, face.shape)).astype(np.float32)
+    noisy[rng.random(face.shape) < 0.05] = np.nan
+    assert np.array_equal(smooth_places(noisy, ground_of(face, share), LEVEL), share >= 1.0)
+    crown = (face + rng.normal(0.0, 2.0 * CELL_M, face.shape)).astype(np.float32)
+    assert not smooth_places(crown, ground_of(face, share), LEVEL).any()
+    nothing = np.full_like(face, np.nan)
+    assert not smooth_places(nothing, ground_of(face, share), LEVEL).any()
+    half = np.where(np.arange(60) < 30, noisy, crown).astype(np.float32)
+    found = smooth_places(half, ground_of(face, share), LEVEL)
+    assert found[:, 6 : 30 - ROUGH_AROUND // 2 - 2].all()
+    assert not found[:, 30:].any()
+    assert not smooth_places(face, ground_of(face, 0.0 * share), LEVEL).any()
 
 
 def between(
@@ -155,7 +192,7 @@ def test_sigma_of_a_face_grows_with_its_slope(degrees: float) -> None:
     """By what a window, shorter on it, is off in plan."""
     truth, sigma = tilted(degrees), np.full((60, 60), 0.05, np.float32)
     _, grown = means_of_faces(truth, sigma, ground_of(truth, np.ones_like(truth)), LEVEL)
-    expected = np.hypot(0.05, FACE_ERROR * STEP_M * np.tan(np.radians(degrees)) ** 2)
+    expected = np.hypot(0.05, FACE_ERROR * STEP_M * np.tan(np.radians(degrees)) ** 3)
     assert np.allclose(grown[4:-4, 4:-4], expected, rtol=1e-3)
     assert grown.dtype == np.float32
 

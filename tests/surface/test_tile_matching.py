@@ -145,7 +145,14 @@ def test_noise_alone_has_no_heights(photographed_plane: Any, noise_dn: float) ->
     assert found is not None
     assert np.all(found.expected < 1.0)
     kept = filtered_heights(
-        found.height_m, found.sigma_m, found.correlation, found.rays, found.seen, GRID.cell_m, 0.3 * found.expected
+        found.height_m,
+        found.sigma_m,
+        found.correlation,
+        found.rays,
+        found.seen,
+        found.steep,
+        GRID.cell_m,
+        0.3 * found.expected,
     )
     assert np.isfinite(kept).mean() < 0.01
 

@@ -191,18 +191,21 @@ class MatchedHeights:
         its own grid: what it needs from beyond the edge is read. Larger cells have none of weak texture."""
         store = self.levels[cells]
         outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
-        height, *others = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
-        at, (sigma, correlation, rays, seen) = window.within(outer), others
-        expected = self._expected(outer, cells)
+        height, sigma, correlation, rays, seen, steep = store.read(
+            outer, "height_m", "sigma_m", "correlation", "rays", "seen", "steep"
+        )
+        at, expected = window.within(outer), self._expected(outer, cells)
         if cells > 1:
             height = np.where(expected < 1.0, np.float32(np.nan), height)
         smooth, rough = (
             LevelHeights(
-                kept(height, sigma, correlation, rays, seen, at_m, least * expected)[at], sigma[at],
-                correlation[at], rays[at], seen[at], cells, window.row, window.column,
+                kept[at], sigma[at], correlation[at], rays[at], seen[at], cells, window.row, window.column, steep[at]
             )
-            for kept in (filtered_heights, rough_heights)
-        )  # fmt: skip
+            for kept in (
+                filtered_heights(height, sigma, correlation, rays, seen, steep, at_m, least * expected),
+                rough_heights(height, sigma, correlation, rays, seen, at_m, least * expected),
+            )
+        )
         return smooth, rough
 
     def _expected(self, window: Window, cells: int) -> Float32Array:

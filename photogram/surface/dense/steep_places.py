@@ -31,16 +31,18 @@ from photogram.surface.dense.stereo_heights import TEXTURED, WEAK, Smoothness, S
 from photogram.surface.dsm import STEEPEST
 from photogram.surface.views import Views
 
-OPEN_CELLS, WALL_CELLS = 3.0, 7
+OPEN_CELLS, WALL_CELLS, CLOSED_CELLS = 3.0, 5, 12
 """A cell whose range is wider than so many cells, beyond what every range is, is steep or torn, over WALL_CELLS to each
-side: across a wall the range is wide as well, on a narrower band."""
+side: across a wall the range is wide as well, on a narrower band. So are cells as wide in range within CLOSED_CELLS
+between such, where a coarser level has found nothing that would make them worthwhile."""
 
 FACE_SLOPES, FACE_CELLS = (1.0, 7.0), 5
 """Rise over run of faces that pictures of the whole size tell better, where so many cells to each side have it."""
 
-FACE_TOLERANCE_STEPS, FACE_ERROR = 4.0, 0.09
+FACE_TOLERANCE_STEPS, FACE_ERROR = 4.0, 0.06
 """Steps within which heights of a face count for its mean, and what a height's own standard deviation grows by, in
-steps, over the square of the slope: a window is as much shorter on it, and its error in plan counts as much more."""
+steps, over the cube of the slope: an error in plan counts the more, and a window is the shorter, the steeper it is. How
+much both do was found on simulated faces."""
 
 COARSER = 2
 """By which the pictures and cells of the first heights are larger."""
@@ -70,6 +72,10 @@ REACH_CELLS, MET = 24, 5
 
 SMOOTH_STEPS = 1.5
 """Steps within which heights that pairs tell count for the mean along their plane."""
+
+ROUGH_CELLS, ROUGH_AROUND, ROUGHEST_CELLS = 0.3, 17, 5.0
+"""Where heights differ from the median of 5 × 5 cells by so many cells, in the mean over ROUGH_AROUND cells, and none
+counted with more than ROUGHEST_CELLS, ground is rough: crowns are, faces are not."""
 
 RISE = 1.5
 """What rises by more than so many times its run around a hole in weak texture is beyond a wall."""
@@ -130,7 +136,15 @@ def torn_cells(prior: Prior, level: Level, looked_at: BoolArray) -> BoolArray:
     """Return which cells are steep, or torn, of those ``looked_at`` (rows, columns each)."""
     width = prior.high - prior.low - np.float32(2.0 * RANGE_STEPS * level.step_m)
     wide = looked_at & (width > np.float32(OPEN_CELLS * level.grid.cell_m))
-    return np.asarray(binary_opening(wide, np.ones((WALL_CELLS, WALL_CELLS), np.bool_)))
+    worthwhile = wide if prior.worthwhile is None else wide & prior.worthwhile
+    torn = np.asarray(binary_opening(worthwhile, np.ones((WALL_CELLS, WALL_CELLS), np.bool_)))
+    if torn.any():
+        side, inner = 2 * CLOSED_CELLS + 1, slice(CLOSED_CELLS, -CLOSED_CELLS)
+        closed = cv2.morphologyEx(
+            np.pad(torn, CLOSED_CELLS).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)
+        )
+        torn |= wide & (closed[inner, inner] > 0)
+    return torn
 
 
 def _smoothed(height: Float32Array, level: Level, cells: int) -> Float32Array:
@@ -196,13 +210,14 @@ def steep_ground(
     reach_m, weak_m = np.float32(SEARCHED_STEPS * level.step_m), np.float32(WEAK_STEPS * level.step_m)
     low = minimum_filter(least, NEIGHBOURS_CELLS, mode="nearest") - reach_m
     high = maximum_filter(most, NEIGHBOURS_CELLS, mode="nearest") + reach_m
-    several, known = (share >= 1.0) & (of_steep >= 1.0) & (pairs > 1), share > 0.0
+    whole, known = (share >= 1.0) & (of_steep >= 1.0), share > 0.0
+    several = whole & (pairs > 1)
     gentle = known & weak & ~several
     low = np.where(several, low, np.where(known, np.minimum(prior.low, low), prior.low))
     high = np.where(several, high, np.where(known, np.maximum(prior.high, high), prior.high))
     low, high = np.where(gentle, least - weak_m, low), np.where(gentle, most + weak_m, high)
     surface = np.where(known, smooth, prior.surface)
-    worthwhile = None if prior.worthwhile is None else prior.worthwhile | several | gentle
+    worthwhile = None if prior.worthwhile is None else prior.worthwhile | whole | gentle
     return Prior(low, high, surface, worthwhile), SteepGround(surface, share, several)
 
 
@@ -218,8 +233,23 @@ def means_of_faces(
     own_side_mean(height, slope, FACE_TOLERANCE_STEPS * level.step_m, 1, mean)
     tangent = np.hypot(slope[..., 0], slope[..., 1]) / np.float32(cell_m)
     face = (steep.share > 0.0) & (tangent > FACE_SLOPES[0])
-    place_m = FACE_ERROR * level.step_m * tangent**2
+    place_m = FACE_ERROR * level.step_m * tangent**3
     return np.where(face, mean, height), np.where(face, np.hypot(sigma, place_m), sigma).astype(np.float32)
+
+
+def smooth_places(height: Float32Array, steep: SteepGround, level: Level) -> BoolArray:
+    """Return which cells (rows, columns) lie on steep ground that is smooth, as its matched heights have it: faces, not
+    crowns. A larger cell tells nothing there that is not told better or cannot be told."""
+    whole, known = steep.share >= 1.0, (steep.share > 0.0) & np.isfinite(height)
+    if not whole.any():
+        return whole
+    median = cv2.medianBlur(np.where(np.isfinite(height), height, steep.surface), 5)
+    rough = np.minimum(np.abs(height - median) / np.float32(level.grid.cell_m), np.float32(ROUGHEST_CELLS))
+    off, count = (
+        cv2.blur(np.where(known, values, np.float32(0.0)), (ROUGH_AROUND, ROUGH_AROUND))
+        for values in (rough, np.float32(1.0))
+    )
+    return np.asarray(whole & (off < np.float32(ROUGH_CELLS) * count))
 
 
 def _pieces(which: BoolArray, side: int, around: int) -> Iterator[tuple[Window, Window]]:

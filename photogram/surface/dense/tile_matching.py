@@ -32,7 +32,14 @@ from photogram.surface.dense.refinement import InitialHeights, Refined, own_side
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.sight import hidden_cells
 from photogram.surface.dense.slopes import slopes_without_walls, surface_along
-from photogram.surface.dense.steep_places import Asked, SteepGround, means_of_faces, steep_ground, torn_cells
+from photogram.surface.dense.steep_places import (
+    Asked,
+    SteepGround,
+    means_of_faces,
+    smooth_places,
+    steep_ground,
+    torn_cells,
+)
 from photogram.surface.dense.texture import (
     MOST_VIEWS,
     Effort,
@@ -131,7 +138,8 @@ class Heights:
     """Heights (rows, columns) of a window over the base, in m, NaN where there is none; their standard deviations as
     far as the matching goes, the mean correlation of the photographs that agree, how many these are, and how many were
     looked at because they show the place (to PATCH_CELLS cells). ``expected`` is the correlation that photographs have
-    by their texture and noise, in that of textured ground: 1 there, less where texture is weak."""
+    by their texture and noise, in that of textured ground: 1 there, less where texture is weak. Where smooth ground is
+    ``steep`` no larger cell tells its height."""
 
     height_m: Float32Array
     sigma_m: Float32Array
@@ -139,6 +147,7 @@ class Heights:
     rays: ByteArray
     seen: ByteArray
     expected: NDArray[np.float16]
+    steep: BoolArray
 
     def part(self, rows: slice, columns: slice) -> Heights:
         """Return a part of the window."""
@@ -207,7 +216,7 @@ def _ground(
 def _nothing(shape: tuple[int, int]) -> Heights:
     none, zero = np.full(shape, np.nan, np.float32), np.zeros(shape, np.uint8)
     zeros, ones = np.zeros(shape, np.float32), np.ones(shape, np.float16)
-    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones)
+    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones, np.zeros(shape, np.bool_))
 
 
 def _of_cells(of_patches: NDArray[ScalarT], shape: tuple[int, int]) -> NDArray[ScalarT]:
@@ -271,7 +280,7 @@ def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
         return np.zeros(prior.surface.shape, dtype=np.bool_)
     assert prior.worthwhile is not None
     looked_at = _of_cells(np.asarray((views >= 0).any(axis=2)), (prior.surface.shape[0], prior.surface.shape[1]))
-    return torn_cells(prior, level, np.asarray(looked_at & prior.worthwhile))
+    return torn_cells(prior, level, looked_at)
 
 
 def _views_of_steep(
@@ -454,4 +463,5 @@ def _refined(
     side = _of_cells((2 * windows.half + 1) / ground.per_cell, shape)
     height, sigma = combined_where_weak(refined.height, refined.sigma, slope, weak, side, level.step_m)
     height, sigma = means_of_faces(height, sigma, steep, level)
-    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected)
+    face = smooth_places(refined.height, steep, level) & ~weak
+    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected, face)

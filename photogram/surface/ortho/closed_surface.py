@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
-from photogram.surface.dsm import supported_cells, surface_slopes
+from photogram.surface.dsm import SUPPORT, support_of_cells, surface_slopes
 
 BLOCK_CELLS = 4
 """Side of the blocks whose medians make the smooth surface."""
@@ -129,7 +129,7 @@ def _closed(grid: MapGrid, part_of: PartOf, smooth: SmoothSurface, window: Windo
 def _torn(height: Float32Array, sigma: Float32Array, cell_m: float) -> Float32Array:
     """Return how far each cell is to be smooth, 0 to 1: by the share of cells that hang together in the best of the
     nine windows that hold it in their middle, on a side or in a corner."""
-    supported = supported_cells(height, surface_slopes(height, cell_m), sigma, cell_m).astype(np.uint8)
+    supported = (support_of_cells(height, surface_slopes(height, cell_m), sigma, cell_m) >= SUPPORT).astype(np.uint8)
     # whole numbers: a running mean of others depends on where it began
     side = (WINDOW_CELLS, WINDOW_CELLS)
     count = cv2.boxFilter(supported, cv2.CV_32S, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
