@@ -1,5 +1,6 @@
 """How much texture and noise photographs have in common, on a plane whose contrast and noise are stated."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,15 @@ def test_texture_is_what_photographs_have_in_common(photographed_plane: Any) -> 
     expected = np.median([differences(photographed_plane, view).mean() for view in range(5)])
     assert np.median(clean.energy) == pytest.approx(expected, rel=0.35)  # a patch tells its lower quartile
     assert np.median(clean.common / clean.energy) > 0.9
+
+
+def test_patches_of_a_single_row_or_column_have_their_texture(photographed_plane: Any) -> None:
+    """A block with its margin may be one cell longer than its patches."""
+    grid = replace(photographed_plane.grid, rows=65, columns=49)
+    found = texture(replace(photographed_plane, grid=grid), 1.0, 0.0)
+    assert found.energy.shape == (5, 4)
+    assert found.common.min() > 0.0
+    assert np.median(found.common[-1] / found.energy[-1]) > 0.9
 
 
 def test_noise_is_what_they_have_not(photographed_plane: Any) -> None:

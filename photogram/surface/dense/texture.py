@@ -176,7 +176,7 @@ def fill_texture(crops: Crops, ground: GroundCells, surface: Float32Array, textu
             on, part = on_lattice[: m * m * n].reshape(m * m, n), samples[: m * m * n].reshape(m * m, n)
             fill_lattice(surface, box, m, 0, box.columns, on)
             around = surface[row : row + box.rows, column : column + box.columns]
-            nodes = nodes_of(box, 0.0, around.min(), around.max())
+            nodes = nodes_of(box, 0.5, around.min(), around.max())
             fill_plan(nodes, box, box.columns, plan, n)
             room.total[:], room.squares[:], room.shown[:] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
             for i in range(seen):
