@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray
 from photogram.surface.dense.neighbours import (
+    BEND_STEPS,
     MOST_CELLS,
     OWN_SIGMA,
     WANTED_STEPS,
@@ -92,7 +93,7 @@ def test_what_is_good_enough_and_what_is_textured_stays_to_the_bit() -> None:
 
 def test_nothing_weak_is_returned_as_it_is() -> None:
     z, slope, none = np.zeros((8, 8), np.float32), np.zeros((8, 8, 2), np.float32), np.zeros((8, 8), bool)
-    assert combined_where_weak(z, z, slope, none, np.ones((8, 8)), 0.1)[0] is z
+    assert combined_where_weak(z, z, slope, np.zeros((8, 8)), np.ones((8, 8)), 0.1, 0.1)[0] is z
     assert smoothed_where_weak(z, slope, none, 0.1, 0.1)[0] is z
 
 
@@ -102,12 +103,27 @@ def test_weak_heights_alone_are_combined_and_their_sigma_is_larger() -> None:
     weak = np.zeros(error.shape, bool)
     weak[:, :150] = True
     flat, sigma = np.zeros((*error.shape, 2), np.float32), np.full(error.shape, SIGMA / OWN_SIGMA, np.float32)
-    out, out_sigma = combined_where_weak(error, sigma, flat, weak, np.full(error.shape, 6.0), step_m)
+    out, out_sigma = combined_where_weak(error, sigma, flat, 4.0 * weak, np.full(error.shape, 6.0), step_m, 0.1)
     assert np.array_equal(out[:, 150:], error[:, 150:])
     assert np.array_equal(out_sigma[:, 150:], sigma[:, 150:])
     inner = slice(MOST_CELLS, -MOST_CELLS), slice(MOST_CELLS, 150 - MOST_CELLS)
     assert np.median(out_sigma[inner]) == pytest.approx(WANTED_STEPS * step_m, rel=0.3)
     assert out[inner].std() == pytest.approx(np.median(out_sigma[inner]), rel=0.3)
+
+
+def test_sigma_of_weak_texture_grows_around_what_rises() -> None:
+    """By the largest rise of what is combined and by the root of noise over texture, where texture is weak alone."""
+    z, sigma, slope = np.zeros((60, 70), np.float32), np.full((60, 70), 0.01, np.float32), np.zeros((60, 70, 2))
+    slope[30, 20] = 0.03, -0.04
+    noise = np.where(np.arange(70) < 40, 4.0, 0.0) * np.ones((60, 1))
+    noise[:, :10] = 1.0
+    _, level = combined_where_weak(z, sigma, 0.0 * slope.astype(np.float32), noise, np.full(z.shape, 6.0), 0.2, 0.1)
+    _, found = combined_where_weak(z, sigma, slope.astype(np.float32), noise, np.full(z.shape, 6.0), 0.2, 0.1)
+    near = np.zeros(z.shape, bool)
+    near[30 - MOST_CELLS : 31 + MOST_CELLS, 20 - MOST_CELLS : 21 + MOST_CELLS] = True
+    assert np.array_equal(found[~near], level[~near])
+    assert np.allclose(found[near], np.hypot(level, BEND_STEPS * 0.2 * 0.5 * np.sqrt(noise))[near], rtol=1e-4)
+    assert np.array_equal(found[:, 40:], sigma[:, 40:])
 
 
 def test_the_surface_of_weak_texture_is_smoother() -> None:

@@ -123,7 +123,7 @@ def test_a_weak_plane_is_one_smooth_sheet(photographed_plane: Any, contrast: flo
     assert np.abs(error).max() < 5.0 * gsd_m
     assert np.mean(np.abs(error) < 3.0 * gsd_m) > 0.97
     assert np.mean(np.abs(z) < 2.0) > 0.85
-    assert np.median(found.sigma_m) < 1.0 * gsd_m
+    assert np.median(found.sigma_m) < 1.5 * gsd_m  # what pairs tell of ground that is not level may bend
     weak_share = np.mean(found.expected < 1.0)
     assert weak_share > 0.95
     assert np.mean(found.correlation > 0.3 * found.expected) > 0.97

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
@@ -245,3 +246,8 @@ def windows_for(effort: Effort, half: int, weak_half: int, noise: float) -> Patc
     texture is weak ± ``weak_half``."""
     side = (2 * np.where(effort.weak, weak_half, half) + 1) * effort.side
     return PatchWindows(np.maximum(np.rint((side - 1.0) / 2.0).astype(np.int64), half), effort.kept, noise)
+
+
+def noise_of(expected: NDArray[np.floating]) -> FloatArray:
+    """Return how many times the texture the noise is of which a correlation is ``expected``, as `effort_for` has it."""
+    return np.asarray((1.0 + ENOUGH) / expected.astype(np.float64) - 1.0)

@@ -46,6 +46,7 @@ from photogram.surface.dense.texture import (
     Texture,
     as_around,
     effort_for,
+    noise_of,
     noise_over_texture,
     texture_of,
     weak_patches,
@@ -461,7 +462,10 @@ def _refined(
     windows = _windows(_REFINEMENT_HALF, effort, level, ground, settings)
     refine_heights(crops, ground, windows, start, refined)
     side = _of_cells((2 * windows.half + 1) / ground.per_cell, shape)
-    height, sigma = combined_where_weak(refined.height, refined.sigma, slope, weak, side, level.step_m)
+    noise = np.where(weak, noise_of(expected), 0.0)
+    height, sigma = combined_where_weak(
+        refined.height, refined.sigma, slope, noise, side, level.step_m, level.grid.cell_m
+    )
     height, sigma = means_of_faces(height, sigma, steep, level)
     face = smooth_places(refined.height, steep, level) & ~weak
     return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected, face)
