@@ -40,7 +40,6 @@ NOISE = 3.0
 def independent_means(side: float, window: float) -> float:
     """Return how many times smaller the variance of the mean of ``side`` × ``side`` heights is than that of one, whose
     error is the mean of white noise over ``window`` × ``window`` cells."""
-    along = 0.0
     if side <= window:
         along = 1.0 - (side * side - 1.0) / (3.0 * side * window)
     else:

@@ -93,7 +93,8 @@ class DenseSettings(Settings):
     photographs: Annotated[
         int,
         Within(2, 16),
-        "In how many photographs a cell is looked up at most: those that see it from straightest above.",
+        "In how many photographs a cell is looked up at most: those that see it from straightest above; where "
+        "texture is weak in up to ten.",
         Title("photographs for a cell, at most"),
     ] = 6
     agreeing_share: Annotated[
