@@ -56,6 +56,10 @@ STEEPEST = 5.7
 NOISE_SIGMAS = 2.0
 """How many standard deviations of their difference neighbours may differ besides."""
 
+NOISE_CELLS = 1.0
+"""No more than so many cells of a standard deviation count for that: in one of a face is that of its place, which its
+neighbours share."""
+
 LINK_REACH = 1.0
 """The same for neighbouring cells of one patch, where each must lie on the other's plane. Where three photographs agree
 on both, a standard deviation of their difference is allowed besides; with two it says nothing, for that of a match by
@@ -202,24 +206,27 @@ def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, 
     return count
 
 
-def sure_cells(height_m: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float) -> tuple[BoolArray, FloatArray]:
+def sure_cells(
+    height_m: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray, cell_m: float
+) -> tuple[BoolArray, FloatArray]:
     """Return on which cells (rows, columns) SURE_RAYS photographs agree, and SURE_SHARE of those that look, and the
-    cosines of their slopes. Of the sky a slope sees (1 + cosine) / 2: the others that look see what is before it."""
+    cosines of their slopes. Of the sky a smooth ``face`` sees (1 + cosine) / 2: the others that look see what is
+    before it."""
     slope = _sure_slopes(height_m, rays, cell_m) / np.float32(cell_m)
     cosine = 1.0 / np.sqrt(1.0 + (slope.astype(np.float64) ** 2).sum(axis=-1))
-    look = seen * (1.0 + cosine) / 2.0
+    look = seen * np.where(face, (1.0 + cosine) / 2.0, 1.0)
     return (rays >= SURE_RAYS) & (SURE_SHARE[1] * rays.astype(np.float64) >= SURE_SHARE[0] * look), cosine
 
 
 def _agreed_heights(
-    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, cell_m: float,
-    least: Float32Array | float,
+    height_m: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray,
+    cell_m: float, least: Float32Array | float,
 ) -> Float32Array:  # fmt: skip
     """Return the heights (rows, columns) on which enough photographs agree, that correlate by the ``least`` of all or
     of each cell. On a slope they see a window foreshortened, the texture in it finer: sure cells may correlate less
     there, by the cosine."""
     outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
-    sure, cosine = sure_cells(height_m, rays, seen, cell_m)
+    sure, cosine = sure_cells(height_m, rays, seen, face, cell_m)
     agreed = (correlation >= least * np.where(sure, cosine, 1.0)) & (rays >= 2) & ~outvoted
     return np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
 
@@ -235,7 +242,8 @@ def rough_heights(
 ) -> Float32Array:
     """Return the heights (rows, columns) of a coarser level on which photographs agree as ``filtered_heights`` says,
     with ROUGH_CORRELATION, and that ROUGH_SUPPORT neighbours confirm; the outermost cells lack neighbours."""
-    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, np.maximum(least, ROUGH_CORRELATION))
+    nowhere, enough = np.zeros(rays.shape, np.bool_), np.maximum(least, ROUGH_CORRELATION)
+    height = _agreed_heights(height_m, correlation, rays, seen, nowhere, cell_m, enough)
     support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
     return np.where(support >= ROUGH_SUPPORT, height, np.float32(np.nan)).astype(np.float32)
 
@@ -246,22 +254,23 @@ def filtered_heights(
     correlation: Float32Array,
     rays: ByteArray,
     seen: ByteArray,
-    steep: BoolArray,
+    face: BoolArray,
     cell_m: float,
     least: Float32Array | float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
     of those ``seen``, and two alone are not believed against OUTVOTED or more; of SUPPORT neighbours, or STEEP_SUPPORT
-    where smooth ground is ``steep``. In a patch of fewer than
+    on a smooth ``face``. In a patch of fewer than
     LEAST_PATCH_CELLS at least PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than
     LEAST_WINDOW_CELLS goes.
 
     The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
     each side than are needed.
     """
-    height = _agreed_heights(height_m, correlation, rays, seen, cell_m, least)
+    height = _agreed_heights(height_m, correlation, rays, seen, face, cell_m, least)
+    sigma_m = np.minimum(sigma_m, np.float32(NOISE_CELLS * cell_m))
     support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
-    height = np.where(support >= np.where(steep, STEEP_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
+    height = np.where(support >= np.where(face, STEEP_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
         lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared

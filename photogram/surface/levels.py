@@ -10,6 +10,7 @@ a wall they are the step, on level ground next to nothing.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array
@@ -27,18 +28,25 @@ MOSTLY_FINEST, STEEP_CELLS = 0.5, 2.0
 """Where the finest level has so much of the surface around a cell, and heights differ by so many cells of the level,
 its height is that of one side of a wall that the finest level shows better, and not taken."""
 
+AROUND_HALF, FINEST_SHARE, NEAR_CELLS = 32, 0.6, 2.0
+"""Where the finest level has more than this share of the steep ground up to AROUND_HALF cells to each side, a larger
+cell must lie within NEAR_CELLS of what several pairs of photographs tell: nearly all others were wrong on simulated
+faces. In leaves, where the finest level has a third, pairs tell no more than it does."""
+
 
 def margin_cells(coarser: Iterable[int]) -> int:
     """Return how far beyond a window heights must be known, in cells of the finest level, so that what is taken there
     does not depend on the window; ``coarser`` are the sides of the cells of all others that are asked."""
-    return (WINDOW_HALF + 2) * sum(coarser)
+    return (WINDOW_HALF + 2) * sum(coarser) + AROUND_HALF
 
 
 @dataclass(frozen=True, eq=False)
 class LevelHeights:
     """What one level tells of a window, (rows, columns) of its own cells each: heights that are kept, in m over the
     base, NaN elsewhere, their standard deviations in m, their correlations, the number of photographs that agree, and
-    of those that were looked at; and where ground is ``steep`` and smooth, in no cell of a coarser level.
+    of those that were looked at. Where smooth ground is a ``face`` no larger cell tells its height; where it is
+    ``steep`` pairs of photographs were asked, and ``pairs_m`` are the heights on which several agree, NaN elsewhere: in
+    no cell of a coarser level.
 
     ``cells`` is the side of one of its cells in cells of the finest level; ``row`` and ``column`` are those of the
     window's first cell in the grid of the level.
@@ -52,7 +60,9 @@ class LevelHeights:
     cells: int
     row: int
     column: int
+    face: BoolArray
     steep: BoolArray
+    pairs_m: Float32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,22 +157,26 @@ def _height_at(
 @njit(cache=True, nogil=True)
 def _take(
     coarse: Float32Array, slope: Float32Array, sigma: Float32Array, correlation: Float32Array, rays: ByteArray,
-    seen: ByteArray, place: tuple[int, int, int], reach_m: float, steep: BoolArray,
+    seen: ByteArray, place: tuple[int, int, int], reach_m: float, near: tuple[Float32Array, float],
     out: tuple[Float32Array, Float32Array, Float32Array, ByteArray, ByteArray, ByteArray],
 ) -> None:  # fmt: skip
-    """Give cells without height what the coarser cell that holds them has, but none that is ``steep``: it is level
-    there, as its windows are; ``place`` as above. ``out`` are heights,
-    standard deviations, correlations, numbers of photographs that agree and that look, and sides of cells."""
+    """Give cells without height what the coarser cell that holds them has, ``near`` heights within a distance of which
+    it must lie, none for NaN; ``place`` as above. ``out`` are heights, standard deviations, correlations, numbers of
+    photographs that agree and that look, and sides of cells."""
     top, left, cells = place
+    near_m, within_m = near
     height, own, alike, agreeing, looking, side = out
     for r in range(height.shape[0]):
         for c in range(height.shape[1]):
-            if not np.isnan(height[r, c]) or steep[r, c]:
+            if not np.isnan(height[r, c]) or np.isnan(near_m[r, c]):
                 continue
             i, j = (top + r) // cells, (left + c) // cells
             if not np.isnan(coarse[i, j]):
                 row, column = (top + r + 0.5) / cells - 0.5, (left + c + 0.5) / cells - 0.5
-                height[r, c] = _height_at(coarse, slope, i, j, row, column, reach_m)
+                z = _height_at(coarse, slope, i, j, row, column, reach_m)
+                if np.isfinite(near_m[r, c]) and abs(z - near_m[r, c]) > within_m:
+                    continue
+                height[r, c] = z
                 own[r, c], alike[r, c] = sigma[i, j], correlation[i, j]
                 agreeing[r, c], looking[r, c], side[r, c] = rays[i, j], seen[i, j], cells
 
@@ -194,14 +208,14 @@ def agreed_level(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
 
 def confirmed(level: LevelHeights, coarser: LevelHeights, cell_m: float) -> LevelHeights:
     """Return a level without the heights that are not sure and that the next ``coarser`` level does not confirm, within
-    REACH of one of its cells; where ground is steep it cannot. It covers the level and reaches two cells further as far
+    REACH of one of its cells; on faces it cannot. It covers the level and reaches two cells further as far
     as the grid goes. ``cell_m`` is the side of the finest cells."""
     n = coarser.cells // level.cells
     place = (level.row - coarser.row * n, level.column - coarser.column * n, n)
     at_m = cell_m * coarser.cells
-    sure, _ = sure_cells(level.height_m, level.rays, level.seen, cell_m * level.cells)
+    sure, _ = sure_cells(level.height_m, level.rays, level.seen, level.face, cell_m * level.cells)
     height, slope = (
-        np.where(sure | level.steep, level.height_m, np.float32(np.nan)),
+        np.where(sure | level.face, level.height_m, np.float32(np.nan)),
         surface_slopes(coarser.height_m, at_m),
     )
     _keep_near(level.height_m, coarser.height_m, slope, place, REACH * at_m, height)
@@ -226,6 +240,19 @@ def around_cells(
     return spread, covered
 
 
+def heights_for_larger(finest: LevelHeights) -> Float32Array:
+    """Return the heights (rows, columns) near which alone a larger cell may lie, in m over the base: NaN where there is
+    none, infinite where it may lie anywhere."""
+    side = 2 * AROUND_HALF + 1
+    told, asked = (
+        cv2.boxFilter(which.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for which in (finest.steep & np.isfinite(finest.height_m), finest.steep)
+    )
+    anywhere = ~finest.steep | (told <= np.float32(FINEST_SHARE) * asked)
+    near_m = np.where(anywhere, np.float32(np.inf), finest.pairs_m)
+    return np.where(finest.face, np.float32(np.nan), near_m)
+
+
 def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cell_m: float) -> LevelSurface:
     """Return the surface of the window of the finest level, whose cells have a side of ``cell_m``.
 
@@ -237,6 +264,7 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
     correlation = np.where(cells, finest.correlation, np.float32(0))
     rays, seen = (np.where(cells, counted, np.uint8(0)) for counted in (finest.rays, finest.seen))
     made = LevelSurface(height, sigma, correlation, rays, seen, cells)
+    near = heights_for_larger(finest), NEAR_CELLS * cell_m
     for level in coarser:
         place = (finest.row - level.row * level.cells, finest.column - level.column * level.cells, level.cells)
         spread, covered = around_cells(level, height, finest.height_m, place)
@@ -244,5 +272,5 @@ def surface_of_levels(finest: LevelHeights, coarser: Sequence[LevelHeights], cel
         adds = (covered < MOSTLY_FINEST) | (spread < STEEP_CELLS * at_m)
         taken_m, own = np.where(adds, level.height_m, np.float32(np.nan)), np.maximum(level.sigma_m, spread)
         slope = surface_slopes(taken_m, at_m)
-        _take(taken_m, slope, own, level.correlation, level.rays, level.seen, place, REACH * at_m, finest.steep, out)
+        _take(taken_m, slope, own, level.correlation, level.rays, level.seen, place, REACH * at_m, near, out)
     return made

@@ -23,10 +23,10 @@ CELL_M = 0.1
 
 def level(height_m: Any, cells: int, row: int = 0, column: int = 0, sigma_m: float = 0.01) -> LevelHeights:
     height = np.asarray(height_m, np.float32)
-    whole = np.ones(height.shape, np.uint8)
+    whole, no = np.ones(height.shape, np.uint8), np.zeros(height.shape, np.bool_)
     return LevelHeights(
         height, np.full_like(height, sigma_m), np.full_like(height, 1.0 / cells), whole * cells, whole * 5, cells, row,
-        column, np.zeros(height.shape, np.bool_),
+        column, no, no, np.full_like(height, np.nan),
     )  # fmt: skip
 
 
@@ -123,25 +123,43 @@ def test_on_a_steep_plane_larger_cells_lie_on_it_and_confirm_what_does(rise: flo
 
 def test_on_smooth_steep_ground_no_larger_cell_is_taken_and_none_is_asked() -> None:
     truth = slope(32, 32, 1, 2.4)
-    steep = np.zeros((32, 32), np.bool_)
-    steep[:, :16] = True
+    face = np.zeros((32, 32), np.bool_)
+    face[:, :16] = True
     fine = truth.copy()
     fine[:, 8:24] = np.nan
     two = level(np.zeros((16, 16)), 2)
-    made = surface_of_levels(replace(level(fine, 1), steep=steep), [two], CELL_M)
+    made = surface_of_levels(replace(level(fine, 1), face=face), [two], CELL_M)
     expected = np.ones((32, 32), np.uint8)
     expected[:, 8:16], expected[:, 16:24] = 0, 2
     np.testing.assert_array_equal(made.cells, expected)
     np.testing.assert_array_equal(np.isfinite(made.height_m), expected > 0)
-    doubtful = replace(level(truth, 1), steep=steep, seen=np.full((32, 32), 5, np.uint8))
-    np.testing.assert_array_equal(np.isfinite(confirmed(doubtful, two, CELL_M).height_m)[8:], steep[8:])
+    doubtful = replace(level(truth, 1), face=face, seen=np.full((32, 32), 5, np.uint8))
+    np.testing.assert_array_equal(np.isfinite(confirmed(doubtful, two, CELL_M).height_m)[8:], face[8:])
+
+
+def test_where_the_finest_level_tells_steep_ground_a_larger_cell_must_agree_with_pairs() -> None:
+    """Among leaves, where it tells little, and on gentle ground a larger cell may lie anywhere."""
+    fine = np.full((160, 160), 3.0)
+    fine[70:90, 70:90] = np.nan
+    pairs = np.full(fine.shape, np.nan, np.float32)
+    pairs[70:90, 70:80] = 3.1 + 2.0 * CELL_M
+    pairs[70:90, 80:85] = 2.9
+    everywhere, two = np.ones(fine.shape, np.bool_), level(np.full((80, 80), 3.0), 2)
+    given = replace(level(fine, 1), steep=everywhere, pairs_m=pairs)
+    made = surface_of_levels(given, [two], CELL_M).cells[70:90, 70:90]
+    assert not made[:, :10].any()
+    assert (made[:, 10:15] == 2).all()
+    assert not made[:, 15:].any()
+    assert (surface_of_levels(replace(given, steep=~everywhere), [two], CELL_M).cells[70:90, 70:90] == 2).all()
+    leaves = np.where(np.random.default_rng(3).random(fine.shape) < 0.4, given.height_m, np.float32(np.nan))
+    assert (surface_of_levels(replace(given, height_m=leaves), [two], CELL_M).cells > 0).all()
 
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31), top=st.integers(0, 30), left=st.integers(0, 30))
 def test_a_part_is_as_the_whole(seed: int, top: int, left: int) -> None:
     rng = np.random.default_rng(seed)
-    size, side, margin = 200, 140, margin_cells((2, 4, 8))
+    size, side, margin = 240, 200, margin_cells((2, 4, 8))
 
     def heights(n: int) -> np.ndarray[Any, Any]:
         made = rng.normal(0.0, 0.3, (n, n))
@@ -149,7 +167,9 @@ def test_a_part_is_as_the_whole(seed: int, top: int, left: int) -> None:
         return made
 
     every = {cells: heights(size // cells) for cells in (1, 2, 4, 8)}
-    whole = surface_of_levels(level(every[1], 1), [level(every[n], n) for n in (2, 4, 8)], CELL_M)
+    face, steep = (rng.random((size, size)) < share for share in (0.05, 0.5))
+    finest = replace(level(every[1], 1), face=face, steep=steep, pairs_m=heights(size).astype(np.float32))
+    whole = surface_of_levels(finest, [level(every[n], n) for n in (2, 4, 8)], CELL_M)
     first, last = (max(v, 0) for v in (top, left)), (min(v + side, size) for v in (top, left))
     (r0, c0), (r1, c1) = first, last
     parts = []
@@ -157,7 +177,8 @@ def test_a_part_is_as_the_whole(seed: int, top: int, left: int) -> None:
         r, c = max(r0 // n - 1, 0), max(c0 // n - 1, 0)
         rows, columns = -(-r1 // n) + 1, -(-c1 // n) + 1
         parts.append(level(every[n][r:rows, c:columns], n, r, c))
-    part = surface_of_levels(level(every[1][r0:r1, c0:c1], 1, r0, c0), parts, CELL_M)
+    cut = {name: layer[r0:r1, c0:c1] for name, layer in vars(finest).items() if np.ndim(layer)}
+    part = surface_of_levels(replace(finest, **cut, row=r0, column=c0), parts, CELL_M)
     inner = (slice(margin, side - margin),) * 2
     at = (slice(r0 + margin, r0 + side - margin), slice(c0 + margin, c0 + side - margin))
     for name in ("height_m", "sigma_m", "correlation", "rays", "cells"):

@@ -173,7 +173,8 @@ def tilted(degrees: float, rows: int = 60) -> Float32Array:
 
 
 def ground_of(surface: Float32Array, share: Float32Array) -> SteepGround:
-    return SteepGround(surface, share, share >= 1.0)
+    whole = share >= 1.0
+    return SteepGround(surface, share, whole, np.where(whole, surface, np.float32(np.nan)))
 
 
 def test_a_noisy_face_gets_nearer_to_the_truth() -> None:

@@ -150,7 +150,7 @@ def test_noise_alone_has_no_heights(photographed_plane: Any, noise_dn: float) ->
         found.correlation,
         found.rays,
         found.seen,
-        found.steep,
+        found.face,
         GRID.cell_m,
         0.3 * found.expected,
     )

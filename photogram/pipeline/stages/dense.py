@@ -47,6 +47,7 @@ from photogram.surface.dense.steep_places import COARSER
 from photogram.surface.dense.tile_matching import (
     BLOCK_CELLS,
     MARGIN_CELLS,
+    OF_FINEST,
     DenseSettings,
     Heights,
     Scene,
@@ -210,7 +211,8 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     around = {} if last else {"start_m": matching.start_m, "agreement": matching.agreement}
     layers = {} if matching.heights is None else dict(vars(matching.heights))
     if not last:
-        layers.pop("expected", None)  # texture is told by the finest cells alone
+        for name in OF_FINEST:
+            layers.pop(name, None)
     store.write(block, around | layers)
 
 

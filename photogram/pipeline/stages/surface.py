@@ -191,22 +191,26 @@ class MatchedHeights:
         its own grid: what it needs from beyond the edge is read. Larger cells have none of weak texture."""
         store = self.levels[cells]
         outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
-        height, sigma, correlation, rays, seen, steep = store.read(
-            outer, "height_m", "sigma_m", "correlation", "rays", "seen", "steep"
-        )
+        height, sigma, correlation, rays, seen = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
+        face, *steep = self._steep(outer, cells)
         at, expected = window.within(outer), self._expected(outer, cells)
         if cells > 1:
             height = np.where(expected < 1.0, np.float32(np.nan), height)
-        smooth, rough = (
-            LevelHeights(
-                kept[at], sigma[at], correlation[at], rays[at], seen[at], cells, window.row, window.column, steep[at]
-            )
-            for kept in (
-                filtered_heights(height, sigma, correlation, rays, seen, steep, at_m, least * expected),
-                rough_heights(height, sigma, correlation, rays, seen, at_m, least * expected),
-            )
-        )
-        return smooth, rough
+        smooth = filtered_heights(height, sigma, correlation, rays, seen, face, at_m, least * expected)
+        level = LevelHeights(
+            smooth[at], sigma[at], correlation[at], rays[at], seen[at], cells, window.row, window.column,
+            *(layer[at] for layer in (face, *steep)),
+        )  # fmt: skip
+        rough = rough_heights(height, sigma, correlation, rays, seen, at_m, least * expected)
+        return level, replace(level, height_m=rough[at])
+
+    def _steep(self, window: Window, cells: int) -> tuple[NDArray[Any], ...]:
+        """Return where ground is a face, where it is steep, and what pairs tell there, in a window of a level: nothing
+        but of the finest one."""
+        if cells == 1:
+            return self.blocks.read(window, "face", "steep", "pairs_m")
+        no = np.zeros(window.shape, np.bool_)
+        return no, no, np.full(window.shape, np.nan, np.float32)
 
     def _expected(self, window: Window, cells: int) -> Float32Array:
         """Return the least correlation that is to be expected in each cell (rows, columns) of a window of a level, by

@@ -93,11 +93,18 @@ class Asked(NamedTuple):
 
 class SteepGround(NamedTuple):
     """The surface (rows, columns) of which pairs were asked, in m over the base, to which ``share`` (rows, columns)
-    each cell is theirs, and which of those that are steep several pairs have ``told``."""
+    each cell is theirs, and of those that are ``steep`` as a whole the heights on which several pairs agree, NaN
+    elsewhere."""
 
     surface: Float32Array
     share: Float32Array
-    told: BoolArray
+    steep: BoolArray
+    pairs_m: Float32Array
+
+    @property
+    def told(self) -> BoolArray:
+        """Return which steep cells (rows, columns) several pairs have told."""
+        return np.isfinite(self.pairs_m)
 
     @property
     def steepest(self) -> Float32Array:
@@ -197,11 +204,12 @@ def steep_ground(
     """Return the range of a window with what pairs tell of its ``asked`` cells, and the surface of these."""
     torn, weak = asked
     if not (torn.any() or weak.any()):
-        return prior, SteepGround(prior.surface, np.zeros(torn.shape, np.float32), torn)
+        nothing = np.full_like(prior.surface, np.nan)
+        return prior, SteepGround(prior.surface, np.zeros_like(prior.surface), torn, nothing)
     of_steep, of_weak = _share_around(torn), _share_around(weak)
     share, sources = np.maximum(of_steep, of_weak), _Sources(views, picture, level, lines)
     (height, pairs), filled = _told_by_pairs(sources, prior, asked, of_steep, of_weak)
-    lowest, highest = height.copy(), height.copy()
+    lowest, highest, told_m = height.copy(), height.copy(), height.copy()
     for of, rise in ((np.where(weak, np.float32(0.0), share), np.inf), (np.where(weak, share, np.float32(0.0)), RISE)):
         _fill_between(height, of, REACH_CELLS, rise * level.grid.cell_m, filled, lowest, highest)
     share[np.isnan(lowest)] = 0.0
@@ -212,13 +220,14 @@ def steep_ground(
     high = maximum_filter(most, NEIGHBOURS_CELLS, mode="nearest") + reach_m
     whole, known = (share >= 1.0) & (of_steep >= 1.0), share > 0.0
     several = whole & (pairs > 1)
+    told_m[~several] = np.nan
     gentle = known & weak & ~several
     low = np.where(several, low, np.where(known, np.minimum(prior.low, low), prior.low))
     high = np.where(several, high, np.where(known, np.maximum(prior.high, high), prior.high))
     low, high = np.where(gentle, least - weak_m, low), np.where(gentle, most + weak_m, high)
     surface = np.where(known, smooth, prior.surface)
     worthwhile = None if prior.worthwhile is None else prior.worthwhile | whole | gentle
-    return Prior(low, high, surface, worthwhile), SteepGround(surface, share, several)
+    return Prior(low, high, surface, worthwhile), SteepGround(surface, share, whole, told_m)
 
 
 def means_of_faces(

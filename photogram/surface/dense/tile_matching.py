@@ -141,7 +141,8 @@ class Heights:
     far as the matching goes, the mean correlation of the photographs that agree, how many these are, and how many were
     looked at because they show the place (to PATCH_CELLS cells). ``expected`` is the correlation that photographs have
     by their texture and noise, in that of textured ground: 1 there, less where texture is weak. Where smooth ground is
-    ``steep`` no larger cell tells its height."""
+    a ``face`` no larger cell tells its height; where it is ``steep`` pairs of photographs were asked, ``pairs_m`` are
+    the heights on which several of them agree, NaN elsewhere."""
 
     height_m: Float32Array
     sigma_m: Float32Array
@@ -149,11 +150,17 @@ class Heights:
     rays: ByteArray
     seen: ByteArray
     expected: NDArray[np.float16]
+    face: BoolArray
     steep: BoolArray
+    pairs_m: Float32Array
 
     def part(self, rows: slice, columns: slice) -> Heights:
         """Return a part of the window."""
         return Heights(*(layer[rows, columns] for layer in vars(self).values()))
+
+
+OF_FINEST = ("expected", "face", "steep", "pairs_m")
+"""Those of them that the finest cells alone tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +224,8 @@ def _ground(
 
 def _nothing(shape: tuple[int, int]) -> Heights:
     none, zero = np.full(shape, np.nan, np.float32), np.zeros(shape, np.uint8)
-    zeros, ones = np.zeros(shape, np.float32), np.ones(shape, np.float16)
-    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones, np.zeros(shape, np.bool_))
+    zeros, ones, no = np.zeros(shape, np.float32), np.ones(shape, np.float16), np.zeros(shape, np.bool_)
+    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones, no, no.copy(), none.copy())
 
 
 def _of_cells(of_patches: NDArray[ScalarT], shape: tuple[int, int]) -> NDArray[ScalarT]:
@@ -469,4 +476,4 @@ def _refined(
     )
     height, sigma = means_of_faces(height, sigma, steep, level)
     face = smooth_places(refined.height, steep, level) & ~weak
-    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected, face)
+    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected, face, *steep[2:])
