@@ -255,11 +255,13 @@ def filtered_heights(
     rays: ByteArray,
     seen: ByteArray,
     face: BoolArray,
+    told: BoolArray,
     cell_m: float,
     least: Float32Array | float,
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
-    of those ``seen``, and two alone are not believed against OUTVOTED or more; of SUPPORT neighbours, or STEEP_SUPPORT
+    of those ``seen``, and two alone are not believed against OUTVOTED or more, unless pairs have ``told`` the same; of
+    SUPPORT neighbours, or STEEP_SUPPORT
     on a smooth ``face``. In a patch of fewer than
     LEAST_PATCH_CELLS at least PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than
     LEAST_WINDOW_CELLS goes.
@@ -267,7 +269,8 @@ def filtered_heights(
     The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
     each side than are needed.
     """
-    height = _agreed_heights(height_m, correlation, rays, seen, face, cell_m, least)
+    agreed = _agreed_heights(height_m, correlation, rays, seen, face, cell_m, least)
+    height = np.where(told & (rays >= 2), height_m, agreed).astype(np.float32)
     sigma_m = np.minimum(sigma_m, np.float32(NOISE_CELLS * cell_m))
     support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
     height = np.where(support >= np.where(face, STEEP_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)

@@ -32,7 +32,9 @@ def gentle(height: FloatArray | Float32Array) -> BoolArray:
 def kept(height: FloatArray, correlation: float = 0.9, rays: int = 3, sigma_m: float = 0.0) -> Float32Array:
     sigma, agreed = (np.full(height.shape, value, np.float32) for value in (sigma_m, correlation))
     count = np.full(height.shape, rays, np.uint8)
-    return filtered_heights(height.astype(np.float32), sigma, agreed, count, count, gentle(height), CELL_M, 0.6)
+    return filtered_heights(
+        height.astype(np.float32), sigma, agreed, count, count, gentle(height), gentle(height), CELL_M, 0.6
+    )
 
 
 def test_what_differs_by_its_noise_alone_stays() -> None:
@@ -48,7 +50,7 @@ def test_on_smooth_steep_ground_five_neighbours_are_enough() -> None:
     height[4:36, 20:22] = 3.0
     some, count = np.full(height.shape, 0.9, np.float32), np.full(height.shape, 3, np.uint8)
     for steep, stays in ((gentle(height), False), (~gentle(height), True)):
-        found = np.isfinite(filtered_heights(height, 0 * some, some, count, count, steep, CELL_M, 0.6))
+        found = np.isfinite(filtered_heights(height, 0 * some, some, count, count, steep, gentle(height), CELL_M, 0.6))
         assert found[5:35, 20:22].all() == stays
         assert found.sum() == (60 if stays else 0)
         assert SUPPORT == STEEP_SUPPORT + 1
@@ -59,8 +61,19 @@ def test_two_photographs_do_not_outvote_three_others() -> None:
     some = np.full(height.shape, 0.9, np.float32)
     for rays, seen, stays in ((2, 2, True), (2, 4, True), (2, 5, False), (2, 6, False), (3, 6, True), (1, 2, False)):
         agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
-        found = filtered_heights(height, 0 * some, some, agree, see, gentle(height), CELL_M, 0.6)
+        found = filtered_heights(height, 0 * some, some, agree, see, gentle(height), gentle(height), CELL_M, 0.6)
         assert np.isfinite(found[INSIDE]).all() == stays
+
+
+@pytest.mark.parametrize(("rays", "stays"), [(1, False), (2, True), (3, True)])
+def test_what_pairs_tell_needs_neither_a_correlation_nor_a_majority(rays: int, stays: bool) -> None:
+    height = plane(30, 40, 0.5, 0.0).astype(np.float32)
+    little = np.full(height.shape, 0.2, np.float32)
+    agree, look = (np.full(height.shape, n, np.uint8) for n in (rays, 6))
+    for told, kept_ in ((gentle(height), False), (~gentle(height), stays)):
+        found = filtered_heights(height, 0 * little, little, agree, look, gentle(height), told, CELL_M, 0.6)
+        assert np.isfinite(found[INSIDE]).all() == kept_
+        assert np.isfinite(found).any() == kept_
 
 
 def pit(side: int) -> FloatArray:
@@ -75,7 +88,9 @@ def test_a_small_patch_that_stands_alone_needs_a_third_photograph(side: int, ray
     height = pit(side)
     count = np.full(height.shape, rays, np.uint8)
     sigma, some = np.zeros(height.shape, np.float32), np.full(height.shape, 0.9, np.float32)
-    found = filtered_heights(height.astype(np.float32), sigma, some, count, count, gentle(height), CELL_M, 0.6)
+    found = filtered_heights(
+        height.astype(np.float32), sigma, some, count, count, gentle(height), gentle(height), CELL_M, 0.6
+    )
     assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays
     assert np.isfinite(found[1:19, 1:-1]).all()
     counted = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
@@ -87,7 +102,9 @@ def test_small_patches_need_nearly_all_photographs_and_single_cells_go() -> None
         height = pit(side).astype(np.float32)
         agree, see = (np.full(height.shape, n, np.uint8) for n in (rays, seen))
         some = np.full(height.shape, 0.9, np.float32)
-        found = filtered_heights(height, np.zeros_like(height), some, agree, see, gentle(height), CELL_M, 0.6)
+        found = filtered_heights(
+            height, np.zeros_like(height), some, agree, see, gentle(height), gentle(height), CELL_M, 0.6
+        )
         assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays, side
 
 
@@ -110,10 +127,11 @@ def test_what_is_kept_does_not_depend_on_the_window(seed: int, row: int, column:
     coarse = 3.0 * rng.integers(0, 3, (shape[0] // 4 + 1, shape[1] // 4 + 1))
     height = np.kron(coarse, np.ones((4, 4)))[: shape[0], : shape[1]].astype(np.float32)
     rays = rng.integers(2, 4, shape).astype(np.uint8)
-    sigma, some, steep = np.zeros(shape, np.float32), np.full(shape, 0.9, np.float32), rng.random(shape) < 0.5
+    sigma, some = np.zeros(shape, np.float32), np.full(shape, 0.9, np.float32)
+    steep, told = (rng.random(shape) < share for share in (0.5, 0.2))
 
     def of(at: tuple[slice, slice]) -> Float32Array:
-        return filtered_heights(height[at], sigma[at], some[at], rays[at], rays[at], steep[at], CELL_M, 0.6)
+        return filtered_heights(height[at], sigma[at], some[at], rays[at], rays[at], steep[at], told[at], CELL_M, 0.6)
 
     part = (slice(row, row + side + 2 * margin), slice(column, column + side + 2 * margin))
     inner = (slice(margin, margin + side),) * 2
@@ -179,7 +197,7 @@ def test_a_large_standard_deviation_does_not_hold_a_scatter_together() -> None:
     height = rng.uniform(-40.0 * CELL_M, 40.0 * CELL_M, (40, 60)).astype(np.float32)
     count, steep = np.full(height.shape, 4, np.uint8), np.ones(height.shape, np.bool_)
     sigma, some = np.full(height.shape, 20.0 * CELL_M, np.float32), np.full(height.shape, 0.9, np.float32)
-    found = filtered_heights(height, sigma, some, count, count, steep, CELL_M, 0.6)
+    found = filtered_heights(height, sigma, some, count, count, steep, gentle(height), CELL_M, 0.6)
     assert np.isfinite(found[3:-3, 3:-3]).mean() < 0.01
 
 

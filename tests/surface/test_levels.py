@@ -135,6 +135,10 @@ def test_on_smooth_steep_ground_no_larger_cell_is_taken_and_none_is_asked() -> N
     np.testing.assert_array_equal(np.isfinite(made.height_m), expected > 0)
     doubtful = replace(level(truth, 1), face=face, seen=np.full((32, 32), 5, np.uint8))
     np.testing.assert_array_equal(np.isfinite(confirmed(doubtful, two, CELL_M).height_m)[8:], face[8:])
+    # nor is one asked of what pairs tell to a cell
+    for off_cells, is_told in ((0.9, True), (-0.9, True), (1.1, False)):
+        told = replace(doubtful, pairs_m=doubtful.height_m + np.float32(off_cells * CELL_M))
+        np.testing.assert_array_equal(np.isfinite(confirmed(told, two, CELL_M).height_m)[8:], face[8:] | is_told)
 
 
 def test_where_the_finest_level_tells_steep_ground_a_larger_cell_must_agree_with_pairs() -> None:

@@ -151,6 +151,7 @@ def test_noise_alone_has_no_heights(photographed_plane: Any, noise_dn: float) ->
         found.rays,
         found.seen,
         found.face,
+        np.zeros(found.face.shape, np.bool_),
         GRID.cell_m,
         0.3 * found.expected,
     )

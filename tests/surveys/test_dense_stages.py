@@ -260,7 +260,7 @@ def test_weak_texture_correlates_less_and_has_no_larger_cells(tmp_path: Path) ->
             layers: dict[str, Any] = {"height_m": of, "sigma_m": 0.01 * of, "correlation": correlation}
             layers = {name: layer.astype(np.float32) for name, layer in (layers | {"expected": texture}).items()}
             layers |= {"rays": (5 * of).astype(np.uint8), "seen": (5 * of).astype(np.uint8)}
-            layers |= {"face": of < 0.0, "steep": of < 0.0, "pairs_m": layers["height_m"]}
+            layers |= {"face": of < 0.0, "steep": of < 0.0, "pairs_m": np.full_like(layers["height_m"], np.nan)}
             store.write(block, layers)
     heights = MatchedHeights(levels, 0.0, 50.0)
     fine, _ = heights.kept(Window(3, 1, 60, 80), 1, 0.3)

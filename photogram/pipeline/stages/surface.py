@@ -67,6 +67,7 @@ from photogram.surface.levels import (
     confirmed,
     margin_cells,
     surface_of_levels,
+    told_by_pairs,
 )
 from photogram.surface.tin_dsm import NEAREST_PLACES, SPIKE_GSD, surface_with_sigma
 from photogram.surface.water import (
@@ -192,14 +193,15 @@ class MatchedHeights:
         store = self.levels[cells]
         outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
         height, sigma, correlation, rays, seen = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
-        face, *steep = self._steep(outer, cells)
+        face, steep, pairs_m = self._steep(outer, cells)
+        told = told_by_pairs(height, pairs_m, at_m)
         at, expected = window.within(outer), self._expected(outer, cells)
         if cells > 1:
             height = np.where(expected < 1.0, np.float32(np.nan), height)
-        smooth = filtered_heights(height, sigma, correlation, rays, seen, face, at_m, least * expected)
+        smooth = filtered_heights(height, sigma, correlation, rays, seen, face, told, at_m, least * expected)
         level = LevelHeights(
             smooth[at], sigma[at], correlation[at], rays[at], seen[at], cells, window.row, window.column,
-            *(layer[at] for layer in (face, *steep)),
+            face[at], steep[at], pairs_m[at],
         )  # fmt: skip
         rough = rough_heights(height, sigma, correlation, rays, seen, at_m, least * expected)
         return level, replace(level, height_m=rough[at])

@@ -142,7 +142,7 @@ class Heights:
     looked at because they show the place (to PATCH_CELLS cells). ``expected`` is the correlation that photographs have
     by their texture and noise, in that of textured ground: 1 there, less where texture is weak. Where smooth ground is
     a ``face`` no larger cell tells its height; where it is ``steep`` pairs of photographs were asked, ``pairs_m`` are
-    the heights on which several of them agree, NaN elsewhere."""
+    the heights on which several of them agree, NaN elsewhere and where texture is weak."""
 
     height_m: Float32Array
     sigma_m: Float32Array
@@ -476,4 +476,6 @@ def _refined(
     )
     height, sigma = means_of_faces(height, sigma, steep, level)
     face = smooth_places(refined.height, steep, level) & ~weak
-    return Heights(height, sigma, refined.correlation, refined.rays, _seen(ground, shape), expected, face, *steep[2:])
+    pairs_m = np.where(weak, np.float32(np.nan), steep.pairs_m)
+    seen = _seen(ground, shape)
+    return Heights(height, sigma, refined.correlation, refined.rays, seen, expected, face, steep.steep, pairs_m)
