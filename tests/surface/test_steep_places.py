@@ -22,14 +22,14 @@ from photogram.surface.dense.steep_places import (
     WALL_CELLS,
     WEAK_STEPS,
     Asked,
-    SteepGround,
+    PairSurface,
     _fill_between,
     _pieces,
     _Told,
     _without_strays,
     means_of_faces,
+    pair_surface,
     smooth_places,
-    steep_ground,
     torn_cells,
 )
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, match_block
@@ -172,9 +172,9 @@ def tilted(degrees: float, rows: int = 60) -> Float32Array:
     return np.asarray(rise * (0.8 * column + 0.6 * row), np.float32)
 
 
-def ground_of(surface: Float32Array, share: Float32Array) -> SteepGround:
+def ground_of(surface: Float32Array, share: Float32Array) -> PairSurface:
     whole = share >= 1.0
-    return SteepGround(surface, share, whole, np.where(whole, surface, np.float32(np.nan)))
+    return PairSurface(surface, share, whole, np.where(whole, surface, np.float32(np.nan)))
 
 
 def test_a_noisy_face_gets_nearer_to_the_truth() -> None:
@@ -227,11 +227,11 @@ def only(torn: BoolArray) -> Asked:
     return Asked(torn, np.zeros_like(torn))
 
 
-def told(site: SteepSite, prior: Prior) -> tuple[Prior, SteepGround, BoolArray]:
+def told(site: SteepSite, prior: Prior) -> tuple[Prior, PairSurface, BoolArray]:
     """Return what pairs tell of the whole grid, and which cells are torn."""
     whole = site.level.grid.whole
     torn = torn_cells(prior, site.level, np.ones(whole.shape, bool))
-    found, steep = steep_ground(site.views, site.picture, site.level, site.lines(whole), prior, only(torn))
+    found, steep = pair_surface(site.views, site.picture, site.level, site.lines(whole), prior, only(torn))
     return found, steep, torn
 
 
@@ -279,7 +279,7 @@ def test_noise_alone_narrows_no_range() -> None:
     def picture(view: int, reduction: int) -> Float32Array:
         return noise[view, reduction].astype(np.float32)
 
-    found, steep = steep_ground(site.views, picture, site.level, site.lines(whole), prior, only(torn))
+    found, steep = pair_surface(site.views, picture, site.level, site.lines(whole), prior, only(torn))
     assert steep.told.mean() < 0.001
     assert torn.mean() > 0.5
     assert np.mean(steep.share > 0.0) < 0.05
@@ -294,7 +294,7 @@ def test_pictures_without_texture_narrow_no_range() -> None:
     torn = torn_cells(prior, site.level, np.ones(whole.shape, bool))
     blank = {(v, r): np.zeros_like(site.picture(v, r)) for v in range(9) for r in (1, 2)}
     lines = site.lines(whole)
-    found, steep = steep_ground(site.views, lambda v, r: blank[v, r], site.level, lines, prior, only(torn))
+    found, steep = pair_surface(site.views, lambda v, r: blank[v, r], site.level, lines, prior, only(torn))
     assert not steep.told.any()
     assert np.array_equal(found.low, prior.low)
     assert np.array_equal(found.high, prior.high)
@@ -365,7 +365,7 @@ def test_pairs_tell_the_surface_of_weak_texture() -> None:
     low = np.full(whole.shape, -4.0, np.float32)
     prior = Prior(low, low + 16.0, low + 8.0, np.zeros(whole.shape, bool))
     lines, asked = site.lines(whole), Asked(~weak, weak)
-    found, steep = steep_ground(site.views, lambda v, r: shown[v, r], site.level, lines, prior, asked)
+    found, steep = pair_surface(site.views, lambda v, r: shown[v, r], site.level, lines, prior, asked)
     level = (np.abs(site.lines(whole).foot_world_m[..., :2]).max(axis=-1) > 9.0) & (steep.share >= 1.0)
     assert level.mean() > 0.3
     error = np.abs(steep.surface - truth)[level]

@@ -91,7 +91,7 @@ class Asked(NamedTuple):
     weak: BoolArray
 
 
-class SteepGround(NamedTuple):
+class PairSurface(NamedTuple):
     """The surface (rows, columns) of which pairs were asked, in m over the base, to which ``share`` (rows, columns)
     each cell is theirs, and of those that are ``steep`` as a whole the heights on which several pairs agree, NaN
     elsewhere."""
@@ -198,14 +198,14 @@ def _told_by_pairs(
     return told, np.where(np.isfinite(told.height), told.height, surface)
 
 
-def steep_ground(
+def pair_surface(
     views: Views, picture: Picture, level: Level, lines: Verticals, prior: Prior, asked: Asked
-) -> tuple[Prior, SteepGround]:
+) -> tuple[Prior, PairSurface]:
     """Return the range of a window with what pairs tell of its ``asked`` cells, and the surface of these."""
     torn, weak = asked
     if not (torn.any() or weak.any()):
         nothing = np.full_like(prior.surface, np.nan)
-        return prior, SteepGround(prior.surface, np.zeros_like(prior.surface), torn, nothing)
+        return prior, PairSurface(prior.surface, np.zeros_like(prior.surface), torn, nothing)
     of_steep, of_weak = _share_around(torn), _share_around(weak)
     share, sources = np.maximum(of_steep, of_weak), _Sources(views, picture, level, lines)
     (height, pairs), filled = _told_by_pairs(sources, prior, asked, of_steep, of_weak)
@@ -227,32 +227,32 @@ def steep_ground(
     low, high = np.where(gentle, least - weak_m, low), np.where(gentle, most + weak_m, high)
     surface = np.where(known, smooth, prior.surface)
     worthwhile = None if prior.worthwhile is None else prior.worthwhile | whole | gentle
-    return Prior(low, high, surface, worthwhile), SteepGround(surface, share, whole, told_m)
+    return Prior(low, high, surface, worthwhile), PairSurface(surface, share, whole, told_m)
 
 
 def means_of_faces(
-    height: Float32Array, sigma: Float32Array, steep: SteepGround, level: Level
+    height: Float32Array, sigma: Float32Array, paired: PairSurface, level: Level
 ) -> tuple[Float32Array, Float32Array]:
     """Return heights (rows, columns) and their standard deviations, those of faces as means along their planes."""
-    if not steep.share.any():
+    if not paired.share.any():
         return height, sigma
     cell_m = level.grid.cell_m
-    slope = slopes_without_walls(np.where(np.isfinite(height), height, steep.surface), cell_m, STEEPEST)
+    slope = slopes_without_walls(np.where(np.isfinite(height), height, paired.surface), cell_m, STEEPEST)
     mean = np.empty_like(height)
     own_side_mean(height, slope, FACE_TOLERANCE_STEPS * level.step_m, 1, mean)
     tangent = np.hypot(slope[..., 0], slope[..., 1]) / np.float32(cell_m)
-    face = (steep.share > 0.0) & (tangent > FACE_SLOPES[0])
+    face = (paired.share > 0.0) & (tangent > FACE_SLOPES[0])
     place_m = FACE_ERROR * level.step_m * tangent**3
     return np.where(face, mean, height), np.where(face, np.hypot(sigma, place_m), sigma).astype(np.float32)
 
 
-def smooth_places(height: Float32Array, steep: SteepGround, level: Level) -> BoolArray:
+def smooth_places(height: Float32Array, paired: PairSurface, level: Level) -> BoolArray:
     """Return which cells (rows, columns) lie on steep ground that is smooth, as its matched heights have it: faces, not
     crowns. A larger cell tells nothing there that is not told better or cannot be told."""
-    whole, known = steep.share >= 1.0, (steep.share > 0.0) & np.isfinite(height)
+    whole, known = paired.share >= 1.0, (paired.share > 0.0) & np.isfinite(height)
     if not whole.any():
         return whole
-    median = cv2.medianBlur(np.where(np.isfinite(height), height, steep.surface), 5)
+    median = cv2.medianBlur(np.where(np.isfinite(height), height, paired.surface), 5)
     rough = np.minimum(np.abs(height - median) / np.float32(level.grid.cell_m), np.float32(ROUGHEST_CELLS))
     off, count = (
         cv2.blur(np.where(known, values, np.float32(0.0)), (ROUGH_AROUND, ROUGH_AROUND))

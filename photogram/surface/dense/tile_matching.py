@@ -34,10 +34,10 @@ from photogram.surface.dense.sight import hidden_cells
 from photogram.surface.dense.slopes import slopes_without_walls, surface_along
 from photogram.surface.dense.steep_places import (
     Asked,
-    SteepGround,
+    PairSurface,
     means_of_faces,
+    pair_surface,
     smooth_places,
-    steep_ground,
     torn_cells,
 )
 from photogram.surface.dense.texture import (
@@ -204,14 +204,14 @@ def match_block(
     weak = _weak_patches(scene, lines, steps, views, prior, level)
     torn, weak_cells = _torn(views, prior, level), _of_cells(weak, (prior.surface.shape[0], prior.surface.shape[1]))
     asked = Asked(torn & ~weak_cells, weak_cells)
-    prior, steep = steep_ground(scene.views, scene.picture, level, lines, prior, asked)
-    views, hidden, effort = _views_of_asked(scene, lines, steps, views, prior, steep, weak, level, settings)
+    prior, paired = pair_surface(scene.views, scene.picture, level, lines, prior, asked)
+    views, hidden, effort = _views_of_asked(scene, lines, steps, views, prior, paired, weak, level, settings)
     ground = _ground(lines, steps, views, level, hidden)
     crops = _crops(scene, lines, views, prior, level.reduction)
-    start, agreement = _regularised(crops, ground, prior, steep, effort, level, settings)
+    start, agreement = _regularised(crops, ground, prior, paired, effort, level, settings)
     if not refined:
         return MatchedBlock(start[inner], agreement[inner], None)
-    heights = _refined(crops, ground, start, prior.surface, steep, effort, level, settings)
+    heights = _refined(crops, ground, start, prior.surface, paired, effort, level, settings)
     return MatchedBlock(start[inner], agreement[inner], heights.part(*inner))
 
 
@@ -264,11 +264,11 @@ def _texture(
 
 def _views_of_asked(
     scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, prior: Prior,
-    steep: SteepGround, weak: BoolArray, level: Level, settings: DenseSettings,
+    paired: PairSurface, weak: BoolArray, level: Level, settings: DenseSettings,
 ) -> tuple[IntArray, BoolArray, Effort]:  # fmt: skip
     """Return the views of patches, of ``weak`` texture (patch rows, patch columns) as many as it needs, and where
     ground is steep those that see most of it best; which of them do not see a cell, and how patches are matched."""
-    views = _views_of_steep(scene, lines, steps, views, steep, level)
+    views = _views_of_steep(scene, lines, steps, views, paired, level)
     ratio = np.zeros(weak.shape)
     if weak.any():
         ratio = as_around(noise_over_texture(_texture(scene, lines, steps, views, prior, level)), weak)
@@ -279,7 +279,7 @@ def _views_of_asked(
         views = more
     else:
         effort = effort_for(ratio, (views >= 0).sum(axis=2), settings.photographs, settings.agreeing_share)
-    return views, _hidden_from(scene, lines, steps, views, steep, level), effort
+    return views, _hidden_from(scene, lines, steps, views, paired, level), effort
 
 
 def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
@@ -293,15 +293,15 @@ def _torn(views: IntArray, prior: Prior, level: Level) -> BoolArray:
 
 
 def _views_of_steep(
-    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, paired: PairSurface,
     level: Level,
 ) -> IntArray:  # fmt: skip
     """Return the views of patches, where ground is steep those that see most of it best."""
-    if not steep.told.any():
+    if not paired.told.any():
         return views
     most = views.shape[2]
-    wide = _views_of_patches(scene, lines, steep.surface, 2 * most, level.reduction)
-    facing = _sight(scene, lines, steps, wide, steep, level)[1]
+    wide = _views_of_patches(scene, lines, paired.surface, 2 * most, level.reduction)
+    facing = _sight(scene, lines, steps, wide, paired, level)[1]
     order = np.argsort(-facing, axis=2, kind="stable")[..., :most]
     best = np.take_along_axis(wide, order, axis=2)
     best[np.take_along_axis(facing, order, axis=2) <= 0.0] = -1
@@ -309,19 +309,19 @@ def _views_of_steep(
 
 
 def _hidden_from(
-    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, paired: PairSurface,
     level: Level,
 ) -> BoolArray:  # fmt: skip
     """Return which of the views of its patch do not see a cell where ground is steep."""
-    return _sight(scene, lines, steps, views, steep, level)[0] if steep.told.any() else NOTHING_HIDDEN
+    return _sight(scene, lines, steps, views, paired, level)[0] if paired.told.any() else NOTHING_HIDDEN
 
 
 def _sight(
-    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, steep: SteepGround,
+    scene: Scene, lines: Verticals, steps: tuple[FloatArray, FloatArray], views: IntArray, paired: PairSurface,
     level: Level,
 ) -> tuple[BoolArray, Float32Array]:  # fmt: skip
-    slope = slopes_without_walls(steep.surface, level.grid.cell_m, STEEPEST)
-    of_patch = PATCH_CELLS, lines, steps, steep.surface, slope, steep.told, level.step_m
+    slope = slopes_without_walls(paired.surface, level.grid.cell_m, STEEPEST)
+    of_patch = PATCH_CELLS, lines, steps, paired.surface, slope, paired.told, level.step_m
     return hidden_cells(scene.views.position_world_m, views, *of_patch)
 
 
@@ -409,13 +409,13 @@ def _box_px(views: Views, view: int, corners: FloatArray, reduction: int, shape:
 
 
 def _regularised(
-    crops: Crops, ground: GroundCells, prior: Prior, steep: SteepGround, effort: Effort, level: Level,
+    crops: Crops, ground: GroundCells, prior: Prior, paired: PairSurface, effort: Effort, level: Level,
     settings: DenseSettings,
 ) -> tuple[Float32Array, Float32Array]:  # fmt: skip
     """Return the best height (rows, columns), to a fraction of a hypothesis, of cells that two photographs see, NaN
     elsewhere, and its correlation."""
     rows, columns = prior.surface.shape
-    along = surface_along(prior.surface, level.grid.cell_m, steep.surface, steep.share)
+    along = surface_along(prior.surface, level.grid.cell_m, paired.surface, paired.share)
     first = np.floor((prior.low - along) / level.step_m).astype(np.int32)
     count = np.ceil((prior.high - along) / level.step_m).astype(np.int64) - first + 1
     count[_seen(ground, (rows, columns)) == 0] = 0
@@ -447,7 +447,7 @@ def _refined(
     ground: GroundCells,
     height: Float32Array,
     elsewhere: Float32Array,
-    steep: SteepGround,
+    paired: PairSurface,
     effort: Effort,
     level: Level,
     settings: DenseSettings,
@@ -455,7 +455,7 @@ def _refined(
     """Return heights to a fraction of a hypothesis, with their standard deviations; where there are none, windows reach
     to the heights ``elsewhere``."""
     z = median_of_known(height)
-    slope = slopes_without_walls(z, level.grid.cell_m, steep.steepest)
+    slope = slopes_without_walls(z, level.grid.cell_m, paired.steepest)
     tolerance, smooth = _TOLERANCE_SHARE * level.step_m, np.empty_like(z)
     own_side_mean(z, slope, tolerance, _SMOOTH_HALF, smooth)
     smooth = np.where(np.isfinite(smooth), smooth, elsewhere)
@@ -474,8 +474,8 @@ def _refined(
     height, sigma = combined_where_weak(
         refined.height, refined.sigma, slope, noise, side, level.step_m, level.grid.cell_m
     )
-    height, sigma = means_of_faces(height, sigma, steep, level)
-    face = smooth_places(refined.height, steep, level) & ~weak
-    pairs_m = np.where(weak, np.float32(np.nan), steep.pairs_m)
+    height, sigma = means_of_faces(height, sigma, paired, level)
+    face = smooth_places(refined.height, paired, level) & ~weak
+    pairs_m = np.where(weak, np.float32(np.nan), paired.pairs_m)
     seen = _seen(ground, shape)
-    return Heights(height, sigma, refined.correlation, refined.rays, seen, expected, face, steep.steep, pairs_m)
+    return Heights(height, sigma, refined.correlation, refined.rays, seen, expected, face, paired.steep, pairs_m)
