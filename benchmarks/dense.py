@@ -20,7 +20,8 @@ with another program's cloud, not accuracy.
 
 --steep: its site has heaps with faces of 30 to 80°, quarry benches, terraces, gables, round crowns and walls
 (benchmarks/lib/simulated/steep_site.py), and scores stand by the slope of the truth, where the adjusted block must find
-it, beside the volumes of the heaps (benchmarks/lib/steep_scores.py). --contrast: the same site with so much of the
+it, once more for cells at which three photographs look by 20° and more, beside the volumes of the heaps
+(benchmarks/lib/steep_scores.py). --contrast: the same site with so much of the
 usual contrast of its texture, one survey each, under noise of so many grey values (--noise). --overlap: forward and to
 the side; --oblique adds a strip across that looks 30° ahead.
 """
@@ -37,7 +38,7 @@ import numpy as np
 import yaml
 from lib.canopy_scores import canopy_scores, map_cover, table
 from lib.dense_scores import agreement, point_agreement, score
-from lib.dense_truth import Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
+from lib.dense_truth import FACED_DEG, Truth, as_adjusted, founding_truth, simulated_survey, simulated_truth
 from lib.rectified_pairs import heights_of_pairs, warm_up
 from lib.simulated.steep_site import SteepSite, steep_site
 from lib.steep_scores import steep_scores, volume_errors
@@ -329,6 +330,11 @@ def print_steep(outcomes: dict[str, Outcome], truth: Truth, made: SimulatedSurve
                 name, s.name, s.cells, f"{s.completeness:.2%}", f"{s.bad:.2%}", f"{s.gross:.2%}", f"{s.nmad_gsd:.2f}",
                 within,
             )  # fmt: skip
+    print(f"\nof cells at which three photographs look by {FACED_DEG:.0f}° and more off the surface:\n")
+    faced = Table("method", "slope", "cells", "complete", "off by > 3 GSD", "> 10 GSD")
+    for name, outcome in outcomes.items():
+        for s in steep_scores(outcome.heights, None, replace(truth, seen=truth.faced)):
+            faced.row(name, s.name, s.cells, f"{s.completeness:.2%}", f"{s.bad:.2%}", f"{s.gross:.2%}")
     print()
     volumes = Table("method", "face of the heap", "volume, m³", "too large by")
     for name, outcome in outcomes.items():

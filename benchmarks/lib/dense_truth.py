@@ -35,6 +35,7 @@ Heights = Callable[[FloatArray], FloatArray]
 
 MARGIN_M = 1.0  # of smooth ground from buildings and trees
 HIDDEN_M = 0.05  # below the surface, along the ray
+FACED_DEG = 20.0  # off the surface
 NODE_CELLS = 16
 
 
@@ -51,13 +52,15 @@ class Truth:
     """The true surface over a grid.
 
     ``height_map_m`` (rows, columns) at the centres of the cells, NaN where nothing is known; ``seen`` (rows, columns)
-    the number of photographs that see them; ``smooth`` open ground; ``height_at`` the true heights (N,) at places (N,
+    the number of photographs that see them, ``faced`` of those that look at them by FACED_DEG and more off the surface;
+    ``smooth`` open ground; ``height_at`` the true heights (N,) at places (N,
     2) of the map; ``gsd_m`` the size of a pixel on the ground.
     """
 
     grid: MapGrid
     height_map_m: FloatArray
     seen: NDArray[np.uint16]
+    faced: NDArray[np.uint16]
     smooth: BoolArray
     outline: Outline
     height_at: Heights
@@ -71,18 +74,29 @@ def centres_map_m(grid: MapGrid) -> FloatArray:
 
 
 def photographs_that_see(
-    scene: Scene, photographs: Sequence[tuple[Camera, Pose]], points_world_m: FloatArray
-) -> NDArray[np.uint16]:
-    """Return how many photographs show each point (N, 3) of a scene's surface and are not hidden from it."""
+    scene: Scene, photographs: Sequence[tuple[Camera, Pose]], points_world_m: FloatArray, normals: FloatArray
+) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Return how many photographs show each point (N, 3) of a scene's surface and are not hidden from it, and how many
+    of these look at it by FACED_DEG and more off the surface, whose ``normals`` (N, 3) are upright."""
 
-    def sees(photograph: tuple[Camera, Pose]) -> BoolArray:
+    def sees(photograph: tuple[Camera, Pose]) -> NDArray[np.uint16]:
         camera, pose = photograph
         shown = camera.contains(project_points(camera, pose, points_world_m))
         shown[shown] = visible(scene, pose, points_world_m[shown], tolerance_m=HIDDEN_M)
-        return np.asarray(shown)
+        ray = pose.position_world_m - points_world_m
+        off_surface = (ray * normals).sum(axis=1) / np.linalg.norm(ray, axis=1)
+        return np.stack([shown, shown & (off_surface >= np.sin(np.radians(FACED_DEG)))]).astype(np.uint16)
 
     with ThreadPoolExecutor(2) as pool:
-        return np.asarray(sum(pool.map(sees, photographs), np.zeros(len(points_world_m), np.uint16)), np.uint16)
+        seen, faced = sum(pool.map(sees, photographs), np.zeros((2, len(points_world_m)), np.uint16))
+    return seen, faced
+
+
+def normals_of(height_m: FloatArray, cell_m: float) -> FloatArray:
+    """Return the upward normals (rows, columns, 3) of a grid of heights, row by row from the north."""
+    south, east = np.gradient(height_m, cell_m)
+    normal = np.stack([-east, south, np.ones_like(height_m)], axis=-1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
 def _outline_of(building: BoolArray, grid: MapGrid) -> Outline:
@@ -124,17 +138,18 @@ def simulated_truth(survey: SimulatedSurvey, cell_m: float, margin_m: float = MA
     grid = MapGrid.around(frame.map_from_world(corners), cell_m)
     place = place_world_m(centres_map_m(grid))
     shape, known = (grid.rows, grid.columns), np.isfinite(place[:, 3])
-    seen = np.zeros(len(place), np.uint16)
-    camera = survey.truth.camera
-    seen[known] = photographs_that_see(scene, [(camera, pose) for pose in survey.truth.poses], place[known, :3])
+    seen, faced = np.zeros((2, len(place)), np.uint16)
+    photographs = [(survey.truth.camera, pose) for pose in survey.truth.poses]
+    normal = normals_of(place[:, 3].reshape(shape), cell_m).reshape(-1, 3)
+    seen[known], faced[known] = photographs_that_see(scene, photographs, place[known, :3], normal[known])
     vertex = np.rint((place[:, :2] - [scene.west_m, scene.south_m]) / scene.cell_m).astype(int)
     column, row = np.clip(vertex, 0, np.array(scene.height_m.shape[::-1]) - 1).T
     clear_m = distance_transform_edt(scene.material < Material.TREE) * scene.cell_m
     smooth = known & (clear_m[row, column] > margin_m)
     building = (scene.material[row, column] >= Material.ROOF_TILES).reshape(shape)
     return Truth(
-        grid, place[:, 3].reshape(shape), seen.reshape(shape), smooth.reshape(shape), _outline_of(building, grid),
-        lambda xy_map: place_world_m(xy_map)[:, 3], survey.plan.gsd_m,
+        grid, place[:, 3].reshape(shape), seen.reshape(shape), faced.reshape(shape), smooth.reshape(shape),
+        _outline_of(building, grid), lambda xy_map: place_world_m(xy_map)[:, 3], survey.plan.gsd_m,
     )  # fmt: skip
 
 
@@ -161,12 +176,14 @@ def raster_truth(surface: Raster, photographs: Sequence[tuple[Camera, Pose]], ce
 
     place = centres_map_m(grid)
     z = height_at(place)
-    known, seen = np.isfinite(z), np.zeros(len(z), np.uint16)
+    shape, known = (grid.rows, grid.columns), np.isfinite(z)
+    (seen, faced), normal = np.zeros((2, len(z)), np.uint16), normals_of(z.reshape(shape), cell_m).reshape(-1, 3)
     local = [(c, replace(p, position_world_m=p.position_world_m - origin)) for c, p in photographs]
-    seen[known] = photographs_that_see(scene, local, np.column_stack([place - origin[:2], z])[known])
-    shape = (grid.rows, grid.columns)
+    points = np.column_stack([place - origin[:2], z])
+    seen[known], faced[known] = photographs_that_see(scene, local, points[known], normal[known])
     none = Outline(np.zeros((0, 2)), np.zeros((0, 2)))
-    return Truth(grid, z.reshape(shape), seen.reshape(shape), known.reshape(shape), none, height_at, gsd_m)
+    counts = seen.reshape(shape), faced.reshape(shape)
+    return Truth(grid, z.reshape(shape), *counts, known.reshape(shape), none, height_at, gsd_m)
 
 
 def simulated_survey(folder: Path) -> SimulatedSurvey:

@@ -37,7 +37,14 @@ def _truth() -> Truth:
     seen = np.full(near.shape, 4, np.uint16)
     seen[:20] = 2
     return Truth(
-        GRID, surface(xy).reshape(near.shape), seen, ~near, dense_truth._outline_of(building, GRID), surface, GSD_M
+        GRID,
+        surface(xy).reshape(near.shape),
+        seen,
+        seen,
+        ~near,
+        dense_truth._outline_of(building, GRID),
+        surface,
+        GSD_M,
     )
 
 
@@ -221,3 +228,19 @@ def test_the_map_as_a_quadratic_of_the_world() -> None:
     place = rng.uniform([-150, -150, -10], [150, 150, 70], (500, 3))
     found = rectified_pairs.map_polynomial(frame, place)(place)
     assert found == pytest.approx(frame.map_from_world(place), abs=1e-4)
+
+
+@pytest.mark.parametrize(("beyond_deg", "seen", "faced"), [(0.0, 1, 1), (9.0, 1, 1), (13.0, 1, 0), (35.0, 0, 0)])
+def test_a_photograph_that_grazes_a_face_sees_it_and_does_not_look_at_it(
+    beyond_deg: float, seen: int, faced: int
+) -> None:
+    """A face of 60° that falls to the east, from straight above (30° off it) and from further and further behind it."""
+    xy = dense_truth.centres_map_m(GRID).reshape(GRID.rows, GRID.columns, 2)
+    fall = np.tan(np.radians(60.0)) * (xy[..., 0] - xy[100, 120, 0])
+    face = GRID.raster((50.0 - fall).astype(np.float32))
+    place = np.array([*xy[100, 120], 50.0])
+    camera = Camera("c", 4000, 4000, 1000.0, np.array([1999.5, 1999.5]))
+    position = place + np.array([-10.0 * np.tan(np.radians(beyond_deg)), 0.0, 10.0])
+    photograph = (camera, Pose(np.diag([1.0, -1.0, -1.0]), position))
+    truth = dense_truth.raster_truth(face, [photograph], CELL_M, GSD_M)
+    assert (truth.seen[100, 120], truth.faced[100, 120]) == (seen, faced)

@@ -29,7 +29,7 @@ def _truth() -> Truth:
     seen = np.full(height.shape, 5, np.uint16)
     seen[:20] = 2
     nothing = Outline(np.zeros((0, 2)), np.zeros((0, 2)))
-    return Truth(GRID, height, seen, np.ones(height.shape, bool), nothing, surface, GSD_M)
+    return Truth(GRID, height, seen, seen, np.ones(height.shape, bool), nothing, surface, GSD_M)
 
 
 def test_slopes_are_those_over_the_cell_and_walls_stand_apart(truth: Truth) -> None:
