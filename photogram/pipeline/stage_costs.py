@@ -65,7 +65,7 @@ BYTES_PER_OBSERVATION = 350
 """Of the adjustment in memory: two rows of 17 derivatives, residual, weight and indices; a third of the key points
 becomes an observation."""
 
-MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 17.0, 23.0, 27.0
+MATCHED_BYTES, COARSER_BYTES, LAYER_BYTES = 22.0, 22.0, 27.0
 """On disk for a cell of the surface: what the matching writes of it, and of one of a coarser level, and what the
 surface is made of."""
 
