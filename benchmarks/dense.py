@@ -21,9 +21,9 @@ with another program's cloud, not accuracy.
 --steep: its site has heaps with faces of 30 to 80°, quarry benches, terraces, gables, round crowns and walls
 (benchmarks/lib/simulated/steep_site.py), and scores stand by the slope of the truth, where the adjusted block must find
 it, once more for cells at which three photographs look by 20° and more, beside the volumes of the heaps
-(benchmarks/lib/steep_scores.py). --contrast: the same site with so much of the
-usual contrast of its texture, one survey each, under noise of so many grey values (--noise). --overlap: forward and to
-the side; --oblique adds a strip across that looks 30° ahead.
+(benchmarks/lib/steep_scores.py). --contrast: the same site with so much of the usual contrast of its texture, one
+survey each, under noise of so many grey values (--noise). --overlap: forward and to the side; --oblique adds a strip
+across that looks 30° ahead.
 """
 
 import argparse

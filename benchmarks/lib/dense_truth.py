@@ -53,8 +53,8 @@ class Truth:
 
     ``height_map_m`` (rows, columns) at the centres of the cells, NaN where nothing is known; ``seen`` (rows, columns)
     the number of photographs that see them, ``faced`` of those that look at them by FACED_DEG and more off the surface;
-    ``smooth`` open ground; ``height_at`` the true heights (N,) at places (N,
-    2) of the map; ``gsd_m`` the size of a pixel on the ground.
+    ``smooth`` open ground; ``height_at`` the true heights (N,) at places (N, 2) of the map; ``gsd_m`` the size of a
+    pixel on the ground.
     """
 
     grid: MapGrid

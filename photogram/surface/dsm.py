@@ -44,8 +44,8 @@ ROUGH_SUPPORT, ROUGH_CORRELATION = 2, 0.75
 the heights around differ, so that one that stands alone is not believed. Their photographs must show the same: on
 asphalt, where they hardly do, heights that neighbours contradict are false."""
 
-STEEP_SUPPORT = 5
-"""The same on steep, smooth ground, whose rims are narrow."""
+FACE_SUPPORT = 5
+"""The same on faces, steep and smooth, whose rims are narrow."""
 
 REACH = 1.5
 """How far from the plane of a neighbour a cell of the same surface may lie, over the distance of the two."""
@@ -261,10 +261,8 @@ def filtered_heights(
 ) -> Float32Array:
     """Return the heights (rows, columns) without those that too few photographs or neighbours confirm: ``rays`` agree
     of those ``seen``, and two alone are not believed against OUTVOTED or more, unless pairs have ``told`` the same; of
-    SUPPORT neighbours, or STEEP_SUPPORT
-    on a smooth ``face``. In a patch of fewer than
-    LEAST_PATCH_CELLS at least PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than
-    LEAST_WINDOW_CELLS goes.
+    SUPPORT neighbours, or FACE_SUPPORT on a smooth ``face``. In a patch of fewer than LEAST_PATCH_CELLS at least
+    PATCH_RAYS must agree and no more than PATCH_DISSENT may not; one of fewer than LEAST_WINDOW_CELLS goes.
 
     The outermost cells of the arrays lack neighbours, and patches are cut off there: give KEPT_MARGIN_CELLS more on
     each side than are needed.
@@ -273,7 +271,7 @@ def filtered_heights(
     height = np.where(told & (rays >= 2), height_m, agreed).astype(np.float32)
     sigma_m = np.minimum(sigma_m, np.float32(NOISE_CELLS * cell_m))
     support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
-    height = np.where(support >= np.where(face, STEEP_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
+    height = np.where(support >= np.where(face, FACE_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
         lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared

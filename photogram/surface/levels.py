@@ -30,8 +30,8 @@ its height is that of one side of a wall that the finest level shows better, and
 
 AROUND_HALF, FINEST_SHARE, NEAR_CELLS = 32, 0.6, 2.0
 """Where the finest level has more than this share of the steep ground up to AROUND_HALF cells to each side, a larger
-cell must lie within NEAR_CELLS of what several pairs of photographs tell: nearly all others were wrong on simulated
-faces. In leaves, where the finest level has a third, pairs tell no more than it does."""
+cell must lie within NEAR_CELLS of what several pairs of photographs tell: most others were wrong on simulated faces. In
+leaves, where the finest level has a third, pairs tell no more than it does."""
 
 
 def margin_cells(coarser: Iterable[int]) -> int:
@@ -207,8 +207,7 @@ def agreed_level(level: LevelHeights, share: tuple[int, int]) -> LevelHeights:
 
 
 def told_by_pairs(height_m: Float32Array, pairs_m: Float32Array, cell_m: float) -> BoolArray:
-    """Return which heights (rows, columns) several pairs of photographs tell to a cell: of those on steep ground that
-    nothing else confirms one in ten is off by more than 3 GSD, of all others one in three."""
+    """Return which heights (rows, columns) several pairs of photographs tell to a cell."""
     return np.asarray(np.abs(height_m - pairs_m) <= np.float32(cell_m))
 
 
@@ -249,11 +248,11 @@ def heights_for_larger(finest: LevelHeights) -> Float32Array:
     """Return the heights (rows, columns) near which alone a larger cell may lie, in m over the base: NaN where there is
     none, infinite where it may lie anywhere."""
     side = 2 * AROUND_HALF + 1
-    told, asked = (
+    known, asked = (
         cv2.boxFilter(which.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for which in (finest.steep & np.isfinite(finest.height_m), finest.steep)
     )
-    anywhere = ~finest.steep | (told <= np.float32(FINEST_SHARE) * asked)
+    anywhere = ~finest.steep | (known <= np.float32(FINEST_SHARE) * asked)
     near_m = np.where(anywhere, np.float32(np.inf), finest.pairs_m)
     return np.where(finest.face, np.float32(np.nan), near_m)
 
