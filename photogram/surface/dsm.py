@@ -47,6 +47,9 @@ asphalt, where they hardly do, heights that neighbours contradict are false."""
 FACE_SUPPORT = 5
 """The same on faces, steep and smooth, whose rims are narrow."""
 
+TOLD_CORRELATION = 0.3
+"""What photographs must correlate by at least where pairs tell the same height: two that do not at all show nothing."""
+
 REACH = 1.5
 """How far from the plane of a neighbour a cell of the same surface may lie, over the distance of the two."""
 
@@ -268,7 +271,7 @@ def filtered_heights(
     each side than are needed.
     """
     agreed = _agreed_heights(height_m, correlation, rays, seen, face, cell_m, least)
-    height = np.where(told & (rays >= 2), height_m, agreed).astype(np.float32)
+    height = np.where(told & (rays >= 2) & (correlation >= TOLD_CORRELATION), height_m, agreed).astype(np.float32)
     sigma_m = np.minimum(sigma_m, np.float32(NOISE_CELLS * cell_m))
     support = support_of_cells(height, _sure_slopes(height, rays, cell_m), sigma_m, cell_m)
     height = np.where(support >= np.where(face, FACE_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)

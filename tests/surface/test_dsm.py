@@ -65,10 +65,13 @@ def test_two_photographs_do_not_outvote_three_others() -> None:
         assert np.isfinite(found[INSIDE]).all() == stays
 
 
-@pytest.mark.parametrize(("rays", "stays"), [(1, False), (2, True), (3, True)])
-def test_what_pairs_tell_needs_neither_a_correlation_nor_a_majority(rays: int, stays: bool) -> None:
+@pytest.mark.parametrize(
+    ("rays", "correlation", "stays"),
+    [(1, 0.4, False), (2, 0.4, True), (3, 0.4, True), (3, 0.2, False), (2, -0.1, False)],
+)
+def test_what_pairs_tell_needs_half_the_correlation_and_no_majority(rays: int, correlation: float, stays: bool) -> None:
     height = plane(30, 40, 0.5, 0.0).astype(np.float32)
-    little = np.full(height.shape, 0.2, np.float32)
+    little = np.full(height.shape, correlation, np.float32)
     agree, look = (np.full(height.shape, n, np.uint8) for n in (rays, 6))
     for told, kept_ in ((gentle(height), False), (~gentle(height), stays)):
         found = filtered_heights(height, 0 * little, little, agree, look, gentle(height), told, CELL_M, 0.6)
