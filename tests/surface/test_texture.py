@@ -17,6 +17,7 @@ from photogram.surface.dense.texture import (
     LEAST_EXPECTED,
     LEAST_PATCHES,
     LEAST_TEXTURE,
+    MOST_NOISE,
     MOST_VIEWS,
     WEAK_KEPT,
     Texture,
@@ -124,6 +125,16 @@ def test_what_differs_by_more_than_noise_is_texture() -> None:
     of = made(np.full((6, 6), 0.2))
     of.common[1, 1] = 0.0
     assert noise_over_texture(of)[1, 1] == pytest.approx(3.0 / (18.0 - 2.0 * 3.0))
+
+
+@pytest.mark.parametrize("energy", [3.6 * MOST_NOISE, 100.0, 400.0])
+def test_leaves_in_the_wind_are_no_weak_texture(energy: float) -> None:
+    """Photographs of a wood have nothing in common, as those of a lawn at dusk; but their differences are large."""
+    wood = Texture(np.full((20, 20), energy), np.full((20, 20), -0.05 * energy))
+    assert noise_over_texture(wood).max() < ENOUGH
+    assert not weak_patches(wood).any()
+    lawn = Texture(np.full((20, 20), 0.9 * MOST_NOISE), np.full((20, 20), 0.05 * MOST_NOISE))
+    assert weak_patches(lawn).all()
 
 
 def test_few_patches_tell_nothing() -> None:

@@ -47,6 +47,10 @@ and of that whose texture is the one of a patch too."""
 QUIET_PERCENT = 25.0
 """Percentile of the patches whose noise is that of the block."""
 
+MOST_NOISE = 12.0
+"""No more energy than this, of some eight grey values, is a photograph's noise. Leaves in the wind have nothing in
+common either, but ten to sixty times as much of it."""
+
 LEAST_TEXTURE = 0.02
 """Least energy of a patch's texture, in that of the noise: less cannot be told from none."""
 
@@ -199,7 +203,8 @@ def noise_over_texture(texture: Texture) -> FloatArray:
     known = np.isfinite(texture.energy)
     if known.sum() < LEAST_PATCHES:
         return np.zeros(known.shape)
-    noise = max(float(np.percentile((texture.energy - texture.common)[known], QUIET_PERCENT)), 1e-6)
+    quiet = float(np.percentile((texture.energy - texture.common)[known], QUIET_PERCENT))
+    noise = min(max(quiet, 1e-6), MOST_NOISE)
     common = np.maximum(texture.common, texture.energy - SURELY_NOISE * noise)
     return np.where(known, noise / np.maximum(common, LEAST_TEXTURE * noise), 0.0)
 
