@@ -54,6 +54,8 @@ class Datum:
 def reach_m(problem: Problem, state: State) -> float:
     """Return the median distance, m, of the tie points from the photographs that show them, or of control points where
     there are none."""
+    if problem.summary is not None:
+        return problem.summary.reach_m
     tie = problem.tie if len(problem.tie) else problem.marks
     points = state.tie_point if len(problem.tie) else state.control
     chosen = np.linspace(0, max(len(tie) - 1, 0), min(len(tie), SAMPLE)).astype(np.int64)

@@ -30,6 +30,7 @@ from photogram.factors.elimination.reprojection import (
 )
 from photogram.factors.elimination.similarity_steps import bend_of, bent
 from photogram.factors.elimination.state import State
+from photogram.factors.elimination.summary import TiePointSummary
 from photogram.factors.priors import (
     OWN_OFFSET_SIGMA_M,
     common_offset_prior,
@@ -74,6 +75,7 @@ class Problem:
     ``focal_information`` (cameras, cameras), px⁻², is added to the normal equations of the focal lengths for
     covariances, see photogram.factors.consider; None for an adjustment. ``further`` are factors beside those that
     follow from the block, on any of its variables but tie points: a distance between two control points, for one.
+    ``summary`` stands for tie points that are not among the observations; the reduced system alone knows it.
     """
 
     block: Block
@@ -87,6 +89,7 @@ class Problem:
     robust_threshold: float
     focal_information: FloatArray | None = None
     further: tuple[gtsam.NonlinearFactor, ...] = ()
+    summary: TiePointSummary | None = None
 
     @property
     def free(self) -> tuple[IntArray, ...]:
@@ -191,7 +194,8 @@ def cost(problem: Problem, graph: gtsam.NonlinearFactorGraph, state: State) -> f
     tie = problem.tie.with_penalty(residuals(problem.tie, state.cameras, state.tie_point))
     marks = problem.marks.with_penalty(residuals(problem.marks, state.cameras, state.control))
     robust, _, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
-    return 0.5 * float(robust.sum() + np.sum(marks**2)) + float(graph.error(ground_values(problem, state)))
+    summarised = 0.0 if problem.summary is None else problem.summary.cost_at(state.cameras)
+    return 0.5 * float(robust.sum() + np.sum(marks**2)) + summarised + float(graph.error(ground_values(problem, state)))
 
 
 def variable_size(problem: Problem, variable: int) -> int:

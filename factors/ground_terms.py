@@ -172,6 +172,8 @@ class GroundTerms:
             value = values_by_rig(self._problem.block, state.common)
             off = misfits(self._exposures, state.rotation, state.position, value) / self._exposures.sigma
             ground += 0.5 * float(np.sum(off**2))
+        if self._problem.summary is not None:
+            ground += self._problem.summary.cost_at(state.cameras)
         return ground + self._mark_cost(state) if len(self._marks) else ground
 
     def _mark_cost(self, state: State) -> float:
@@ -182,7 +184,7 @@ class GroundTerms:
     def linearise(self, state: State) -> Terms:
         """Return the terms of all factors at ``state``."""
         layout, linear = self._layout, self._graph.linearize(ground_values(self._problem, state))
-        sums, cost = _Sums(Terms.zero(layout, len(state.control)), []), 0.0
+        sums, cost = self._of_tie_points(state)
         for alike in self._alike:
             jacobians = [linear.at(i).jacobian() for i in alike.factor.tolist()]
             A, b = np.array([a for a, _ in jacobians]), np.array([b for _, b in jacobians])
@@ -201,6 +203,14 @@ class GroundTerms:
                 unit, unit
             )
         return sums.whole(cost)
+
+    def _of_tie_points(self, state: State) -> tuple[_Sums, float]:
+        """Return what a summary says of the tie points, to which all else is added, and its cost."""
+        summary, controls = self._problem.summary, len(state.control)
+        if summary is None:
+            return _Sums(Terms.zero(self._layout, controls), []), 0.0
+        terms = summary.terms(state.cameras, self._layout, controls)
+        return _Sums(terms, [(terms.between_at, terms.between)]), terms.cost
 
     def _add_exposures(self, state: State, sums: _Sums) -> float:
         """Add the exposures of rigs, all at once; returns half the sum of their squared residuals."""
@@ -244,6 +254,8 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
     graph = ground_graph(problem, exposures=False)
     coupled, pairs = _joined(graph)
     pairs = np.concatenate([pairs, taking_part(problem.block).pairs])
+    if problem.summary is not None:
+        pairs = np.concatenate([pairs, problem.summary.pair])
     free = calibration_sigmas(problem.block.cameras) > 0
     index = np.flatnonzero(np.bincount(problem.tie.point, minlength=len(state.tie_point)))
     control = np.setdiff1d(np.arange(len(problem.control_world_m)), coupled)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import gtsam
 
 from photogram.factors.elimination.bundle import SingularPointError, minimise_bundle
-from photogram.factors.elimination.levenberg_marquardt import Minimum, Trial, Watch, minimise
+from photogram.factors.elimination.levenberg_marquardt import FIRST, Minimum, Trial, Watch, minimise
 from photogram.factors.elimination.loss import LEAST_CURVATURE
 from photogram.factors.elimination.reduced import SingularError
 from photogram.factors.elimination.solvers import SolverName
@@ -46,13 +46,19 @@ class _Graph:
 
 
 def minimise_graph(
-    problem: Problem, state: State, maximum_iterations: int, relative_tolerance: float, watch: Watch
+    problem: Problem,
+    state: State,
+    maximum_iterations: int,
+    relative_tolerance: float,
+    watch: Watch,
+    first_damping: float = FIRST,
 ) -> Minimum:
     """Minimise with every point a variable of GTSAM's graph.
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
-    return minimise(_Graph(problem, ground_graph(problem)), state, maximum_iterations, relative_tolerance, watch)
+    system = _Graph(problem, ground_graph(problem))
+    return minimise(system, state, maximum_iterations, relative_tolerance, watch, first_damping)
 
 
 def minimise_problem(
@@ -62,6 +68,7 @@ def minimise_problem(
     relative_tolerance: float,
     watch: Watch,
     solver: SolverName,
+    first_damping: float = FIRST,
 ) -> Minimum:
     """Minimise with all points eliminated, the reduced system solved by ``solver``.
 
@@ -69,7 +76,7 @@ def minimise_problem(
     """
     bundle = bundle_of(problem, state)
     try:
-        return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, watch, solver)
+        return minimise_bundle(bundle, state, maximum_iterations, relative_tolerance, watch, solver, first_damping)
     except SingularError as error:
         raise IndeterminateError(variable_at(bundle.layout, error.column)) from error
     except SingularPointError as error:

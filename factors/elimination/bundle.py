@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.factors.elimination.levenberg_marquardt import Minimum, Singular, Trial, Watch, minimise, nobody
+from photogram.factors.elimination.levenberg_marquardt import FIRST, Minimum, Singular, Trial, Watch, minimise, nobody
 from photogram.factors.elimination.loss import NO_LOSS, Loss, RobustLoss, steering
 from photogram.factors.elimination.points import (
     CHUNKS,
@@ -181,6 +181,7 @@ def minimise_bundle(
     relative_tolerance: float,
     watch: Watch = nobody,
     solver: SolverName = "banded",
+    first_damping: float = FIRST,
 ) -> Minimum:
     """Minimise by Levenberg–Marquardt, the reduced system solved by ``solver``.
 
@@ -192,7 +193,7 @@ def minimise_bundle(
         seen = np.concatenate([bundle.tie.photograph, bundle.marks.photograph])
         whole = bool((bundle.layout.place[seen] >= 0).all())
         system = _System(bundle, SOLVERS[solver](), pool, whole)
-        return minimise(system, state, maximum_iterations, relative_tolerance, watch)
+        return minimise(system, state, maximum_iterations, relative_tolerance, watch, first_damping)
 
 
 # ---- blocks in a free gauge ------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ import numpy as np
 from photogram.factors.elimination.state import State
 
 FIRST, LEAST, GREATEST = 1e-5, 1e-12, 1e12
+FIRST_NEAR = 1e-10  # from another minimum: what is hardly told moves at once
 HOLDING = 1e-7  # what the photographs hardly tell, such as focal length against height, moves little above it
 NEAR = 0.1  # of the cost: what the last step saved where the minimum is near
 ROUNDING = 1e-12  # of the cost
@@ -105,13 +106,14 @@ def minimise(
     maximum_iterations: int,
     relative_tolerance: float,
     watch: Watch = nobody,
+    first_damping: float = FIRST,
 ) -> Minimum:
     """Minimise from ``state``; ``watch`` hears of every step taken.
 
     Stops when the cost has less than ``relative_tolerance`` of itself to lose. Raises Singular when no damping makes
     the system solvable.
     """
-    damping = Damping()
+    damping = Damping(first_damping)
     current = system.cost(state)
     before = 0.0
     released = False

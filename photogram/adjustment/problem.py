@@ -14,7 +14,7 @@ from photogram.constraints.between_points import labels
 from photogram.errors import AdjustmentError
 from photogram.factors.common_errors import values_of
 from photogram.factors.constraints import is_scaled, taking_part, without_shape
-from photogram.factors.elimination.levenberg_marquardt import Minimum
+from photogram.factors.elimination.levenberg_marquardt import FIRST, FIRST_NEAR, Minimum
 from photogram.factors.elimination.reprojection import Observations, observed_marks
 from photogram.factors.elimination.state import State
 from photogram.factors.free_network import minimal_datum
@@ -69,8 +69,16 @@ class AdjustmentSettings(Settings):
     ] = "banded"
 
 
-def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progress: Progress = silent) -> Minimum:
-    """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps.
+def minimise(
+    problem: Problem,
+    state: State,
+    settings: AdjustmentSettings,
+    progress: Progress = silent,
+    *,
+    near: bool = False,
+) -> Minimum:
+    """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps. ``near`` says
+    that ``state`` is the minimum of a problem that differs little. Summaries of tie points are for the fast one alone.
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
@@ -78,10 +86,10 @@ def minimise(problem: Problem, state: State, settings: AdjustmentSettings, progr
     def watch(iteration: int, value: float) -> None:
         progress(0, 0, f"iteration {iteration}: cost {value:.6g}")
 
-    limits = settings.maximum_iterations, settings.relative_tolerance
-    if settings.engine == "reference":
-        return minimise_graph(problem, state, *limits, watch)
-    return minimise_problem(problem, state, *limits, watch, settings.solver)
+    limits, damping = (settings.maximum_iterations, settings.relative_tolerance), FIRST_NEAR if near else FIRST
+    if settings.engine == "reference" and problem.summary is None:
+        return minimise_graph(problem, state, *limits, watch, damping)
+    return minimise_problem(problem, state, *limits, watch, settings.solver, damping)
 
 
 def start_state(problem: Problem) -> State:

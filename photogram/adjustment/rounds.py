@@ -21,7 +21,6 @@ from photogram.adjustment.solvability import check_determined, check_in_front
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     Factors,
     TieGroups,
-    as_stated,
     factors_of,
     improved,
     taken_by_cameras,
@@ -76,21 +75,27 @@ def solve_rounds(
     state: State,
     settings: AdjustmentSettings,
     progress: Progress,
-    sigmas: EstimatedSigmas | None,
+    sigmas: EstimatedSigmas,
     stop: Callable[[Problem, State, int], bool] | None,
-    first_round: int,
+    *,
+    estimating: bool,
+    first_round: int = 1,
+    near: bool = False,
 ) -> Solved:
     """Alternate between choosing the observations that agree, adjusting with them and estimating their sigmas, until
-    choice and sigmas settle. ``sigmas`` are those that are used, None where they are to be estimated. After the
+    choice and sigmas settle. ``sigmas`` are those to begin with, which stay where none are ``estimating``. After the
     first round, and the second, when mismatches are out, ``stop`` may end them; ``first_round`` is 2 where others have
-    been before, so that ``state`` is near."""
-    groups, estimating = tie_groups(stated.block), sigmas is None
-    factors = as_stated(groups) if sigmas is None else factors_of(stated.block, groups, sigmas)
+    been before, and ``near`` says that ``state`` is one at which mismatches can be told."""
+    groups = tie_groups(stated.block)
+    factors = factors_of(stated.block, groups, sigmas)
     whole, steady = weighted(stated, groups, factors), not estimating
     angle, iterations = float(np.deg2rad(settings.minimum_ray_angle_deg)), 0
     first, chosen, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     used: BoolArray = np.zeros(len(whole.tie), dtype=bool)
     limit_px = np.full(len(whole.tie), first)
+    if near and first == settings.first_outlier_threshold_px:
+        limit_px = outlier_limit_px(whole.block.tie_points, 1.0, settings.outlier_threshold)
+        chosen, points = agreeing_observations(whole, replace(state, tie_point=points), limit_px, angle)
     draft, reached = replace(settings, relative_tolerance=max(1e-3, settings.relative_tolerance)), None
     for number in range(min(first_round, settings.maximum_rounds), settings.maximum_rounds + 1):
         last = number == settings.maximum_rounds or (number > 2 and steady and settled(used, chosen))
@@ -106,14 +111,16 @@ def solve_rounds(
         if last and reached is not None:
             state = renewed(problem, reached, together=True, least_s=ORDINARY_S)
             moving = moved_on(reached, state)
-        minimum = minimise(problem, replace(state, tie_point=points), settings if last else draft, progress)
+        minimum = minimise(
+            problem, replace(state, tie_point=points), settings if last else draft, progress, near=near or number > 1
+        )
         iterations += minimum.iterations
         if last:
             for _ in range(MOST_RENEWED if moving else 0):
                 again = renewed(problem, minimum.state, together=True)
                 if not moved_on(minimum.state, again):
                     break
-                minimum = minimise(problem, again, settings, progress)
+                minimum = minimise(problem, again, settings, progress, near=True)
                 iterations += minimum.iterations
             break
         if stop is not None and number <= 2 and stop(problem, minimum.state, number):

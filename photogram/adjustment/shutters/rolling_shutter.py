@@ -236,6 +236,16 @@ class Shutters:
         return Shutters(Readouts.unknown(cameras), Correlations.unknown(cameras))
 
 
+def as_decided(result: Adjustment) -> Shutters:
+    """Return the read-out times that an adjustment has looked for; those that it holds at zero as ``none``."""
+    held, unknown = ~free_readouts(result.block.cameras), Shutters.unknown(len(result.block.cameras))
+    decisions = result.decisions
+    if not len(decisions.readout_s):
+        return unknown
+    inflation = np.ones(len(held))
+    return replace(unknown, readouts=Readouts(decisions.readout_s, decisions.readout_sigma_s, ~held, inflation))
+
+
 def readout_estimates(
     problem: Problem, state: State, covariances: Covariances, counted: Covariances, before: Shutters
 ) -> Shutters:

@@ -5,18 +5,18 @@ Parts of the pictures are adjusted by themselves; see photogram.quality.gross_er
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from photogram.adjustment.shutters.rolling_shutter import without_rolling
-from photogram.adjustment.stochastic_model.estimated_sigmas import stated_again
+from photogram.arrays import BoolArray
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
-from photogram.projection import READOUT
-from photogram.quality.gross_errors.data_snooping import Adjuster, Search, without
+from photogram.quality.gross_errors.data_snooping import Search, without
 from photogram.quality.gross_errors.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
+from photogram.quality.gross_errors.solutions import Solutions
 from photogram.results import Adjustment, FocalDecision, FocalLength, PhotographsSay
-from photogram.survey import Block
+from photogram.survey import Block, TiePoints
 from photogram.wording import Progress
 
 FEWEST_RAYS = 20
@@ -26,14 +26,19 @@ FEWEST_CONTROL = 3
 """Control points that, left out one after the other, speak for one focal length or another."""
 
 
-def _restricted(block: Block, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Block:
-    """Return the block with the observations ``keep`` (N,) of its tie points alone."""
-    ties = block.tie_points
-    ties = ties.select(np.ones(len(ties), dtype=bool), keep)
-    ties = ties.select(ties.rays >= 2)
+def _restricted(solved: Adjustment, keep: BoolArray) -> Adjustment:
+    """Return an adjustment with the observations ``keep`` (N,) of its tie points alone."""
+    block = solved.block
+    ties = _of_two_rays(block.tie_points, keep)
     rays = np.bincount(ties.photograph, minlength=len(block.photographs))
+    ties = _of_two_rays(ties, (rays >= FEWEST_RAYS)[ties.photograph])
     poses = tuple(pose if n >= FEWEST_RAYS else None for pose, n in zip(block.poses, rays, strict=True))
-    return replace(block, tie_points=ties, poses=poses)
+    return replace(solved, block=replace(block, tie_points=ties, poses=poses))
+
+
+def _of_two_rays(ties: TiePoints, keep: BoolArray) -> TiePoints:
+    ties = ties.select(np.ones(len(ties), dtype=bool), keep)
+    return ties.select(ties.rays >= 2)
 
 
 def _focal_of(result: Adjustment, camera: Camera, c: int) -> tuple[float, float]:
@@ -42,23 +47,17 @@ def _focal_of(result: Adjustment, camera: Camera, c: int) -> tuple[float, float]
     return without_prior(result.block.cameras[c].focal_px, sigma, camera.focal_px, float(camera.sigmas[0]))
 
 
-def photographs_say(block: Block, free: Adjustment, c: int, adjuster: Adjuster) -> PhotographsSay:
+def photographs_say(block: Block, free: Adjustment, c: int, solutions: Solutions) -> PhotographsSay:
     """Return what the photographs say of the focal length of camera ``c`` in ``block``, whose prior is wide; ``free``
-    is its adjustment, near which ``adjuster`` looks for those of the parts."""
+    is its adjustment, near which those of the parts are."""
     camera = block.cameras[c]
     focal_px, sigma_px = _focal_of(free, camera, c)
     ties = free.block.tie_points
     camera_of = block.camera_of
-    global_shutter = [own.sigmas[READOUT] == own.readout_s == 0.0 for own in free.block.cameras]
-    start = replace(
-        without_rolling(block, np.array(global_shutter)),
-        poses=free.block.poses,
-        tie_points=stated_again(free.block, free.decisions.sigmas).tie_points,
-    )
     parts: list[tuple[float, float]] = []
     for keep in picture_parts(ties, camera_of[ties.photograph] == c, camera.width_px, camera.height_px):
         try:
-            part = _focal_of(adjuster(_restricted(start, keep)), camera, c)
+            part = _focal_of(solutions.part(_restricted(free, keep), block, c), camera, c)
         except PhotogramError:
             continue  # too little is left in this part of the pictures: the others speak
         if np.isfinite(part[1]):
@@ -86,7 +85,7 @@ def _fixed_at(camera: Camera, focal: FocalLength) -> Camera:
     return replace(camera, focal_px=focal.focal_px, sigmas=sigmas, considered_focal_sigma_px=focal.sigma_px)
 
 
-def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) -> float:
+def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Callable[[Block], Adjustment]) -> float:
     """Return the logarithm of the likelihood ratio of the control points, of what photographs say over the source."""
     if len(block.control_points.with_role("control")) < FEWEST_CONTROL or not np.isfinite(says.sigma_px):
         return 0.0
@@ -104,15 +103,14 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Adjuster) ->
 def settle_focal_lengths(
     block: Block,
     explanation: Search,
-    adjuster: Adjuster,
-    near: Callable[[Adjustment], Adjuster],
+    solutions: Solutions,
     progress: Progress,
     readings_px: Sequence[Sequence[float]],
 ) -> tuple[Block | None, dict[str, FocalDecision]]:
     """Return the block with the focal lengths settled whose source the ``explanation`` rejects, and the decisions by
     camera.
 
-    ``near`` gives what adjusts parts of a block that has been adjusted. None in place of the block where what the
+    None in place of the block where what the
     photographs say stands as it is: ``explanation`` is then the result.
     """
     rejected = {a.name for a in explanation.rejected if a.kind == "focal length"}
@@ -123,9 +121,13 @@ def settle_focal_lengths(
             continue
         progress(0, 0, f"focal length of {given.name}")
         wide = without(block, explanation.rejected)
-        says = photographs_say(wide, explanation.result, c, near(explanation.result))
+        says = photographs_say(wide, explanation.result, c, solutions)
         others = without(block, [a for a in explanation.rejected if a.name != given.name])
-        evidence = 0.0 if says.trustworthy else _evidence(others, c, says, adjuster)
+        evidence = (
+            0.0
+            if says.trustworthy
+            else _evidence(others, c, says, partial(solutions.compared, near=explanation.result))
+        )
         readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))
         focal = settled(readings, float(given.sigmas[0]), says, evidence)
         decisions[given.name] = FocalDecision(given.focal_px, float(given.sigmas[0]), says, focal, evidence)

@@ -7,14 +7,13 @@ explanation of least cost is taken. A focal length whose source is rejected is s
 photogram.quality.gross_errors.focal_length.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError
@@ -36,7 +35,8 @@ from photogram.quality.gross_errors.data_snooping import (
 from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
 from photogram.quality.gross_errors.robust_start import gross_suspects
 from photogram.quality.gross_errors.screening import gross_blunders
-from photogram.results import Adjustment, EstimatedSigmas, FocalDecision
+from photogram.quality.gross_errors.solutions import Solutions
+from photogram.results import Adjustment, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
 from photogram.wording import Progress, silent, some, things
@@ -52,11 +52,8 @@ BORNE = 40.0
 OUTVOTED = 0.5
 """Share of the tie points of a photograph with marks, below which a wrong mark may have had them rejected."""
 
-ROUNDS_TO_COMPARE, ITERATIONS_TO_COMPARE = 3, 30
-"""Limits of the adjustment with all blunders, which only shows their effect."""
-
-NEAR_TOLERANCE = 1e-7
-"""Relative tolerance of the adjustments of parts: at a cost of 10 000, 0.05 sigmas of a focal length."""
+MOST_SOLVED = 3
+"""Adjustments with all rays, each of which may contradict what was decided without them, before the last one stands."""
 
 MOST_NAMED = 10
 """Most suspects named in an error message."""
@@ -86,32 +83,6 @@ class Verdict:
         return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
 
 
-@dataclass(eq=False)
-class CommonSigmas:
-    """How blocks are adjusted while explanations are compared: all with the same ``sigmas``, since one that bends the
-    block would otherwise raise those of the tie points and hide behind them."""
-
-    settings: AdjustmentSettings
-    progress: Progress
-    start: Sequence[FloatArray]
-    sigmas: EstimatedSigmas
-
-    def adjust(self, block: Block) -> Adjustment:
-        """Adjust a block with ``sigmas``."""
-        return adjust(block, self.settings, self.progress, start=self.start, sigmas=self.sigmas)
-
-    def restarting(self, result: Adjustment) -> Adjuster:
-        """Return what adjusts parts of the block of an adjustment, from where that ended, with ``sigmas``: it has
-        rejected what is wrong, so that one round is enough."""
-        settings = replace(self.settings, maximum_rounds=1, relative_tolerance=NEAR_TOLERANCE)
-        start = [camera.parameters for camera in result.block.cameras]
-        return lambda block: adjust(block, settings, self.progress, start=start, sigmas=self.sigmas)
-
-    def estimate(self, block: Block) -> Adjustment:
-        """Adjust a block and estimate its sigmas."""
-        return adjust(block, self.settings, self.progress, start=self.start)
-
-
 def _outvoted(block: Block, result: Adjustment) -> bool:
     """Return whether most tie points of a photograph were rejected, possibly because of a wrong mark in it."""
     count = len(block.photographs)
@@ -130,29 +101,30 @@ def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     return check_accuracy(np.where(points.controlled, np.nan, difference))
 
 
-def _explained(
-    block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], common: CommonSigmas
-) -> tuple[Search, Adjustment | None]:
+def _explained(block: Block, solutions: Solutions) -> tuple[Search, Adjustment | None]:
     """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
     blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
-    gross = _attempted(lambda: gross_suspects(block, settings, start)) or []
+    gross = _attempted(lambda: gross_suspects(block, solutions.settings, solutions.start)) or []
+    if not gross:
+        solved = _attempted(lambda: solutions.solve(without(block, ())))
+        if solved is not None and _worst(solved) <= BENT and not _outvoted(block, solved):
+            return search(block, solved, solutions.alternative), solved
     whole: Adjustment | None = None
-    explanations = list[Search]()
-    first_error: PhotogramError | None = None
-    if settings.estimate_sigmas and not gross:
-        estimated = _attempted(lambda: common.estimate(without(block, ())))
-        if estimated is not None and _worst(estimated) <= BENT and not _outvoted(block, estimated):
-            common.sigmas = estimated.decisions.sigmas
-            return search(block, estimated, common.adjust), estimated
-    adjuster = common.adjust
+    explanations, first_error = list[Search](), None
+    adjuster: Adjuster = solutions.as_stated
     if not gross:
         try:
-            whole = adjuster(block)
-            explanations.append(search(block, whole, adjuster))
+            whole = solutions.solve_as_stated(block)
             if _worst(whole) <= BENT and not _outvoted(block, whole):
-                return explanations[0], whole
+                return search(block, whole, solutions.alternative), whole
+            explanations.append(search(block, whole, adjuster))
         except PhotogramError as error:
             first_error = error
+    else:
+        solved = _attempted(lambda: solutions.solve(without(block, gross)))
+        if solved is not None and not _outvoted(block, solved):
+            adjuster = solutions.alternative
+            whole = _attempted(lambda: solutions.alternative(block))
     ways = [gross]
     if not gross or len(gross) > MANY:
         ways.append(_attempted(lambda: gross_blunders(block, adjuster)) or [])
@@ -164,12 +136,10 @@ def _explained(
                 explanations.append(search(block, adjuster(without(block, rejected)), adjuster, rejected))
         except PhotogramError as error:
             first_error = first_error or error
-    if gross:
+    if gross and whole is not None and _worst(whole) <= BORNE:
         # what is gross to the robust adjustment may be small enough for the plain one, whose tests are sharper
-        whole = _with_everything(block, settings, start)
-        if whole is not None and _worst(whole) <= BORNE:
-            with suppress(PhotogramError):
-                explanations.append(search(block, whole, adjuster))
+        with suppress(PhotogramError):
+            explanations.append(search(block, whole, adjuster))
     if not explanations:
         culprits = some(list(dict.fromkeys(a.words for way in ways for a in way)), MOST_NAMED)
         why = f"; most observations contradict {culprits}, and too few are left without it" if culprits else ""
@@ -187,35 +157,34 @@ def _explained(
     return min(explanations, key=cost), whole
 
 
-def _reweighted(block: Block, explanation: Search, common: CommonSigmas) -> Search:
-    """Return the data snooping that goes on from an explanation with the sigmas that are estimated without what it
-    rejects."""
+def _settled(block: Block, rejected: Sequence[Hypothesis], near: Adjustment, solutions: Solutions) -> Search:
+    """Return the data snooping of a block without what is ``rejected``, adjusted with all rays, its sigmas estimated,
+    until its observations have nothing more to say; it begins ``near`` another adjustment."""
+    for _ in range(MOST_SOLVED):
+        solved = solutions.solve(without(block, rejected), near)
+        explanation = search(block, solved, solutions.alternative, rejected)
+        if explanation.result is solved:
+            return explanation
+        rejected, near = explanation.rejected, explanation.result
+    return Search(tuple(rejected), solutions.solve(without(block, rejected), near))
+
+
+def _decided(block: Block, solutions: Solutions) -> tuple[Search, Adjustment | None]:
+    """Return what ``_explained`` does, adjusted with all rays."""
+    explanation, whole = _explained(block, solutions)
+    if solutions.base is not None and explanation.result is solutions.base.result:
+        return explanation, whole
     try:
-        result = common.estimate(without(block, explanation.rejected))
-        common.sigmas = result.decisions.sigmas
-        return search(block, result, common.adjust, explanation.rejected)
+        return _settled(block, explanation.rejected, explanation.result, solutions), whole
     except PhotogramError as error:
-        common.sigmas = explanation.result.decisions.sigmas
-        return _warned(
-            explanation, f"The sigmas of tie points could not be estimated: {error}. They are used as stated"
-        )
+        stated = Search(explanation.rejected, solutions.solve_as_stated(without(block, explanation.rejected)))
+        warning = f"The sigmas of tie points could not be estimated: {error}. They are used as stated"
+        return _warned(stated, warning), whole
 
 
 def _warned(explanation: Search, warning: str) -> Search:
     result = explanation.result
     return replace(explanation, result=replace(result, warnings=(*result.warnings, warning)))
-
-
-def _with_everything(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray]) -> Adjustment | None:
-    """Return the adjustment with all measurements, for the effect of blunders on the check points, None where it has no
-    solution."""
-    quick = replace(
-        settings,
-        estimate_sigmas=False,
-        maximum_rounds=min(ROUNDS_TO_COMPARE, settings.maximum_rounds),
-        maximum_iterations=min(ITERATIONS_TO_COMPARE, settings.maximum_iterations),
-    )
-    return _attempted(lambda: adjust(block, quick, start=start))
 
 
 def _attempted(compute: Callable[[], T]) -> T | None:
@@ -245,16 +214,6 @@ NOT_SETTLED = (
 )
 
 
-def _with_settled(
-    settled: Block, explanation: Search, decisions: Mapping[str, FocalDecision], adjuster: Adjuster
-) -> Search:
-    """Return the data snooping of a block with settled focal lengths, from the one without them. Raises
-    AdjustmentError where the block cannot be adjusted so."""
-    sure = {name for name, decision in decisions.items() if decision.says.trustworthy}
-    others = [a for a in explanation.rejected if a.kind != "focal length" or a.name in sure]
-    return search(settled, adjuster(without(settled, others)), adjuster, others)
-
-
 def adjust_with_snooping(
     block: Block,
     settings: AdjustmentSettings,
@@ -269,29 +228,29 @@ def adjust_with_snooping(
     too little is left, with what contradicts the rest by name.
     """
 
-    common = CommonSigmas(settings, progress, start, EstimatedSigmas.none())
-    adjuster = common.adjust
+    solutions = Solutions(settings, progress, start)
     of_another_size, size = _of_another_size(block, start)
     block = without(block, of_another_size)
     try:
-        explanation, whole = _explained(block, settings, start, common)
-        if settings.estimate_sigmas and (explanation.rejected or not len(common.sigmas)):
-            explanation = _reweighted(block, explanation, common)
+        explanation, whole = _decided(block, solutions)
     except PhotogramError as error:
         if not size:
             raise
         raise AdjustmentError(f"{size[0].sentence}; without them {error}") from error
-    settled, decisions = settle_focal_lengths(block, explanation, adjuster, common.restarting, progress, readings_px)
+    settled, decisions = settle_focal_lengths(block, explanation, solutions, progress, readings_px)
     if settled is not None:
+        sure = {name for name, decision in decisions.items() if decision.says.trustworthy}
+        others = [a for a in explanation.rejected if a.kind != "focal length" or a.name in sure]
         try:
-            explanation = _with_settled(settled, explanation, decisions, adjuster)
+            explanation = _settled(settled, others, explanation.result, solutions)
         except PhotogramError as error:
             explanation = _warned(explanation, NOT_SETTLED.format(names=", ".join(decisions), error=error))
             settled, decisions = None, {}
     off = marks_off_checks(explanation.result)
     if off:
         cleared = block if settled is None else settled
-        explanation = Search((*explanation.rejected, *off), adjuster(without(cleared, [*explanation.rejected, *off])))
+        rejected = (*explanation.rejected, *off)
+        explanation = Search(rejected, solutions.solve(without(cleared, rejected), explanation.result))
     points = block.control_points
     before = check_accuracy(np.full((len(points), 3), np.nan)) if whole is None else _checks(whole, points)
     return Verdict(
