@@ -25,7 +25,7 @@ from photogram.projection import PARAMETERS
 
 RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
-MEANINGLESS_SIGMA_RAD = 0.5  # an attitude known no better than this may be any
+MEANINGLESS_SIGMA_RAD = 0.8  # an attitude known no better than this may be any
 WHOLE = 0.9  # of a change that nothing holds, that is one of the block as a whole
 STILL = 1e-3  # of a direction that nothing holds, up to which the cameras do not move along it
 MARKS_AT_ONCE = 256  # predicted together: each is a row as long as all poses

@@ -171,7 +171,9 @@ class ExposureTests:
         return len(self.misfit)
 
 
-SigmaKind = Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
+SigmaKind = Literal[
+    "key_points", "transferred", "photograph", "gnss_plan", "gnss_height", "control_plan", "control_height", "marks"
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +181,8 @@ class EstimatedSigmas:
     """Standard deviations that were estimated from residuals, by group of observations (K).
 
     Groups are the key points and the transferred tie points of a camera, the tie points of a photograph that scatter
-    more than those of its camera's others, and GNSS positions of assumed sigmas, by flight, in plan and in height.
+    more than those of its camera's others, and what has assumed sigmas: GNSS positions, by flight, and control points,
+    in plan and in height, and marks.
     """
 
     kind: NDArray[np.str_]

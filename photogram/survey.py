@@ -271,6 +271,10 @@ class ControlPoints:
     controlled: BoolArray = field(default_factory=lambda: np.zeros((0, 3), dtype=bool))
     """Which of easting, northing and height (G, 3) are control; all those of a control point and none of a check point
     if not given."""
+    sigma_assumed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Whether the ``sigma_m`` of a point (G,) is only assumed, nobody having stated one; none if not given."""
+    mark_sigma_assumed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """The same of the covariances of the marks of a point (G,)."""
 
     def __post_init__(self) -> None:
         g, m = len(self.name), len(self.mark_photograph)
@@ -279,7 +283,10 @@ class ControlPoints:
         is_control = np.array([role == "control" for role in self.role], dtype=bool)
         if g and not len(self.controlled):
             object.__setattr__(self, "controlled", np.repeat(is_control[:, None], 3, axis=1))
-        check_shapes(self, controlled=(g, 3))
+        for name in ("sigma_assumed", "mark_sigma_assumed"):
+            if g and not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(g, dtype=bool))
+        check_shapes(self, controlled=(g, 3), sigma_assumed=(g,), mark_sigma_assumed=(g,))
         if np.any(self.controlled.any(axis=1) != is_control):
             raise ValueError("a control point has at least one controlled coordinate, a check point none")
         check_shapes(self, position_world_m=(g, 3), sigma_m=(g, 3))
@@ -322,6 +329,8 @@ class ControlPoints:
             self.mark_pixel[marks],
             self.mark_covariance_px2[marks],
             self.controlled[keep],
+            self.sigma_assumed[keep],
+            self.mark_sigma_assumed[keep],
         )
 
     def with_roles(self, roles: Sequence[Role]) -> ControlPoints:

@@ -15,7 +15,7 @@ import numpy as np
 
 from photogram.adjustment.assessment import Assessed, assessed
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
-from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state, with_sigmas_of
 from photogram.adjustment.rounds import Solved, solve_rounds
 from photogram.adjustment.shutters.rolling_shutter import (
     Readouts,
@@ -31,13 +31,14 @@ from photogram.adjustment.shutters.rolling_shutter import (
     without_rolling,
 )
 from photogram.adjustment.solutions.ended import Ended, adjustment_of
+from photogram.adjustment.solutions.steady_sigmas import steady_sigmas
 from photogram.adjustment.solutions.unknowns import Unknowns, solved_again, with_common_error
 from photogram.adjustment.solvability import UndeterminedPartError, undetermined
-from photogram.adjustment.stochastic_model.assumed_gnss import gnss_steady, with_gnss_factors
+from photogram.adjustment.stochastic_model.assumed_sigmas import assumed_steady
 from photogram.adjustment.stochastic_model.estimated_sigmas import (
     improved,
     weighted,
-    with_gnss_sigmas,
+    with_assumed_sigmas,
 )
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Pose, calibration_sigmas
@@ -56,17 +57,25 @@ MOST_LOST_MARKS = 3
 MOST_REWEIGHTED = 3  # adjustments with sigmas that the covariances of the one before ask for
 
 
-def _reweighted(solved: Solved, assessment: Assessed, stated: Problem, settings: AdjustmentSettings) -> Solved | None:
-    """Return the block adjusted again with the sigmas that its covariances ask for, None where these stay.
+def _reweighted(
+    solved: Solved, assessment: Assessed, block: Block, stated: Problem, settings: AdjustmentSettings
+) -> Solved | None:
+    """Return the ``block`` adjusted again with the sigmas that its covariances ask for, None where these stay.
 
-    In the rounds the redundancy of tie points was that of many beside little else, here it is exact; GNSS positions of
-    assumed sigmas need their redundancy numbers.
+    In the rounds the redundancy of tie points was that of many beside little else, here it is exact; sigmas that are
+    only assumed need redundancy numbers.
     """
     factors = solved.factors if assessment.ties is None else improved(assessment.ties, solved.factors, solved.groups)
-    block = with_gnss_factors(solved.whole.block, assessment.gnss)
-    if factors.are_near(solved.factors) and gnss_steady(solved.whole.block, block):
+    steady = steady_sigmas(assessment, block, settings)
+    if factors.are_near(solved.factors) and assumed_steady(solved.whole.block, steady):
         return None
-    whole = weighted(replace(stated, block=replace(block, tie_points=stated.block.tie_points)), solved.groups, factors)
+    now = replace(
+        solved.whole.block,
+        photographs=steady.photographs,
+        control_points=steady.control_points,
+        tie_points=stated.block.tie_points,
+    )
+    whole = weighted(with_sigmas_of(stated, now), solved.groups, factors)
     return replace(solved_again(solved, whole, solved.minimum.state, settings), factors=factors)
 
 
@@ -92,6 +101,7 @@ def adjust(
     *,
     start: Sequence[FloatArray] = (),
     sigmas: EstimatedSigmas | None = None,
+    begun: EstimatedSigmas | None = None,
     near: Adjustment | None = None,
 ) -> Adjustment:
     """Adjust a block jointly, reject mismatched observations, and compute covariances, in the block's world frame, m.
@@ -100,12 +110,17 @@ def adjust(
     orientation (12,) of each camera to start from, with or without the coefficients of a lens field, where it is not
     the given one, which stays the mean of the priors; what is held stays as given. ``sigmas`` are those of another
     adjustment of these observations: they are used as they are, and none are estimated. ``near`` is another adjustment
-    of the same tie points, to begin with: its orientations, sigmas and common errors. A single photograph or mark that
-    keeps the rest from a solution is left out, with the reason in ``warnings``. Raises AdjustmentError naming the
-    variable that is not determined, and what it lacks.
+    of the same tie points, to begin with: its orientations, sigmas and common errors; ``begun`` are sigmas alone. A
+    single photograph or mark that keeps the rest from a solution is left out, with the reason in ``warnings``. Raises
+    AdjustmentError naming the variable that is not determined, and what it lacks.
     """
     if near is not None:
         block, start = _begun(block, near), [camera.parameters for camera in near.block.cameras]
+    first = _Sigmas(begun or EstimatedSigmas.none(), settings.estimate_sigmas)
+    if near is not None:
+        first = replace(first, begun=near.decisions.sigmas)
+    if sigmas is not None:
+        first = _Sigmas(sigmas, estimated=False)
     part, oriented = block, len(registered_block(block)[1])
     if not oriented:
         raise AdjustmentError("no photograph is oriented")
@@ -115,7 +130,7 @@ def adjust(
     while True:
         solvable, kept = registered_block(part)
         try:
-            adjusted = _adjust_oriented(solvable, settings, progress, start, sigmas, near)
+            adjusted = _adjust_oriented(solvable, settings, progress, start, first, near)
             break
         except UndeterminedPartError as error:
             left |= {int(kept[i]): why for i, why in error.photographs.items()}
@@ -153,6 +168,14 @@ def _of_all(block: Block, marks: BoolArray, kept: IntArray) -> IntArray:
 
 
 @dataclass(frozen=True, eq=False)
+class _Sigmas:
+    """The sigmas with which an adjustment has ``begun``, and whether they are to be ``estimated``."""
+
+    begun: EstimatedSigmas
+    estimated: bool
+
+
+@dataclass(frozen=True, eq=False)
 class _Rolling:
     """Where an adjustment was when cameras ``there`` (C,) turned out to have rolling shutters."""
 
@@ -173,7 +196,7 @@ def _adjust_oriented(
     settings: AdjustmentSettings,
     progress: Progress,
     start: Sequence[FloatArray],
-    sigmas: EstimatedSigmas | None,
+    sigmas: _Sigmas,
     near: Adjustment | None,
 ) -> Adjustment:
     """Adjust a block whose photographs all have a pose to start from: read-out times that nobody states are held at
@@ -183,7 +206,9 @@ def _adjust_oriented(
         known = as_decided(near)
         asked &= ~free_readouts(near.block.cameras)
         block = without_rolling(block, known.readouts.none & ~asked)
-    ended = _adjust_block(without_rolling(block, asked), settings, progress, start, sigmas, asked, near=near)
+    ended = _adjust_block(
+        without_rolling(block, asked), settings, progress, start, sigmas, asked, near=near is not None
+    )
     while isinstance(ended, _Rolling):
         progress(0, 0, "rolling shutter: the read-out time is estimated")
         asked = asked & ~ended.there
@@ -205,18 +230,15 @@ def _adjust_block(
     settings: AdjustmentSettings,
     progress: Progress,
     start: Sequence[FloatArray] | FloatArray,
-    sigmas: EstimatedSigmas | None,
+    sigmas: _Sigmas,
     asked: BoolArray,
     *,
     again: bool = False,
-    near: Adjustment | None = None,
+    near: bool = False,
 ) -> Ended | _Rolling:
     """Adjust a block with the unknowns that it has, and find its common errors and sigmas; no longer than until one of
     the cameras ``asked`` (C,) turns out to have a rolling shutter, since all is done ``again`` with it."""
-    estimating = settings.estimate_sigmas and sigmas is None
-    begun = EstimatedSigmas.none() if near is None else near.decisions.sigmas
-    used = begun if sigmas is None else sigmas
-    whole = make_problem(with_gnss_sigmas(block, used), settings)
+    whole = make_problem(with_assumed_sigmas(block, sigmas.begun), settings)
 
     def stop(problem: Problem, state: State, number: int) -> bool:
         return bool(is_clear(problem, state, asked, number).any())
@@ -229,8 +251,8 @@ def _adjust_block(
             moved[:, : given.shape[1]] = np.where(free[:, : given.shape[1]], given, moved[:, : given.shape[1]])
             first = replace(first, cameras=recalibrated(first.cameras, moved))
         solved = solve_rounds(
-            whole, first, settings, progress, used, stop if asked.any() else None,
-            estimating=estimating, first_round=1 if near is None and not again else 2, near=near is not None,
+            whole, first, settings, progress, sigmas.begun, stop if asked.any() else None,
+            estimating=sigmas.estimated, first_round=2 if near or again else 1, near=near,
         )  # fmt: skip
         if solved.stopped:
             there = is_clear(solved.problem, solved.minimum.state, asked, solved.rounds)
@@ -240,7 +262,7 @@ def _adjust_block(
         there = _significant_readouts(assessment, asked)[0] if asked.any() else asked
         if there.any():
             return _Rolling.at(solved.minimum.state, there)
-        ended = _settled(solved, assessment, whole, block, settings, progress, estimating=estimating)
+        ended = _settled(solved, assessment, whole, block, settings, progress, estimating=sigmas.estimated)
         return Ended(block, whole, *ended)
     except IndeterminateError as error:
         raise undetermined(whole, error) from error
@@ -274,7 +296,7 @@ def _settled(
             )
             again = _without_none(solved, shutters.readouts.none, settings, progress)
             if again is None and reweighted < MOST_REWEIGHTED:
-                again, reweighted = _reweighted(solved, assessment, whole, settings), reweighted + 1
+                again, reweighted = _reweighted(solved, assessment, block, whole, settings), reweighted + 1
             if again is None:
                 return solved, assessment, unknowns, shutters
             solved = again

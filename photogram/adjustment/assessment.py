@@ -7,7 +7,7 @@ import numpy as np
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import reliability
 from photogram.adjustment.rounds import Solved
-from photogram.adjustment.stochastic_model.assumed_gnss import GnssScatter, gnss_scatters
+from photogram.adjustment.stochastic_model.assumed_sigmas import AssumedScatter, assumed_scatters
 from photogram.adjustment.stochastic_model.estimated_sigmas import TieGroups, TieScatter, tie_scatter
 from photogram.adjustment.stochastic_model.variance_components import variance_components
 from photogram.arrays import BoolArray
@@ -59,7 +59,7 @@ class Assessed:
     redundancy: int
     components: VarianceComponents
     ties: TieScatter | None
-    gnss: list[GnssScatter]
+    assumed: list[AssumedScatter]
 
 
 def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Assessed:
@@ -85,7 +85,7 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
     groups = solved.groups.select(mine)
     names = _median_sigmas(stated, groups) if settings.estimate_sigmas else None
     components = variance_components(problem, state, fixed, tested, redundancy, names)
-    ties, gnss = None, list[GnssScatter]()
+    ties, scatters = None, list[AssumedScatter]()
     if settings.estimate_sigmas:
         # what is considered changes no estimate, so it changes no sigma either
         plain = (
@@ -94,7 +94,7 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
         of_ties = float(plain.redundancy[plain.group == "tie_points"].sum())
         taken = float(points_redundancy(problem, state).sum()) - of_ties
         ties = tie_scatter(problem, state, groups, solved.limit_px[mine], taken)
-        gnss = gnss_scatters(problem, tested_fixed)
+        scatters = assumed_scatters(problem, tested_fixed, stated)
     return Assessed(
         adjusted,
         kept,
@@ -109,7 +109,7 @@ def assessed(solved: Solved, stated: Block, settings: AdjustmentSettings) -> Ass
         redundancy,
         components,
         ties,
-        gnss,
+        scatters,
     )
 
 
@@ -121,4 +121,16 @@ def _median_sigmas(stated: Block, groups: TieGroups) -> dict[str, float]:
         plan_and_height = np.array(gnss)
         medians["gnss_plan"] = float(np.median(plan_and_height[:, :2]))
         medians["gnss_height"] = float(np.median(plan_and_height[:, 2]))
+    points = stated.control_points
+    marks = points.mark_sigma_assumed[points.mark_point] & np.isfinite(points.mark_sigma_px)
+    for name, values in (
+        ("control_plan", points.sigma_m[:, :2][points.sigma_assumed[:, None] & points.used[:, :2]]),
+        ("control_height", points.sigma_m[:, 2][points.sigma_assumed & points.used[:, 2]]),
+        (
+            "marks",
+            points.mark_sigma_px[marks],
+        ),
+    ):
+        if len(values):
+            medians[name] = float(np.median(values))
     return medians

@@ -22,7 +22,7 @@ from photogram.factors.graph import Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.rigs.exposures import rig_values
 from photogram.settings.settings import Settings, Within
-from photogram.survey import Block
+from photogram.survey import Block, ControlPoints
 from photogram.wording import Progress, silent
 
 
@@ -132,6 +132,21 @@ def check_constraints(block: Block, control_world_m: FloatArray) -> None:
             )
 
 
+def _control_sigma_m(control: ControlPoints) -> FloatArray:
+    return np.where(control.controlled, control.sigma_m, np.inf)
+
+
+def with_sigmas_of(problem: Problem, block: Block) -> Problem:
+    """Return the problem of the same block with other sigmas of its measurements."""
+    control = block.control_points.with_role("control")
+    return replace(
+        problem,
+        block=block,
+        marks=observed_marks(control, np.isfinite(control.mark_sigma_px)),
+        control_sigma_m=_control_sigma_m(control),
+    )
+
+
 def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
     """Return the problem of a block, with all its tie-point observations and, unless the settings have none, a common
     error of the measured attitudes of each flight.
@@ -159,7 +174,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
         Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px),
         observed_marks(control, np.isfinite(control.mark_sigma_px)),
         position,
-        np.where(control.controlled, control.sigma_m, np.inf),
+        _control_sigma_m(control),
         axes,
         flights,
         settings.robust_loss,

@@ -11,8 +11,8 @@ from photogram.project.draft.text import (
     ASSUMED,
     CALIBRATION,
     CONTROL_EXAMPLE,
-    DEFAULT_CONTROL_SIGMA_M,
-    DEFAULT_MARK_SIGMA_PX,
+    assumed_control,
+    assumed_marks,
     flights_comment,
     gnss_lines,
     list_item,
@@ -144,10 +144,7 @@ def _control(draft: ImportedDraft) -> Sequence[str]:
         return CONTROL_EXAMPLE
     assumed = []
     if any(None in p.sigma_m for p in draft.points):
-        assumed = [
-            *comment("The solution gives no accuracy of some; these are assumed; enter those of your survey:", 6),
-            f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}",
-        ]
+        assumed = assumed_control("The solution gives no accuracy of some")
     return [
         "control_points:",
         "  files:",
@@ -156,5 +153,5 @@ def _control(draft: ImportedDraft) -> Sequence[str]:
         *([f"      crs: {scalar(draft.measured_crs)}"] if draft.measured_crs is not None else []),
         *([f"      marks: {MARKS}"] if draft.marks else []),
         *assumed,
-        f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the table gives none",
+        *assumed_marks("the table"),
     ]

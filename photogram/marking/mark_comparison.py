@@ -179,7 +179,7 @@ def _off(points: ControlPoints, places: PredictedPlaces, mark: int, place: int) 
 
 
 def _cheapest(block: Block, settings: AdjustmentSettings, adjuster: Adjuster) -> Search:
-    gross = [a for a in gross_suspects(block, settings) if a.kind in MARKED]
+    gross = [a for a in gross_suspects(block, settings).suspects if a.kind in MARKED]
     ways = [way for way in (simplified(gross), whole_points(gross)) if way]
     searches, errors = [], []
     for suspects in [*ways, []]:

@@ -58,6 +58,10 @@ class ProjectControlPoint:
     """Height system it was given in, None if not declared."""
     mark_kind: tuple[str, ...] = ()
     """How they were measured (M,); IMPORTED, all of them, if not given."""
+    sigma_assumed: bool = False
+    """Whether a standard deviation of its position is only assumed, nobody having stated one."""
+    mark_sigma_assumed: bool = False
+    """The same of its marks."""
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -132,7 +136,9 @@ def read_point_files(
             stated_px = _stated_mark_sigma_px(file, source) or np.nan
             sigma_px = np.array([mark.sigma_px or (stated_px, stated_px) for mark in own]).reshape(-1, 2)
             covariance_px2 = covariances_px2(sigma_px, np.array([mark.rho for mark in own], dtype=np.float64))
-            points += _complete(source, source.placed, sigma_m, own, marked, pixel, covariance_px2)
+            points += _complete(
+                source, source.placed, sigma_m, own, marked, pixel, covariance_px2, _assumed(file, source)
+            )
     return tuple(points), [_located(source) for source in sources]
 
 
@@ -263,6 +269,16 @@ def _check_mark_sigmas(document: Document, file: ProjectFile, source: _Source) -
         text = f"marks without a standard deviation ({bare}): give mark_sigma_px here or for all points"
         document.add_error(source.key, text + column)
     return False
+
+
+def _assumed(file: ProjectFile, source: _Source) -> tuple[bool, bool]:
+    """Return whether the sigmas of points and of marks that a source's file does not give are only assumed: the entry
+    that gives them says so."""
+    entry, block = source.entry, file.control_points
+    return (
+        entry.sigma_assumed if entry.sigma_m is not None else block.sigma_assumed,
+        entry.mark_sigma_assumed if entry.mark_sigma_px is not None else block.mark_sigma_assumed,
+    )
 
 
 def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], whole: bool) -> list[Mark]:
@@ -443,8 +459,10 @@ def _complete(
     marked: IntArray,
     pixel: FloatArray,
     covariance_px2: FloatArray,
+    assumed: tuple[bool, bool],
 ) -> list[ProjectControlPoint]:
-    """Return the points of a source with their marks, which lie in the photographs of the indices ``marked`` (M,)."""
+    """Return the points of a source with their marks, which lie in the photographs of the indices ``marked`` (M,).
+    Sigmas of points and of marks that the file does not give may be ``assumed``."""
     indices: dict[str, list[int]] = {}
     for i, mark in enumerate(marks):
         indices.setdefault(mark.point, []).append(i)
@@ -461,6 +479,8 @@ def _complete(
             covariance_px2[own],
             placed.heights,
             tuple(marks[i].kind for i in own),
+            assumed[0] and None in row.sigma_m,
+            assumed[1] and all(marks[i].sigma_px is None for i in own),
         )
 
     return [point(number, row) for number, row in enumerate(source.points.points)]

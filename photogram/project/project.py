@@ -248,6 +248,8 @@ class Project:
             np.concatenate([np.zeros((0, 2)), *(p.mark_pixel for p in points)]),
             np.concatenate([np.zeros((0, 2, 2)), *(p.mark_covariance_px2 for p in points)]),
             np.array([p.controlled for p in points], dtype=bool).reshape(-1, 3),
+            np.array([p.sigma_assumed for p in points], dtype=bool),
+            np.array([p.mark_sigma_assumed for p in points], dtype=bool),
         )
 
 
@@ -525,6 +527,8 @@ def _control_points(
                 np.array(list(entry.marks.values())).reshape(-1, 2) - origin,
                 isotropic_px2(np.full(marks, sigma_px)),
                 heights,
+                sigma_assumed=block.sigma_assumed and entry.sigma_m is None,
+                mark_sigma_assumed=block.mark_sigma_assumed and entry.mark_sigma_px is None,
             )
         )
     return (*points, *surveyed)

@@ -51,6 +51,7 @@ Whose = Literal["theirs", "own"]
 AutomaticMask = Literal["sky", "water"]
 ExposureGrouping = Literal["capture", "name", "time"]
 
+SIGMA_ASSUMED = "Whether nobody has stated it: it is estimated."
 _ROLES: tuple[Role, ...] = ("control", "check")
 
 PIXEL_ORIGIN_PX: dict[PixelOrigin, float] = {"photogram": 0.0, "matlab": 1.0, "colmap": 0.5}
@@ -300,7 +301,7 @@ class PhotographsEntry(Entry):
     camera: Annotated[Text | None, "The camera of all that name none."] = None
     positions: Annotated[Sequence[PositionFileEntry], "Positions in other files."] = ()
     gnss_sigma_m: Annotated[PositionSigma | None, "Standard deviations of all positions that have none, m."] = None
-    gnss_sigma_assumed: Annotated[bool, "Whether nobody has stated it: it is estimated."] = False
+    gnss_sigma_assumed: Annotated[bool, SIGMA_ASSUMED] = False
     attitude_sigma_deg: Annotated[AngleSigma, "Standard deviation of attitudes that have none."] = 2.0
     height_above_ground_m: Annotated[FlyingHeight | None, "Flying height, where tags do not say it."] = None
     list: Annotated[Sequence[PhotographEntry] | None, "The photographs.", Default("all of the folder")] = None
@@ -363,14 +364,18 @@ class ControlFileEntry(Entry):
         PictureSize | None, "Of the pictures with the marks.", Default("the photographs' own")
     ] = None
     sigma_m: Annotated[PositionSigma | None, "Standard deviations of points that have none, m."] = None
+    sigma_assumed: Annotated[bool, SIGMA_ASSUMED] = False
     mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
+    mark_sigma_assumed: Annotated[bool, SIGMA_ASSUMED] = False
 
 
 class ControlPointsEntry(Entry):
     """The ground points and what holds for all of them."""
 
     sigma_m: Annotated[PositionSigma | None, "Standard deviations of points that have none, m."] = None
+    sigma_assumed: Annotated[bool, SIGMA_ASSUMED] = False
     mark_sigma_px: Annotated[MarkSigma | None, "Standard deviation of marks that have none."] = None
+    mark_sigma_assumed: Annotated[bool, SIGMA_ASSUMED] = False
     pixel_origin: Annotated[PixelOrigin, "Where the centre of the top-left pixel is, for all marks."] = "photogram"
     files: Annotated[Sequence[ControlFileEntry], "Ground points in other files."] = ()
     list: Annotated[Sequence[ControlPointEntry], "The ground points."] = ()

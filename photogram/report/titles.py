@@ -10,6 +10,9 @@ SIGMA_TITLES: Mapping[str, str] = MappingProxyType(
         "photograph": "Tie points of a photograph",
         "gnss_plan": "GNSS positions in plan",
         "gnss_height": "GNSS positions in height",
+        "control_plan": "Control points in plan",
+        "control_height": "Control points in height",
+        "marks": "Marks",
     }
 )
 """By the kind of an estimated standard deviation."""

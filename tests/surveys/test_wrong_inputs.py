@@ -77,7 +77,7 @@ def assert_as_good_as_clean(verdict: Verdict, plan: SurveyPlan = RTK) -> None:
 def test_a_clean_survey_is_accused_of_nothing() -> None:
     for plan in (RTK, NO_GNSS):
         assert clean(plan).rejected == ()
-        assert gross_suspects(survey(plan), SETTINGS) == []
+        assert gross_suspects(survey(plan), SETTINGS).suspects == ()
 
 
 @pytest.mark.parametrize(

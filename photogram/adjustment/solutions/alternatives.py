@@ -20,7 +20,7 @@ from photogram.adjustment.shutters.rolling_shutter import Shutters, free_readout
 from photogram.adjustment.solutions.ended import Ended, adjustment_of
 from photogram.adjustment.solutions.unknowns import Unknowns, with_common_error
 from photogram.adjustment.solvability import undetermined
-from photogram.adjustment.stochastic_model.estimated_sigmas import as_stated, tie_groups, with_gnss_sigmas
+from photogram.adjustment.stochastic_model.estimated_sigmas import as_stated, tie_groups, with_assumed_sigmas
 from photogram.camera import calibration_sigmas, calibrations
 from photogram.factors.elimination.loss import steering
 from photogram.factors.elimination.reprojection import Observations
@@ -71,7 +71,7 @@ def _as_solved(block: Block, solved: Adjustment) -> Block:
     tie = block.tie_points
     none = np.zeros(len(tie), dtype=bool)
     return replace(
-        without_rolling(with_gnss_sigmas(block, solved.decisions.sigmas), held),
+        without_rolling(with_assumed_sigmas(block, solved.decisions.sigmas), held),
         poses=solved.block.poses,
         common_errors=solved.block.common_errors,
         tie_points=tie.select(none),

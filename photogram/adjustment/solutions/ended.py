@@ -17,7 +17,7 @@ from photogram.adjustment.rounds import Solved
 from photogram.adjustment.shutters.rolling_shutter import Shutters
 from photogram.adjustment.solutions.unknowns import Unknowns
 from photogram.adjustment.solvability import weak_parts
-from photogram.adjustment.stochastic_model.assumed_gnss import gnss_table
+from photogram.adjustment.stochastic_model.assumed_sigmas import assumed_table
 from photogram.adjustment.stochastic_model.estimated_sigmas import joined, scattering, table
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import Covariances
@@ -61,7 +61,7 @@ def adjustment_of(ended: Ended, settings: AdjustmentSettings) -> Adjustment:
     if settings.estimate_sigmas:
         groups = solved.groups.select(assessment.kept[solved.whole.tie.point] & solved.used)
         ties = table(block, groups, solved.factors, assessment.ties)
-        estimated = joined(ties, gnss_table(block, assessment.block, assessment.gnss))
+        estimated = joined(ties, assumed_table(block, assessment.block, assessment.assumed))
     poses, tie_covariance = covariances.poses, covariances.tie_point
     joint = joint_ground_covariance(counted, final_state, covariances, ground)
     if block.is_free:

@@ -24,6 +24,7 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import points_redundancy
+from photogram.measures.mark_covariances import scaled
 from photogram.results import EstimatedSigmas, SigmaKind
 from photogram.survey import TRANSFERRED, Block
 from photogram.wording import some
@@ -314,18 +315,32 @@ def stated_again(block: Block, sigmas: EstimatedSigmas) -> Block:
     return replace(block, tie_points=replace(tie, sigma_px=stated_px))
 
 
-def with_gnss_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
-    """Return a block with the estimated sigmas of its GNSS positions alone."""
+def with_assumed_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
+    """Return a block with those of the estimated sigmas that were assumed: of GNSS positions, control points and
+    marks."""
     plan, height = sigmas.factors("gnss_plan"), sigmas.factors("gnss_height")
-    if not plan and not height:
-        return block
-    return replace(
-        block,
-        photographs=tuple(
+    photographs = block.photographs
+    if plan or height:
+        photographs = tuple(
             p
             if p.gnss_sigma_m is None or not p.gnss_sigma_assumed
             else replace(p, gnss_sigma_m=p.gnss_sigma_m * [*(plan.get(p.flight, 1.0),) * 2, height.get(p.flight, 1.0)])
-            for p in block.photographs
+            for p in photographs
+        )
+    points = block.control_points
+    in_plan, in_height, of_marks = (
+        next(iter(sigmas.factors(kind).values()), 1.0) for kind in ("control_plan", "control_height", "marks")
+    )
+    own, marks = points.sigma_assumed, points.mark_sigma_assumed[points.mark_point]
+    return replace(
+        block,
+        photographs=photographs,
+        control_points=replace(
+            points,
+            sigma_m=np.where(own[:, None], points.sigma_m * [in_plan, in_plan, in_height], points.sigma_m),
+            mark_covariance_px2=points.mark_covariance_px2
+            if of_marks == 1.0
+            else scaled(points.mark_covariance_px2, np.where(marks, of_marks, 1.0)),
         ),
     )
 

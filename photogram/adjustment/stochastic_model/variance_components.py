@@ -2,7 +2,7 @@
 
 With the whitened residuals v of a group and the sum r of its redundancy numbers, vᵀv / r estimates the factor by which
 the group's variances are off (Förstner 1979; Förstner & Wrobel 2016, sec. 4.2.4): 1 where the sigmas are right. It is
-taken at the sigmas that were used and shown; what of it is applied, and how, is in estimated_sigmas and assumed_gnss.
+taken at the sigmas that were used and shown; what of it is applied, and how, is in estimated_sigmas and assumed_sigmas.
 """
 
 from collections.abc import Mapping

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import TypedDict
 
-from photogram.adjustment.stochastic_model.estimated_sigmas import with_gnss_sigmas
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
 from photogram.constraints.rigs import RelativePose
@@ -81,7 +81,7 @@ class AdjustedBlock:
             common_errors=tuple(estimate.error for estimate in decisions.common_errors),
             rigs=tuple(replace(rig, given=given, value=value) for rig, given, value in rigs),
         )
-        return with_gnss_sigmas(adjusted, decisions.sigmas)
+        return with_assumed_sigmas(adjusted, decisions.sigmas)
 
 
 _BLOCK, _TIE_POINTS, _DECISIONS, _REST = "block.npz", "tie_points.npz", "decisions.npz", "adjustment.npz"

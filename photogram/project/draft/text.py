@@ -178,6 +178,23 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     return [*lines, *_left_out(draft.left_out)]
 
 
+def assumed_control(reason: str) -> list[str]:
+    """Return the standard deviations of points for which nobody states any, and that they are assumed."""
+    return [
+        *comment(f"{reason}; these are assumed; enter those of your survey, and remove sigma_assumed:", 6),
+        f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}",
+        "      sigma_assumed: true # estimated from what the points scatter by",
+    ]
+
+
+def assumed_marks(table: str) -> list[str]:
+    """Return the standard deviation of marks where a ``table`` gives none, and that it is assumed."""
+    return [
+        f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where {table} gives none",
+        "      mark_sigma_assumed: true # estimated from what the marks scatter by",
+    ]
+
+
 def _control_file(file: ControlFile, crs: str) -> list[str]:
     lines = [f"    - path: {scalar(file.path)}", f"      role: {file.role}"]
     if file.crs is None and file.geographic:
@@ -194,10 +211,8 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     if file.sigma_m is not None:
         lines.append(f"      sigma_m: {sigma3(file.sigma_m)} # easting, northing, height, where the file gives none")
     elif not file.has_sigmas:
-        lines += comment("The file gives no accuracy; these are assumed; enter those of your survey:", 6)
-        lines.append(f"      sigma_m: {sigma3(DEFAULT_CONTROL_SIGMA_M)}")
-    lines.append(f"      mark_sigma_px: {DEFAULT_MARK_SIGMA_PX} # where the file gives none")
-    return lines
+        lines += assumed_control("The file gives no accuracy")
+    return [*lines, *assumed_marks("the file")]
 
 
 def _control(draft: ProjectDraft) -> list[str]:

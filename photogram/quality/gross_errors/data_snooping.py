@@ -19,6 +19,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from photogram.adjustment.gnss_offsets import implied_offset_test
+from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL_PARTS, PRIOR
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
@@ -325,6 +326,30 @@ def scatter(result: Adjustment) -> dict[str, float]:
     return more
 
 
+def _degrees_of_estimated(result: Adjustment) -> dict[tuple[str, str], float]:
+    """Return with how many degrees of freedom the sigmas of control points and of marks are estimated, by kind and name
+    of the point, of those whose sigmas are only assumed."""
+    sigmas, points = result.decisions.sigmas, result.block.control_points
+    of_kind = dict(zip(sigmas.kind.tolist(), sigmas.redundancy.tolist(), strict=True))
+    coordinates = [of_kind[kind] for kind, _ in CONTROL_PARTS if kind in of_kind]
+    degrees = dict[tuple[str, str], float]()
+    for g, name in enumerate(points.name):
+        if points.sigma_assumed[g] and coordinates:
+            degrees["control point", name] = PRIOR + min(coordinates)
+        if points.mark_sigma_assumed[g] and "marks" in of_kind:
+            degrees["mark", name] = PRIOR + of_kind["marks"]
+    return degrees
+
+
+def _of_estimated(a: Hypothesis, degrees: float | None) -> Hypothesis:
+    """Return a hypothesis whose statistic is compared with χ² as it would be with F where the sigma of its measurement
+    is estimated with so many degrees of freedom n: (n + d) ln(1 + T/n), the logarithm of the likelihood ratio of a
+    multivariate t distribution (Koch 2007, sec. 2.5.1), instead of T."""
+    if degrees is None or not np.isfinite(a.statistic):
+        return a
+    return replace(a, statistic=(degrees + len(a.axes)) * float(np.log1p(a.statistic / degrees)))
+
+
 def contradictions(result: Adjustment, but: Sequence[Hypothesis] = (), rejected: int = 0) -> list[Hypothesis]:
     """Return the significant hypotheses but those in ``but``, the least likely by chance first.
 
@@ -333,9 +358,9 @@ def contradictions(result: Adjustment, but: Sequence[Hypothesis] = (), rejected:
     ``rejected`` before, all tests are made once more: the k-th time the probability is FALSE_ALARMS / k², so that it
     stays below twice FALSE_ALARMS in all.
     """
-    more, excused = scatter(result), {(a.what, a.axes) for a in but}
+    more, excused, known = scatter(result), {(a.what, a.axes) for a in but}, _degrees_of_estimated(result)
     tests = [
-        replace(a, statistic=a.statistic / more.get(a.kind, 1.0) ** 2)
+        _of_estimated(replace(a, statistic=a.statistic / more.get(a.kind, 1.0) ** 2), known.get((a.kind, a.name)))
         for a in hypotheses(result)
         if (a.what, a.axes) not in excused
     ]

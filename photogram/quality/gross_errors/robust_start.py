@@ -11,12 +11,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from photogram.adjustment.constraint_tests import whitened_misfits
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.arrays import FloatArray
+from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL, CONTROL_PARTS
+from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
+from photogram.arrays import BoolArray, FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
 from photogram.constraints.rigs import Companion, exposure_names
 from photogram.errors import AdjustmentError
@@ -27,9 +30,10 @@ from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.rigs.exposures import whitened_exposures
 from photogram.measures.mark_covariances import scaled
 from photogram.projection import recalibrated
-from photogram.quality.gross_errors.data_snooping import Hypothesis, unmeasured
+from photogram.quality.gross_errors.data_snooping import PRICE, Hypothesis, unmeasured
+from photogram.results import EstimatedSigmas
 from photogram.sfm.marked_points import intersected_marks
-from photogram.survey import Block
+from photogram.survey import Block, ControlPoints
 
 LIMIT = 4.0
 """Sigmas within which the loss is nearly square."""
@@ -37,9 +41,24 @@ LIMIT = 4.0
 OFF = 0.2
 """Weight below which a measurement counts as grossly off in the end."""
 
-STEP, ROUNDS_AT_END = 3.0, 3
-"""By which the scale falls from round to round, and rounds at its end."""
+STEP, ROUNDS_AT_END, ROUNDS_SCATTERING = 3.0, 3, 8
+"""By which the scale falls from round to round, and rounds at its end; more where it is itself looked for."""
 
+FEWEST_SCATTERING = 4
+"""Control points of assumed sigmas, from which they may scatter more instead of being wrong."""
+
+MOSTLY = 0.5
+"""Share of the control points that contradict the rest, beyond which their stated sigmas may be wrong instead."""
+
+MOST_WRONG, NEARLY_ALL = 0.3, 0.85
+"""Share of the control points that may be wrong beside what the others scatter by, and of their coordinates from which
+that is taken where more would be."""
+
+DATUM = 7
+"""Unknowns of a similarity, which control points determine before they contradict each other: their scale is that of
+(n + 8) / 2 of n coordinates (least quantile of squares: Rousseeuw & Leroy 1987, sec. 3.4), or of half of them."""
+
+_FAR = LIMIT * float(np.sqrt(OFF**-0.5 - 1.0))
 _ITERATIONS, _TOLERANCE, _MOST_ROUNDS, _MOST_RAYS = 12, 1e-3, 14, 30_000
 
 
@@ -155,11 +174,33 @@ def _thinned(problem: Problem) -> Problem:
     return problem if thin <= 1 else problem.with_tie_observations(problem.tie.select(problem.tie.point % thin == 0))
 
 
-def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> list[Hypothesis]:
+@dataclass(frozen=True, eq=False)
+class Gross:
+    """What contradicts most of the rest grossly, the ``sigmas`` of control points that are only assumed, where most of
+    these scatter more, and by which factor the stated ones are ``contradicted`` by most points themselves, 1 where they
+    are not."""
+
+    suspects: tuple[Hypothesis, ...]
+    sigmas: EstimatedSigmas
+    contradicted: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Robust:
+    """The end of a robust adjustment: residuals in the standard deviations of the block, and the factor by which
+    control points scatter more, in plan as in height: of ten points either alone says too little."""
+
+    misfits: _Misfits
+    factor: float
+
+
+def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> Gross:
     """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (12,) of the cameras
     to start from, where they are not the given ones.
 
-    Raises AdjustmentError where the block cannot be adjusted whatever is left out.
+    Where control points of assumed sigmas are suspected, or most of all, that they scatter more competes with their
+    being wrong: by the likelihood of either. Raises AdjustmentError where the block cannot be adjusted whatever is left
+    out.
     """
     part, _ = registered_block(block)
     whole = make_problem(part, settings)
@@ -172,29 +213,112 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
         moved[:, : given.shape[1]] = given
         state = replace(state, cameras=recalibrated(state.cameras, moved))
     angle = float(np.deg2rad(settings.minimum_ray_angle_deg))
-    _, agreeing, points = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
+    _, agreeing, places = first_agreement(whole, state, settings.first_outlier_threshold_px, angle)
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie
-    state = replace(state, tie_point=points)
+    begun = whole.with_tie_observations(ties), replace(state, tie_point=places)
+    robust, points = _robust(*begun, settings), part.control_points
+    off = np.nanmax(robust.misfits.control, axis=1, initial=0.0) > _FAR
+    scattering, contradicted = points.sigma_assumed & controls, 1.0
+    if np.count_nonzero(off) > MOSTLY * np.count_nonzero(controls):
+        scattering = controls
+    if np.count_nonzero(scattering) >= FEWEST_SCATTERING and off[scattering].any():
+        most = min(0.8, 0.5 + 0.5 * (DATUM + 1) / (3 * np.count_nonzero(scattering)))
+        runs = [_robust(*begun, settings, scattering, share) for share in (most, 0.5)]
+        robust = min(robust, *runs, key=lambda each: _unlikely(each, scattering))
+        if _wrong(robust, scattering) > MOST_WRONG:
+            robust = _robust(*begun, settings, scattering, NEARLY_ALL)
+        if robust.factor > 1.0 and not points.sigma_assumed[scattering].all():
+            contradicted = robust.factor
+    control = np.where(scattering[:, None], robust.misfits.control / robust.factor, robust.misfits.control)
+    suspects = tuple(_suspects(part, replace(robust.misfits, control=control)))
+    return Gross(suspects, _sigmas(points, scattering, robust.factor), contradicted)
+
+
+def _robust(
+    problem: Problem,
+    state: State,
+    settings: AdjustmentSettings,
+    scattering: BoolArray | None = None,
+    share: float = 0.5,
+) -> _Robust:
+    """Adjust a block under the loss, whose scale falls to that of the standard deviations; of control points that are
+    ``scattering`` (G,), to that of a ``share`` of their coordinates."""
+    part, ties, factor = problem.block, problem.tie, 1.0
     quick = replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE)
-    misfits = _misfits(whole, state, whole)
+    misfits = _misfits(problem, state, problem)
     scale = max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in misfits.kinds())])
-    left = ROUNDS_AT_END
+    left = ROUNDS_AT_END if scattering is None else ROUNDS_SCATTERING
     for _ in range(_MOST_ROUNDS):
-        problem = make_problem(_weakened(part, misfits, scale), quick).with_tie_observations(ties)
+        given, now = part, misfits
+        if scattering is not None:
+            within = _quantiles(share)
+            factor = max(1.0, float(np.nanquantile(misfits.control[scattering] / within, share)))
+            given = _scattering(part, scattering, factor)
+            own = misfits.control / factor * (scale / min(scale, STEP))  # their scale has fallen already
+            now = replace(misfits, control=np.where(scattering[:, None], own, misfits.control))
+        problem_now = make_problem(_weakened(given, now, scale), quick).with_tie_observations(ties)
         try:
-            state = minimise(problem, state, quick).state
+            state = minimise(problem_now, state, quick).state
         except IndeterminateError as error:
             raise AdjustmentError("no subset of the observations determines the block") from error
-        misfits = _misfits(whole, state, problem)
+        misfits = _misfits(problem, state, problem_now)
         left -= scale == 1.0
         if not left:
             break
         scale = max(1.0, scale / STEP)
-    return list(_suspects(part, misfits))
+    return _Robust(misfits, factor)
+
+
+def _quantiles(share: float) -> FloatArray:
+    """Return below what a ``share`` of the misfits of control points lies, in plan, over both axes, and in height."""
+    return np.array([np.sqrt(-np.log(1.0 - share)), norm.ppf(0.5 * (1.0 + share))])
+
+
+def _wrong(robust: _Robust, scattering: BoolArray) -> float:
+    """Return the share of the control points that are ``scattering`` (G,) which are off all the same."""
+    misfits = robust.misfits.control[scattering] / robust.factor
+    return float(np.mean(np.nanmax(misfits, axis=1, initial=0.0) > _FAR))
+
+
+def _scattering(block: Block, scattering: BoolArray, factor: float) -> Block:
+    """Return a block with the sigmas of control points (G,) multiplied by a factor."""
+    points = block.control_points
+    sigma_m = np.where(scattering[:, None], points.sigma_m * factor, points.sigma_m)
+    return replace(block, control_points=replace(points, sigma_m=sigma_m))
+
+
+def _unlikely(robust: _Robust, scattering: BoolArray) -> float:
+    """Return twice the negative logarithm of the likelihood of an explanation, but for a constant: of control points
+    that may be ``scattering`` (G,) squares and their normalisation, a wrong one being distributed as widely as it is
+    off; of everything else squares up to the limit; and PRICE for all that is wrong."""
+    control = np.where(scattering[:, None], robust.misfits.control / robust.factor, np.nan)
+    known = np.isfinite(control)
+    off = known & (control > _FAR)
+    each = np.where(off, 1.0 + 2.0 * np.log(np.where(off, control, 1.0)), np.where(known, control, 0.0) ** 2)
+    total = float(np.sum(np.array([2.0, 1.0]) * (each + 2.0 * np.log(robust.factor) * known)))
+    total += PRICE * float(np.count_nonzero(off.any(axis=1)))
+    others = replace(robust.misfits, control=np.where(scattering[:, None], np.nan, robust.misfits.control))
+    for values in others.kinds():
+        total += float(np.sum(np.minimum(values, _FAR) ** 2)) + PRICE * float(np.count_nonzero(values > _FAR))
+    return total
+
+
+def _sigmas(points: ControlPoints, scattering: BoolArray, factor: float) -> EstimatedSigmas:
+    """Return the sigmas with which control points that scatter more begin, none where they do not."""
+    if factor == 1.0:
+        return EstimatedSigmas.none()
+    rows = list[tuple[str, str, int, float, float, float, float, float]]()
+    for kind, axes in CONTROL_PARTS:
+        sigma_m = points.sigma_m[scattering][:, axes]
+        known = sigma_m[np.isfinite(sigma_m)]
+        if len(known):
+            median = float(np.median(known))
+            rows.append((kind, CONTROL, len(known), 0.0, median, factor * median, factor * median, factor))
+    return sigmas_of(rows)
 
 
 def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
-    limit = LIMIT * np.sqrt(OFF**-0.5 - 1.0)
+    limit = _FAR
     points, names = block.control_points, block.photograph_names
     for g in np.flatnonzero((misfits.control > limit).any(axis=1)).tolist():
         wrong = misfits.control[g] > limit

@@ -33,7 +33,7 @@ from photogram.quality.gross_errors.data_snooping import (
     without,
 )
 from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
-from photogram.quality.gross_errors.robust_start import gross_suspects
+from photogram.quality.gross_errors.robust_start import Gross, gross_suspects
 from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.quality.gross_errors.solutions import Solutions
 from photogram.results import Adjustment, FocalDecision
@@ -101,10 +101,9 @@ def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     return check_accuracy(np.where(points.controlled, np.nan, difference))
 
 
-def _explained(block: Block, solutions: Solutions) -> tuple[Search, Adjustment | None]:
-    """Return the best explanation of the contradictions, and the adjustment with all measurements, None where gross
-    blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
-    gross = _attempted(lambda: gross_suspects(block, solutions.settings, solutions.start)) or []
+def _explained(block: Block, gross: Sequence[Hypothesis], solutions: Solutions) -> tuple[Search, Adjustment | None]:
+    """Return the best explanation of the contradictions, which may be ``gross``, and the adjustment with all
+    measurements, None where gross blunders make it useless. Raises PhotogramError where nothing can be adjusted."""
     if not gross:
         solved = _attempted(lambda: solutions.solve(without(block, ())))
         if solved is not None and _worst(solved) <= BENT and not _outvoted(block, solved):
@@ -124,7 +123,7 @@ def _explained(block: Block, solutions: Solutions) -> tuple[Search, Adjustment |
         solved = _attempted(lambda: solutions.solve(without(block, gross)))
         if solved is not None and not _outvoted(block, solved):
             adjuster = solutions.alternative
-            whole = _attempted(lambda: solutions.alternative(block))
+        whole = _attempted(lambda: adjuster(block))
     ways = [gross]
     if not gross or len(gross) > MANY:
         ways.append(_attempted(lambda: gross_blunders(block, adjuster)) or [])
@@ -136,8 +135,9 @@ def _explained(block: Block, solutions: Solutions) -> tuple[Search, Adjustment |
                 explanations.append(search(block, adjuster(without(block, rejected)), adjuster, rejected))
         except PhotogramError as error:
             first_error = first_error or error
-    if gross and whole is not None and _worst(whole) <= BORNE:
-        # what is gross to the robust adjustment may be small enough for the plain one, whose tests are sharper
+    if gross and whole is not None and _worst(whole) <= BORNE and not len(solutions.begun):
+        # what is gross to the robust adjustment may be small enough for the plain one, whose tests are sharper; but
+        # not where the scale of the points was looked for without them
         with suppress(PhotogramError):
             explanations.append(search(block, whole, adjuster))
     if not explanations:
@@ -169,9 +169,9 @@ def _settled(block: Block, rejected: Sequence[Hypothesis], near: Adjustment, sol
     return Search(tuple(rejected), solutions.solve(without(block, rejected), near))
 
 
-def _decided(block: Block, solutions: Solutions) -> tuple[Search, Adjustment | None]:
+def _decided(block: Block, gross: Sequence[Hypothesis], solutions: Solutions) -> tuple[Search, Adjustment | None]:
     """Return what ``_explained`` does, adjusted with all rays."""
-    explanation, whole = _explained(block, solutions)
+    explanation, whole = _explained(block, gross, solutions)
     if solutions.base is not None and explanation.result is solutions.base.result:
         return explanation, whole
     try:
@@ -182,9 +182,10 @@ def _decided(block: Block, solutions: Solutions) -> tuple[Search, Adjustment | N
         return _warned(stated, warning), whole
 
 
-def _warned(explanation: Search, warning: str) -> Search:
+def _warned(explanation: Search, warning: str, *, first: bool = False) -> Search:
     result = explanation.result
-    return replace(explanation, result=replace(result, warnings=(*result.warnings, warning)))
+    warnings = (warning, *result.warnings) if first else (*result.warnings, warning)
+    return replace(explanation, result=replace(result, warnings=warnings))
 
 
 def _attempted(compute: Callable[[], T]) -> T | None:
@@ -207,6 +208,12 @@ def _of_another_size(block: Block, start: Sequence[FloatArray]) -> tuple[list[Hy
     blunder = Blunder("picture size", points.name, None, sentence)
     return [unmeasured("mark", points.name[g], names[i]) for g, i in marks], [blunder]
 
+
+CONTRADICTED = (
+    "The stated standard deviations of the control points are contradicted by a factor of {factor:.0f}: most of the "
+    "points do not agree with the block's shape and with each other to what is stated. What they scatter by is used "
+    "instead: enter the accuracy of their survey, or check that the points belong to these photographs"
+)
 
 NOT_SETTLED = (
     "The focal length of {names} contradicts its source and could not be settled: the adjustment between the two "
@@ -231,8 +238,13 @@ def adjust_with_snooping(
     solutions = Solutions(settings, progress, start)
     of_another_size, size = _of_another_size(block, start)
     block = without(block, of_another_size)
+    robust = _attempted(lambda: gross_suspects(block, settings, start)) or Gross((), solutions.begun)
+    solutions.begun = robust.sigmas
+    if robust.contradicted > 1.0:
+        points = block.control_points
+        block = replace(block, control_points=replace(points, sigma_assumed=np.ones(len(points), dtype=bool)))
     try:
-        explanation, whole = _decided(block, solutions)
+        explanation, whole = _decided(block, robust.suspects, solutions)
     except PhotogramError as error:
         if not size:
             raise
@@ -251,6 +263,8 @@ def adjust_with_snooping(
         cleared = block if settled is None else settled
         rejected = (*explanation.rejected, *off)
         explanation = Search(rejected, solutions.solve(without(cleared, rejected), explanation.result))
+    if robust.contradicted > 1.0:
+        explanation = _warned(explanation, CONTRADICTED.format(factor=robust.contradicted), first=True)
     points = block.control_points
     before = check_accuracy(np.full((len(points), 3), np.nan)) if whole is None else _checks(whole, points)
     return Verdict(

@@ -1,7 +1,7 @@
 """The adjustments between which decisions are made: with all rays, and as alternatives to one of these."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
@@ -19,23 +19,23 @@ deviation by which a focal length may still move."""
 @dataclass(eq=False)
 class Solutions:
     """How blocks are adjusted while explanations are compared: as alternatives to ``base``, which was adjusted with all
-    rays of tie points. All have its sigmas: one that bends the block would otherwise raise those of the tie points, and
-    hide behind them."""
+    rays of tie points, beginning with the sigmas ``begun``. All have its sigmas: one that bends the block would
+    otherwise raise those of the tie points, and hide behind them."""
 
     settings: AdjustmentSettings
     progress: Progress
     start: Sequence[FloatArray]
+    begun: EstimatedSigmas = field(default_factory=EstimatedSigmas.none)
     base: Summarised | None = None
 
     def solve(self, block: Block, near: Adjustment | None = None) -> Adjustment:
         """Adjust a block with all rays, and estimate its sigmas unless the settings do not; it is the base from then
         on."""
-        return self._based(adjust(block, self.settings, self.progress, start=self.start, near=near))
+        return self._based(adjust(block, self.settings, self.progress, start=self.start, begun=self.begun, near=near))
 
     def solve_as_stated(self, block: Block) -> Adjustment:
         """Adjust a block with all rays and the sigmas as stated; it is the base from then on."""
-        stated = EstimatedSigmas.none()
-        return self._based(adjust(block, self.settings, self.progress, start=self.start, sigmas=stated))
+        return self._based(self.as_stated(block))
 
     def _based(self, result: Adjustment) -> Adjustment:
         self.base = summarised(result, self.settings)
@@ -52,7 +52,7 @@ class Solutions:
 
     def as_stated(self, block: Block) -> Adjustment:
         """Adjust a block with all rays and the sigmas as stated, whatever the base."""
-        return adjust(block, self.settings, self.progress, start=self.start, sigmas=EstimatedSigmas.none())
+        return adjust(block, self.settings, self.progress, start=self.start, sigmas=self.begun)
 
     def compared(self, block: Block, near: Adjustment) -> Adjustment:
         """Adjust a block with all rays, from another adjustment of them and with its sigmas, whatever the base."""

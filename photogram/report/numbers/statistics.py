@@ -106,7 +106,7 @@ def estimated_sigma_numbers(sigmas: EstimatedSigmas) -> list[EstimatedSigmaRecor
             "stated_sigma": float(sigmas.stated_sigma[k]),
             "estimated_sigma": finite(sigmas.estimated_sigma[k]),
             "used_sigma": float(sigmas.used_sigma[k]),
-            "unit": "m" if kind in ("gnss_plan", "gnss_height") else "px",
+            "unit": "m" if kind.endswith(("_plan", "_height")) else "px",
             "factor": float(sigmas.factor[k]),
         }
         for k, kind in enumerate(sigmas.kind.tolist())

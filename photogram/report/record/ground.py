@@ -17,6 +17,7 @@ from photogram.report.record.units import (
     Probability,
     Share,
 )
+from photogram.results import SigmaKind
 
 Role = Literal["control", "check"]
 AxisRole = Literal["control", "check", "left out"]
@@ -203,10 +204,11 @@ class LeaveOneOutRecord(TypedDict):
 
 class EstimatedSigmaRecord(TypedDict):
     """A standard deviation that was estimated from residuals, in `unit`: of tie points by camera and kind, of those in
-    a photograph that scatters more, of GNSS positions of assumed sigmas by flight. `of` names camera, photograph or
+    a photograph that scatters more, of GNSS positions of assumed sigmas by flight, of control points and marks of
+    assumed sigmas. `of` names camera, photograph or
     flight; `factor` is what stated sigmas were multiplied by, of a photograph beside that of its camera."""
 
-    kind: Literal["key_points", "transferred", "photograph", "gnss_plan", "gnss_height"]
+    kind: SigmaKind
     of: str
     observations: Count
     redundancy: float
