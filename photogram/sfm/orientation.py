@@ -40,6 +40,8 @@ _LOG = logging.getLogger(__name__)
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
 ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are accepted
 SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
+SCATTER = 0.03  # of the control points' extent, that they may scatter by and place a block all the same
+FEWEST_SCATTERING, SCATTERING_SHARE = 5, 0.75  # control points, and of all, that must agree to that
 OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
 CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
@@ -176,6 +178,27 @@ def intersected_control(structure: Structure, points: ControlPoints) -> FloatArr
     return position
 
 
+def _placed_by_control(source: FloatArray, points: ControlPoints, *, alone: bool) -> Similarity:
+    """Return the similarity that most control points (G,) agree with where the structure has them, ``source`` (G, 3).
+
+    Points may scatter more than is stated or assumed of them. Where they do not agree to that, and nothing else places
+    the block, ``alone``, they may agree to SCATTER of their extent; the adjustment says by how much. Raises
+    OrientationError where they do not.
+    """
+    target = points.position_world_m
+    extent = float(np.linalg.norm(np.ptp(target, axis=0)))
+    stated = np.linalg.norm(points.sigma_m, axis=1) + SHAPE_TOLERANCE * extent
+    try:
+        return robust_similarity(source, target, stated)[0]
+    except OrientationError:
+        if not alone:
+            raise
+        fit, agree = robust_similarity(source, target, np.maximum(stated, SCATTER * extent))
+        if np.count_nonzero(agree) < max(FEWEST_SCATTERING, SCATTERING_SHARE * len(agree)):
+            raise
+        return fit
+
+
 def georeference(structure: Structure, block: Block, vertical: Vertical = "auto") -> Similarity:
     """Return the similarity that brings a structure into the world: by control points where three are intersected, not
     in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open; into a local frame
@@ -190,15 +213,13 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
         )  # fmt: skip
     points = block.control_points.fully_controlled()
     source = intersected_control(structure, points)
-    known = np.isfinite(source).all(axis=1)
+    known = np.asarray(np.isfinite(source).all(axis=1))
     if not collinear(points.position_world_m[known]):
-        target = points.position_world_m[known]
-        extent = float(np.linalg.norm(np.ptp(target, axis=0)))
-        sigma = np.linalg.norm(points.sigma_m[known], axis=1) + SHAPE_TOLERANCE * extent
+        alone = sum(p.gnss_world_m is not None for p in block.photographs) < 2
         try:
-            return robust_similarity(source[known], target, sigma)[0]
+            return _placed_by_control(source[known], points.select(known), alone=alone)
         except OrientationError as error:
-            if sum(p.gnss_world_m is not None for p in block.photographs) < 2:
+            if alone:
                 factor = picture_factor(replace(block, poses=structure.poses(), cameras=structure.calibrated()))
                 why = str(error) if factor is None else other_size(factor)
                 raise OrientationError(f"the control points do not fit the block: {why}") from error

@@ -498,3 +498,20 @@ def test_progress_is_told_in_photographs() -> None:
     orient(bare(simulated(1), no_attitude), AUTO, lambda *step: said.append(step))
     assert said[-1][:2] == (COUNT, COUNT)
     assert all(0 <= done <= total == COUNT for done, total, _ in said)
+
+
+def test_points_of_a_hand_held_receiver_place_a_block_that_has_nothing_else() -> None:
+    """Their list names no accuracy: centimetres are assumed where they scatter by metres."""
+    made = simulate_block(
+        SurveyPlan(strips=4, photographs_per_strip=6, gnss_tags=False, control_points=9, control_sigma_m=(2.0,) * 3),
+        3, tie_points=600,
+    )  # fmt: skip
+    points = made.block.control_points
+    assumed = np.ones(len(points), dtype=bool)
+    stated = replace(points, sigma_m=np.tile([0.03, 0.03, 0.05], (len(points), 1)), sigma_assumed=assumed)
+    block = replace(made.block, control_points=stated, poses=(None,) * len(made.block.poses))
+    oriented = orient(block, AUTO)
+    true = np.array([pose.position_world_m for pose in made.truth.poses])
+    found = np.array([pose.position_world_m for pose in oriented.poses if pose is not None])
+    assert len(found) == len(true)
+    assert np.abs(found - true).max() < 8.0
