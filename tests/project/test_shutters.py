@@ -26,10 +26,13 @@ def test_a_known_rolling_shutter_is_a_prior_that_can_be_outvoted() -> None:
     assert "33 ms" in shutter.source
 
 
-def test_a_mechanical_shutter_has_none_and_an_unknown_one_is_looked_for() -> None:
-    mechanical = shutter_of([replace(TAGS, model="FC6310R")])
+def test_the_photographs_decide_on_a_mechanical_shutter_as_on_an_unknown_one() -> None:
+    mechanical = shutter_of([replace(TAGS, model="FC6310R")] * 2)
     assert mechanical is not None
-    assert (mechanical.readout_s, mechanical.sigma_s) == (0.0, 0.0)
+    assert (mechanical.readout_s, mechanical.sigma_s) == (0.0, UNKNOWN_S)
+    still = shutter_of([replace(TAGS, model="FC6310R", time=None)] * 2)
+    assert still is not None
+    assert (still.readout_s, still.sigma_s) == (0.0, 0.0), "nothing tells how they moved"
     unknown = shutter_of([replace(TAGS, model="X1")] * 2)
     assert unknown is not None
     assert (unknown.readout_s, unknown.sigma_s) == (0.0, UNKNOWN_S)
@@ -55,12 +58,12 @@ def real_tags(folder: Path) -> list[PhotographTags]:
     return [read_tags(path) for path in sorted(folder.glob("*.JPG"))]
 
 
-def test_real_photographs_of_a_global_shutter_have_none(shared_data: SharedData) -> None:
+def test_real_photographs_of_a_global_shutter_are_asked_whether_it_rolls(shared_data: SharedData) -> None:
     tags = real_tags(shared_data("p4m_rtk_xmp"))
     shutter = shutter_of(tags)
     assert {t.model for t in tags} == {"FC6360"}
     assert shutter is not None
-    assert (shutter.readout_s, shutter.sigma_s) == (0.0, 0.0)
+    assert (shutter.readout_s, shutter.sigma_s) == (0.0, UNKNOWN_S)
     camera = tagged_camera("c", tags, None)
     assert camera is not None
     assert not any(camera.sigmas[k] for k, name in enumerate(SIGMA_NAMES) if name in ("b1", "b2"))

@@ -1,7 +1,8 @@
 """Shutters by the models that tags name, and what a drafted camera states of one.
 
 Most drones read their pictures row by row, some have a mechanical or a global shutter. Where one of the first kind is
-known, its read-out time is a prior that the photographs may outvote; where neither is known, it is looked for.
+known, its read-out time is a prior that the photographs may outvote; otherwise it is looked for. A model's name does
+not rule it out: in bright light, by a setting or by other firmware some mechanical shutters stay open.
 """
 
 from collections.abc import Sequence
@@ -44,13 +45,17 @@ def shutter_of(tags: Sequence[PhotographTags]) -> Shutter | None:
     """Return what the tags of a camera's photographs tell of its shutter, None where its photographs do not tell how
     they moved, so that nothing can be told of it."""
     model = (tags[0].model or "").strip()
-    if model in ALL_AT_ONCE:
-        return Shutter(0.0, 0.0, f"the {model} has a mechanical or global shutter")
     fine = any(t.time is not None and t.time.microsecond for t in tags)
     moving = sum(
         t.velocity_m_s is not None or (fine and t.time is not None and t.longitude_deg is not None) for t in tags
     )
-    if len(tags) < 2 or moving < MOVING_SHARE * len(tags):
+    told = len(tags) >= 2 and moving >= MOVING_SHARE * len(tags)
+    if model in ALL_AT_ONCE:
+        source = f"by its data sheet the {model} has a mechanical or global shutter"
+        if not told:
+            return Shutter(0.0, 0.0, source)
+        return Shutter(0.0, UNKNOWN_S, f"{source}; whether it was used, the photographs say")
+    if not told:
         return None
     if model in READOUT_MS:
         readout_s = READOUT_MS[model] / 1000.0
