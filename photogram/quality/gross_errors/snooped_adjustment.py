@@ -33,6 +33,7 @@ from photogram.quality.gross_errors.data_snooping import (
     without,
 )
 from photogram.quality.gross_errors.focal_evidence import settle_focal_lengths
+from photogram.quality.gross_errors.repeated_positions import repeated_positions
 from photogram.quality.gross_errors.robust_start import Gross, gross_suspects
 from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.quality.gross_errors.solutions import Solutions
@@ -237,7 +238,9 @@ def adjust_with_snooping(
 
     solutions = Solutions(settings, progress, start)
     of_another_size, size = _of_another_size(block, start)
-    block = without(block, of_another_size)
+    repeated, repeating = repeated_positions(block)
+    beforehand, kinds = [*of_another_size, *repeated], [*size, *repeating]
+    block = without(block, beforehand)
     robust = _attempted(lambda: gross_suspects(block, settings, start)) or Gross((), solutions.begun)
     solutions.begun = robust.sigmas
     if robust.contradicted > 1.0:
@@ -269,8 +272,8 @@ def adjust_with_snooping(
     before = check_accuracy(np.full((len(points), 3), np.nan)) if whole is None else _checks(whole, points)
     return Verdict(
         explanation.result,
-        (*of_another_size, *explanation.rejected),
-        (*size, *name_blunders(block, explanation)),
+        (*beforehand, *explanation.rejected),
+        (*kinds, *name_blunders(block, explanation)),
         before,
         _checks(explanation.result, points),
         decisions,
