@@ -249,13 +249,17 @@ def test_what_nobody_declares_is_asked_for(survey: Path, edit: Edit) -> None:
     (asked,) = found(path)
     assert (asked.severity, asked.where) == ("warning", "heights")  # the marks show that the two agree
     assert "not declared whether the heights of the control points, the check points are above" in asked.text
-    assert "control and GNSS agree to" in asked.text
+    assert "GNSS and ground points agree to" in asked.text
     assert "write heights: ellipsoidal if all are" in asked.remedy
 
     def bare(values: dict[str, Any]) -> None:
         for point in values["control_points"]["list"]:
             point["marks"] = dict(list(point["marks"].items())[:1]) if point["name"].endswith("1") else {}
 
+    edit(path, lambda v: [point.update(role="check") for point in v["control_points"]["list"]])
+    (asked,) = found(path)
+    assert asked.severity == "warning"  # check points show it as well
+    assert "GNSS and ground points agree to" in asked.text
     edit(path, bare)
     (asked,) = found(path)
     assert asked.severity == "error"  # nothing shows it, and RTK holds the heights as well

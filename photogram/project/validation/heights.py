@@ -235,12 +235,14 @@ def _of_role(
 def _of_both_roles(
     project: Project, evidence: Mapping[Role, HeightEvidence], frame: LocalFrame, tags: Sequence[bool | None]
 ) -> tuple[HeightShift | None, list[Finding]]:
-    """Return the shift of the control points, None where it cannot be told, and what is wrong with the heights of
-    control and check points. Where control and GNSS agree, check points that do not spoil their own test alone."""
+    """Return the shift of the control points, or of check points where these alone tell it, None where neither do, and
+    what is wrong with the heights of both. Where control and GNSS agree, check points that do not spoil their own test
+    alone."""
     shift, findings = _of_role(project, evidence["control"], frame, "control", tags)
     agree = shift is not None and not findings
-    of_checks = _of_role(project, evidence["check"], frame, "check", tags)[1]
-    return shift, findings + [replace(f, severity="warning") if agree else f for f in of_checks]
+    of_checks, wrong = _of_role(project, evidence["check"], frame, "check", tags)
+    both = findings + [replace(f, severity="warning") if agree else f for f in wrong]
+    return (of_checks if shift is None and not findings else shift), both
 
 
 def stop_at_contradictions(project: Project, block: Block, tags: Sequence[PhotographNote]) -> None:
@@ -294,7 +296,9 @@ def _declaration_findings(
     agree = shift is not None and abs(shift.shift_m) <= _limit_m(shift)
     text = f"not declared whether the heights of {', '.join(missing)} are above the ellipsoid or a geoid"
     if agree and shift is not None:
-        text += f"; control and GNSS agree to {_limit_m(shift):.0f} m, according to the marks"
+        text += (
+            f"; GNSS and ground points agree to {_limit_m(shift):.0f} m, according to the marks: they are used as they are"
+        )
     remedy = (
         "write heights: ellipsoidal if all are, else heights: {output: …, gnss: …, control_points: …, geoid: …}, each "
         "ellipsoidal or orthometric"
