@@ -296,9 +296,7 @@ def _declaration_findings(
     agree = shift is not None and abs(shift.shift_m) <= _limit_m(shift)
     text = f"not declared whether the heights of {', '.join(missing)} are above the ellipsoid or a geoid"
     if agree and shift is not None:
-        text += (
-            f"; GNSS and ground points agree to {_limit_m(shift):.0f} m, according to the marks: they are used as they are"
-        )
+        text += f"; GNSS and ground points agree to {_limit_m(shift):.0f} m, according to the marks: they are used so"
     remedy = (
         "write heights: ellipsoidal if all are, else heights: {output: …, gnss: …, control_points: …, geoid: …}, each "
         "ellipsoidal or orthometric"
