@@ -4,6 +4,7 @@ With Δ the differences, product minus survey, of n check points: RMSE = √(Σ�
 (sec. 7.3), RMSE_V that of heights (sec. 7.4), RMSE_3D = √(RMSE_H² + RMSE_V²) (sec. 7.5). The check points' own
 uncertainty is part of the accuracy of the product (sec. 7.11): RMSE_H = √(RMSE_H1² + RMSE_H2²) with RMSE_H1 of the fit
 and RMSE_H2 = √2 c of a survey with the sigma c per axis in plan, and RMSE_V = √(RMSE_V1² + RMSE_V2²).
+What was measured is index 1. Where nobody has stated the survey's sigma, index 2 and the sum are unknown.
 Errors beyond three times the target are blunders to be explained, means beyond a quarter of it systematic (sec. 7.2).
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.settings.settings import Default, Settings, Within
+from photogram.wording import some
 
 STANDARD = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2 (2024)"
 MINIMUM_POINTS = 30
@@ -24,6 +26,8 @@ SYSTEMATIC_SHARE = 0.25
 SURVEY_FACTOR = 2.0  # how much more accurate than the target check points must be (sec. 7.12)
 NSSDA_H, NSSDA_V = 1.7308, 1.9600  # FGDC-STD-007.3-1998, app. 3-A, of the radial RMSE and of that of heights
 AXES = ("easting", "northing", "height")
+STATE_SURVEY = "enter the accuracy of the check points' survey as sigma_m, and remove sigma_assumed"
+"""What to do where nobody has stated how accurately the check points were surveyed."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class AxisAccuracy:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy of a product, m; NaN without points."""
+    """Accuracy of a product, m; NaN without points. What tells of the survey, or of both together, is NaN as well where
+    the survey's standard deviation of a point is unknown."""
 
     n_h: int
     """Points checked in plan."""
@@ -79,17 +84,17 @@ class Accuracy:
 
     @property
     def rmse_h_m(self) -> float:
-        """Return RMSE_H, the survey's own uncertainty included."""
+        """Return RMSE_H, the survey's own uncertainty included; NaN where that is unknown."""
         return math.hypot(self.fit_h_m, self.survey_h_m)
 
     @property
     def rmse_v_m(self) -> float:
-        """Return RMSE_V, the survey's own uncertainty included."""
+        """Return RMSE_V, the survey's own uncertainty included; NaN where that is unknown."""
         return math.hypot(self.fit_v_m, self.survey_v_m)
 
     @property
     def rmse_3d_m(self) -> float:
-        """Return RMSE_3D, the survey's own uncertainty included."""
+        """Return RMSE_3D, the survey's own uncertainty included; NaN where that is unknown."""
         return math.hypot(self.rmse_h_m, self.rmse_v_m)
 
     @property
@@ -115,7 +120,8 @@ def asprs_accuracy(difference_m: FloatArray, sigma_m: FloatArray) -> Accuracy:
     """Return the accuracy from differences, product minus survey (n, 3), of check points surveyed with ``sigma_m``
     (n, 3): easting, northing, height, in m.
 
-    NaN where a point does not check an axis; a point tells the plan by both its axes or not at all.
+    Differences are NaN where a point does not check an axis; a point tells the plan by both its axes or not at all. A
+    ``sigma_m`` is NaN where nobody has stated it: then the uncertainty of the survey is that of no sum.
     """
     plan = np.isfinite(difference_m[:, :2]).all(axis=1)
     height = np.isfinite(difference_m[:, 2])
@@ -182,12 +188,22 @@ def coarse_survey(accuracy: Accuracy, settings: ReportSettings) -> list[str]:
     ]
 
 
+def assumed_survey(assumed: Sequence[str], n: int) -> str:
+    """Return in words that the accuracy of the survey of the points ``assumed``, out of ``n`` check points, is only
+    assumed."""
+    whole = len(assumed) == n
+    survey = (
+        "the check points' survey" if whole else f"the survey of {len(assumed)} of {n} check points ({some(assumed)})"
+    )
+    return f"the accuracy of {survey} is only assumed"
+
+
 def _centimetres(length_m: float) -> str:
     return f"{length_m * 100:.1f} (cm)"
 
 
 def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, finding: str) -> str | None:
-    if not count or rmse_m > target_m:
+    if not count or not rmse_m <= target_m:
         return None
     graded = f"{_centimetres(target_m)} {accuracy_class} Accuracy Class."
     tested = f"{finding} = {_centimetres(rmse_m)}"
@@ -201,7 +217,8 @@ def _statement(count: int, rmse_m: float, target_m: float, accuracy_class: str, 
 
 def statement_h(n: int, rmse_h_m: float, target_m: float) -> str | None:
     """Return the standard's statement of horizontal accuracy (sec. 7.16) from the RMSE_H of ``n`` check points, m; None
-    where it cannot be made: without check points, or where the class is not met."""
+    where it cannot be made: without check points, where the accuracy of their survey is unknown and ``rmse_h_m`` NaN,
+    or where the class is not met."""
     finding = "The tested horizontal positional accuracy was found to be RMSE_H"
     return _statement(n, rmse_h_m, target_m, "RMSE_H Horizontal Positional", finding)
 

@@ -157,6 +157,7 @@ def _ground_rows(report: Report, *roles: str) -> list[Row]:
             "name": p["name"],
             "marks": len(p["marks"]),
             "suspect": bool(p["suspect"]),
+            "survey_assumed": p.get("surveyed_sigma_assumed", False),
             "verdict": p["verdict"],
             "p": p["chi2"]["p"] if p["chi2"] else None,
             "predicted": p["left_out_m"] is not None,

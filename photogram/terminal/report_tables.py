@@ -135,10 +135,8 @@ def _result(report: Report) -> Table:
             f"{camera['focal_px']:.2f} px" + (" (fixed)" if sigma is None else f" ± {sigma:.2f}"),
         )
     table.add_row(*_accuracy(report))
-    figures = [(f["rmse_m"], f["target_m"]) for f in report["verdict"]["figures"]]
-    if figures and all(rmse_m is not None and target_m is not None for rmse_m, target_m in figures):
-        reached, targets = (", ".join(map(_fixed, values)) for values in zip(*figures, strict=True))
-        table.add_row("including the uncertainty of their survey; targets", f"{reached} m; {targets} m")
+    for title, figures in _against_targets(report):
+        table.add_row(title, figures)
     unused = [p["name"] for p in report["control_points"] if p["role"] == "check" and p["adjusted_map_m"] is None]
     if unused:
         table.add_row("check points without two intersecting marks", ", ".join(unused))
@@ -155,6 +153,21 @@ def _accuracy(report: Report) -> tuple[str, str]:
     else:
         return "check points", "none: the accuracy is predicted, not tested"
     return f"{by}: RMSE in plan, height", f"{_fixed(plan_m)}, {_fixed(height_m)} m"
+
+
+def _against_targets(report: Report) -> list[tuple[str, str]]:
+    """Return what ASPRS adds to the accuracy at check points, the uncertainty of their survey, and the targets."""
+    tested = [f for f in report["verdict"]["figures"] if f["n"]]
+    sums = [f["asprs_rmse_m"] for f in report["verdict"]["figures"]]
+    targets = [f["target_m"] for f in report["verdict"]["figures"]]
+    rows = list[tuple[str, str]]()
+    if any(rmse_m is not None for rmse_m in sums):
+        rows.append(("together with their survey (ASPRS)", f"{', '.join(map(_fixed, sums))} m"))
+    if any(f["asprs_rmse_m"] is None for f in tested):
+        rows.append(("accuracy of their survey", "only assumed: enter it as sigma_m, and remove sigma_assumed"))
+    if tested and any(target_m is not None for target_m in targets):
+        rows.append(("targets in plan, height", f"{', '.join(map(_fixed, targets))} m"))
+    return rows
 
 
 def _show_blunders(report: Report) -> None:

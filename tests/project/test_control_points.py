@@ -158,6 +158,47 @@ def test_sigmas_of_column_entry_and_all_points(folder: Path) -> None:
     assert rms_sigma_px(points["K1"].mark_covariance_px2).tolist() == [1.0, 2.0]
 
 
+def assumed_of(folder: Path) -> tuple[set[str], set[str]]:
+    """The points whose sigmas are assumed, and those whose marks' are, as they stand in the block."""
+    points = read(folder).control_points_in(LocalFrame("EPSG:25832", (720000.0, 6192000.0, 0.0), "grid"))
+    rows = list(zip(points.name, points.sigma_assumed, points.mark_sigma_assumed, strict=True))
+    return {name for name, own, _ in rows if own}, {name for name, _, marks in rows if marks}
+
+
+def test_assumed_sigmas_of_a_file_are_those_of_its_entry(folder: Path) -> None:
+    assert assumed_of(folder) == (set(), set())
+    change(
+        folder, "project.yaml", ("      mark_sigma_px: 0.5\n", "      sigma_assumed: true\n      mark_sigma_px: 0.5\n")
+    )
+    change(
+        folder, "project.yaml", ("    - path: check.csv\n", "      mark_sigma_assumed: true\n    - path: check.csv\n")
+    )
+    # C2 has a column of its own in plan, its height is of the entry
+    assert assumed_of(folder) == ({"C1", "C2"}, {"C1", "C2"})
+
+
+def test_a_sigma_of_the_table_itself_is_not_assumed(folder: Path) -> None:
+    whole = CONTROL.replace("sigma_plan,role", "sigma_plan,sigma_height,role")
+    whole = whole.replace("63,,", "63,,,").replace("64,0.01,check", "64,0.01,0.02,check")
+    (folder / "control.csv").write_text(whole)
+    (folder / "marks.csv").write_text(MARKS.replace("C1,a.jpg,10,20,", "C1,a.jpg,10,20,0.7"))
+    change(
+        folder, "project.yaml", ("      mark_sigma_px: 0.5\n", "      sigma_assumed: true\n      mark_sigma_px: 0.5\n")
+    )
+    change(
+        folder, "project.yaml", ("    - path: check.csv\n", "      mark_sigma_assumed: true\n    - path: check.csv\n")
+    )
+    assert assumed_of(folder) == ({"C1"}, {"C2"})
+
+
+def test_assumed_sigmas_of_all_points_reach_files_that_state_none(folder: Path) -> None:
+    change(folder, "project.yaml", ("  mark_sigma_px: 1\n", "  sigma_assumed: true\n  mark_sigma_px: 1\n"))
+    change(folder, "project.yaml", ("  mark_sigma_px: 1\n", "  mark_sigma_px: 1\n  mark_sigma_assumed: true\n"))
+    own, marks = assumed_of(folder)
+    assert own == {"L1", "G1", "p1", "K1"}
+    assert marks == {"L1", "G1", "p1"}, "one mark of K1 has a sigma in its table"
+
+
 def test_marks_of_another_picture_size_keep_pixel_centres(folder: Path) -> None:
     points = points_of(read(folder))
     assert points["G1"].mark_photograph.tolist() == [0, 2]

@@ -557,6 +557,7 @@ def test_control_file_gives_its_map_grid_and_is_named(folder: Path, photogram: R
     assert (outcome.code, outcome.err) == (0, "")
     project = load_project(Path("p/project.yaml"))
     assert project.crs == "EPSG:2056"
+    assert all(p.sigma_assumed and p.mark_sigma_assumed for p in project.control_points)
     assert [(p.name, p.role) for p in project.control_points] == [(f"g{i}", "control") for i in range(3)]
     assert all(p.sigma_m.tolist() == [0.03, 0.03, 0.05] for p in project.control_points)
     assert project.control_points[1].mark_pixel.tolist() == [[25, 20], [25, 28]]
@@ -574,6 +575,7 @@ def test_marks_of_a_larger_picture_and_the_accuracy_asked_for(folder: Path, phot
     assert project.crs == "EPSG:32632"
     point = project.control_points[1]
     assert point.sigma_m.tolist() == [0.5, 0.5, 0.5]
+    assert (point.sigma_assumed, point.mark_sigma_assumed) == (False, True)
     # The centre of the top-left pixel is (0, 0) in both pictures: 125 of 320 px is (125.5 / 5) − 0.5 of 64.
     assert point.mark_pixel[0] == pytest.approx([24.6, 19.6])
 
@@ -607,6 +609,21 @@ def test_tables_of_points_and_marks_with_check_points(folder: Path, photogram: R
         ("d", "check", 1),
     ]
     assert all(p.sigma_m.tolist() == [0.02, 0.02, 0.04] for p in project.control_points)
+    entries = values_of(Path("project.yaml"))["control_points"]["files"]
+    assert [entry.get("sigma_assumed") for entry in entries] == [None, None]
+    assert [entry["mark_sigma_assumed"] for entry in entries] == [True, True]
+    assert not any(p.sigma_assumed for p in project.control_points)
+
+
+def test_a_list_without_accuracy_gets_sigmas_that_are_said_to_be_assumed(
+    folder: Path, photogram: Run, tmp_path: Path
+) -> None:
+    photographed(folder, flown(3))
+    gcp_list(tmp_path / "gcp_list.txt", "EPSG:32632", "EPSG:32632")
+    assert photogram("init", folder, "--control", "gcp_list.txt").code == 0
+    (entry,) = values_of(Path("project.yaml"))["control_points"]["files"]
+    assert (entry["sigma_m"], entry["sigma_assumed"]) == ([0.03, 0.03, 0.05], True)
+    assert (entry["mark_sigma_px"], entry["mark_sigma_assumed"]) == (1.0, True)
 
 
 def test_points_without_marks_are_pointed_out(folder: Path, photogram: Run, tmp_path: Path) -> None:

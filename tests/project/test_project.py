@@ -184,6 +184,22 @@ def test_control_points_in_the_world_keep_their_marks(survey: Path) -> None:
     assert check.mark_pixel.tolist() == [[3744.5, 1238.5]]
 
 
+def test_assumed_sigmas_of_all_points_are_those_of_points_that_have_no_own(survey: Path) -> None:
+    frame = LocalFrame("EPSG:25832", (719900.0, 6191900.0, 0.0), "grid")
+    stated = read(survey).control_points_in(frame)
+    assert not stated.sigma_assumed.any()
+    assert not stated.mark_sigma_assumed.any()
+    text = GOOD.replace(
+        "  mark_sigma_px: 1.5\n", "  sigma_assumed: true\n  mark_sigma_px: 1.5\n  mark_sigma_assumed: true\n"
+    )
+    points = read(survey, text).control_points_in(frame)
+    assert points.name == ("P1", "2", "003")
+    assert points.sigma_assumed.tolist() == [True, False, True]
+    assert points.mark_sigma_assumed.tolist() == [True, False, True]
+    assert points.with_role("check").sigma_assumed.tolist() == [False]
+    np.testing.assert_array_equal(points.sigma_m, stated.sigma_m)
+
+
 def test_least_file_takes_all_photographs_of_the_folder(survey: Path) -> None:
     (survey / "images" / "notes.txt").touch()
     camera = "{width_px: 9, height_px: 9, focal_px: 9, principal_point_px: [4, 4]}"

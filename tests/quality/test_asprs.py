@@ -183,6 +183,43 @@ def test_sentence_says_why_nothing_is_stated() -> None:
     assert all("not tested" in s for s in asprs_numbers([], ReportSettings())["not_stated"])
 
 
+def test_sum_and_statement_need_a_stated_survey_of_every_point_in_use() -> None:
+    """Thirty points; where one of unknown accuracy is in use there is no sum of that direction, whatever the rest."""
+    sigma = np.full((30, 3), 0.02)
+    sigma[4] = np.nan
+    found = asprs_accuracy(alternating((0.01, 0.01, 0.01)), sigma)
+    assert found.fit_h_m == pytest.approx(0.01 * math.sqrt(2))
+    assert np.isnan([found.survey_h_m, found.survey_v_m, found.rmse_h_m, found.rmse_v_m, found.rmse_3d_m]).all()
+    assert statement_h(found.n_h, found.rmse_h_m, 9.0) is None
+    assert statement_v(found.n_v, found.rmse_v_m, 9.0) is None
+    assert coarse_survey(found, ReportSettings(target_rmse_h_m=0.001, target_rmse_v_m=0.001)) == []
+    difference = alternating((0.01, 0.01, 0.01))
+    difference[4, :2] = np.nan  # in use in height alone
+    found = asprs_accuracy(difference, sigma)
+    assert found.rmse_h_m == pytest.approx(0.031623, abs=1e-6)
+    assert math.isnan(found.rmse_v_m)
+
+
+def test_a_point_of_assumed_accuracy_takes_the_statement_from_what_it_checks_alone() -> None:
+    points = [ground_point(f"C{i}", "check", (0.01, 0.0, 0.01)) for i in range(4)]
+    height = ground_point("H1", "control", (5.0, 5.0, 0.01)) | {"surveyed_sigma_assumed": True}
+    height["axis_roles"] = ["control", "control", "check"]
+    found = asprs_numbers([*points, height], ReportSettings(target_rmse_h_m=0.05, target_rmse_v_m=0.05))
+    assert found["survey_assumed"] == "the accuracy of the survey of 1 of 5 check points (H1) is only assumed"
+    assert found["rmse_h_m"] == pytest.approx(math.hypot(0.01, 0.01 * math.sqrt(2)))
+    assert found["rmse_v_m"] is None
+    (statement,) = found["statements"]
+    assert "Horizontal Positional" in statement
+    assert found["not_stated"] == [
+        "No statement of vertical accuracy: the accuracy of the survey of 1 of 5 check points (H1) is only assumed; "
+        "enter it as sigma_m, and remove sigma_assumed."
+    ]
+    unused = ground_point("C9", "check") | {"surveyed_sigma_assumed": True}
+    control = ground_point("G1", "control", (0.1, 0.1, 0.1)) | {"surveyed_sigma_assumed": True}
+    settings = ReportSettings()
+    assert asprs_numbers([*points, unused, control], settings) == asprs_numbers(points, settings)
+
+
 @pytest.mark.parametrize("value", [0.0, -0.01, math.inf, math.nan])
 def test_target_must_be_a_length(value: float) -> None:
     with pytest.raises(SettingError, match=r"^target_rmse_h_m: must be from 0.0001 to 1000 m, found "):
@@ -215,3 +252,20 @@ def test_no_statement_of_a_product_without_class_or_points(full_report: Any) -> 
     del report["orthophoto"]
     (surface,) = product_accuracies(report, ReportSettings(target_rmse_v_m=0.05))
     assert surface["not_stated"] == "No statement of the vertical accuracy of dsm.tif: it is tested at 1 check point."
+
+
+def test_no_statement_of_a_product_where_the_survey_is_only_assumed(full_report: Any) -> None:
+    dense, shown = full_report["dense"], full_report["orthophoto"]
+    unknown: dict[str, Any] = {"survey_rmse_m": None, "rmse_v_m": None, "survey_rmse_h_m": None, "rmse_h_m": None}
+    report = full_report | {
+        "dense": dense | {"check_points": dense["check_points"] | unknown},
+        "orthophoto": shown | {"check_points": shown["check_points"] | unknown},
+    }
+    surface, orthophoto = product_accuracies(report, ReportSettings(target_rmse_h_m=0.05, target_rmse_v_m=0.05))
+    assert (surface["statement"], orthophoto["statement"]) == (None, None)
+    why = (
+        "the accuracy of the survey of its check points is only assumed; enter it as sigma_m, and remove sigma_assumed."
+    )
+    assert surface["not_stated"] == f"No statement of the vertical accuracy of dsm.tif: {why}"
+    assert orthophoto["not_stated"] == f"No statement of the horizontal accuracy of orthophoto.tif: {why}"
+    assert surface["fit_rmse_m"] == dense["check_points"]["rmse_m"]

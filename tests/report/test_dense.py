@@ -59,7 +59,7 @@ def checks_on_the_plane(errors_m: list[float], sigma_m: float = 0.02, role: str 
     place[:, 2] = plane(place) - errors_m
     return GroundMarks(
         tuple(f"C{i}" for i in range(len(errors_m))), np.full(len(errors_m), role == "check"), place,
-        np.full((len(errors_m), 3), sigma_m),
+        np.full((len(errors_m), 3), sigma_m), np.zeros(len(errors_m), dtype=bool),
     )  # fmt: skip
 
 
@@ -216,6 +216,17 @@ def test_orthophoto_at_check_points() -> None:
     assert "1 more was not found in it" in numbers["sentence"]
 
 
+@pytest.mark.parametrize("assumed", [("C0",), ("C0", "C1", "C2")])
+def test_an_assumed_accuracy_of_the_survey_is_in_no_figure_of_the_orthophoto(assumed: tuple[str, ...]) -> None:
+    points = [ground_point(f"C{i}", "check") for i in range(3)]
+    for i, point in enumerate(points):
+        point["surveyed_map_m"] = [WEST + 10.0 * i, NORTH, 40.0]
+        point["surveyed_sigma_assumed"] = point["name"] in assumed
+    numbers = orthophoto_check_numbers(points, {f"C{i}": a_target(10.0 * i + 0.03, 0.0) for i in range(3)})
+    assert numbers["fit_rmse_h_m"] == pytest.approx(0.03)
+    assert numbers["survey_rmse_h_m"] is numbers["rmse_h_m"] is None
+
+
 def test_orthophoto_without_found_targets_is_not_tested() -> None:
     points = [ground_point(f"C{i}", "check") for i in range(3)]
     nothing = orthophoto_check_numbers(points, {p["name"]: "no contrast" for p in points})
@@ -238,6 +249,16 @@ def test_a_surface_that_is_too_high_everywhere_has_that_as_mean_and_rmse() -> No
     assert found["rmse_v_m"] == pytest.approx(np.hypot(0.03, found["survey_rmse_m"]), abs=1e-5)
 
 
+@pytest.mark.parametrize("count", [1, 5])
+def test_an_assumed_accuracy_of_the_survey_is_in_no_figure_of_the_surface(count: int) -> None:
+    points = replace(checks_on_the_plane([0.03] * 5), sigma_assumed=np.arange(5) < count)
+    found = surface_check_numbers(a_surface(), points)
+    assert found["rmse_m"] == pytest.approx(0.03, abs=1e-5)
+    assert found["survey_rmse_m"] is found["rmse_v_m"] is None
+    untested = replace(points, checks_height=np.arange(5) >= count)
+    assert (surface_check_numbers(a_surface(), untested)["rmse_v_m"] is None) == (count == 5)
+
+
 def test_the_survey_in_plan_counts_by_the_slope() -> None:
     (point, *_) = surface_check_numbers(a_surface(), checks_on_the_plane([0.01] * 3, sigma_m=0.02))["points"]
     assert point["survey_sigma_m"] == pytest.approx(0.02 * np.sqrt(1 + SLOPE @ SLOPE), abs=1e-6)
@@ -255,7 +276,8 @@ def test_normalised_differences_are_1_where_the_prediction_is_right() -> None:
     dense, sigma = a_surface(), np.full((n, 3), [0.0, 0.0, 0.015])
     spread = np.hypot(sampled(dense, place).sigma_m, 0.015)
     surveyed = plane(place) + spread * random.normal(0, 1, n)
-    marks = GroundMarks(tuple(map(str, range(n))), np.ones(n, dtype=bool), np.column_stack([place, surveyed]), sigma)
+    every = np.ones(n, dtype=bool)
+    marks = GroundMarks(tuple(map(str, range(n))), every, np.column_stack([place, surveyed]), sigma, ~every)
     found = surface_check_numbers(dense, marks)
     assert found["n"] == n
     assert found["rms_z"] == pytest.approx(1, abs=4 / np.sqrt(2 * n))

@@ -31,12 +31,17 @@ def bare(finished_survey: Path) -> Json:
 
 
 def checked(report: Json, error_m: float, count: int, **targets: Any) -> Json:
-    """A report with so many check points, each off by ``error_m`` in plan and in height."""
+    """A report with so many check points, each off by ``error_m`` in plan and in height, and surveyed without error."""
+    return surveyed(report, error_m, count, 0.0, 0, targets)
+
+
+def surveyed(report: Json, error_m: float, count: int, survey_m: float, assumed: int, targets: Json) -> Json:
+    """The same of points surveyed to ``survey_m`` along each axis, which is only assumed of the first ones."""
     new = deepcopy(report)
     template = next(p for p in report["control_points"] if p["role"] == "check")
-    point = {**template, "residual_m": [error_m, 0.0, error_m], "surveyed_sigma_m": [0.0] * 3}
+    point = {**template, "residual_m": [error_m, 0.0, error_m], "surveyed_sigma_m": [survey_m] * 3}
     new["control_points"] = [p for p in report["control_points"] if p["role"] == "control"]
-    new["control_points"] += [{**point, "name": f"C{i}"} for i in range(count)]
+    new["control_points"] += [{**point, "name": f"C{i}", "surveyed_sigma_assumed": i < assumed} for i in range(count)]
     return complete(new, ReportSettings(**targets))
 
 
@@ -50,7 +55,8 @@ TARGETS = {"target_rmse_h_m": 0.05, "target_rmse_v_m": 0.05}
         (0.04, 8, TARGETS, "few", "Meets its targets at 8 independent check points."),
         (0.04, 1, {"target_rmse_v_m": 0.05}, "few",
          "Meets its target in height at 1 independent check point; in plan nothing is tested against a target."),
-        (0.06, 30, TARGETS, "bad", "Misses its target in plan (RMSE 6.0\u202fcm, target 5.0\u202fcm) and in height"),
+        (0.06, 30, TARGETS, "bad", "Misses its target in plan (RMSE 6.0\u202fcm, 6.0\u202fcm together with "
+         "their survey (ASPRS), target 5.0\u202fcm) and in height"),
         (0.06, 8, {"target_rmse_v_m": 0.05, "target_rmse_h_m": 0.1}, "bad", "Misses its target in height (RMSE 6.0"),
         (0.0001, 8, {}, "good", "RMSE of 0.0\u202fcm in plan and 0.0\u202fcm in height at 8 independent check points"),
         (5.0, 8, {}, "bad", "RMSE of 5.0\u202fm in plan and 5.0\u202fm in height at 8 independent check points"),
@@ -99,11 +105,98 @@ def test_a_survey_that_did_not_converge_is_bad_whatever_its_check_points(bare: J
 def test_figures_of_the_first_screen_are_those_of_the_report(bare: Json) -> None:
     report = checked(bare, 0.04, 8, **TARGETS)
     plan, height = report["verdict"]["figures"]
-    assert (plan["rmse_m"], plan["n"], plan["target_m"]) == (report["asprs"]["rmse_h_m"], 8, 0.05)
-    assert height["rmse_m"] == pytest.approx((height["fit_m"] ** 2 + height["survey_m"] ** 2) ** 0.5)
+    assert (plan["rmse_m"], plan["n"], plan["target_m"]) == (report["asprs"]["fit_rmse_h_m"], 8, 0.05)
+    assert plan["asprs_rmse_m"] == report["asprs"]["rmse_h_m"]
+    assert height["asprs_rmse_m"] == pytest.approx((height["rmse_m"] ** 2 + height["survey_m"] ** 2) ** 0.5)
     text = report_page(report, [])
     assert text.index('id="verdict"') < text.index('id="summary"')
     assert "Good, few points" in text
+
+
+ALL_ASSUMED = "the accuracy of the check points' survey is only assumed"
+SOME_ASSUMED = "the accuracy of the survey of 3 of 8 check points (C0, C1, C2) is only assumed"
+POINTS = "at 8 independent check points"
+MEASURED = f"RMSE of 1.5 cm in plan and 1.5 cm in height {POINTS}"
+SUM = "4.5 cm in plan and 3.4 cm in height together with their survey (ASPRS)"
+PLAN = {"target_rmse_h_m": 0.04}
+
+
+def said_of(completed: Json) -> str:
+    sentence: str = completed["verdict"]["sentence"]
+    return sentence.replace("\u202f", " ")
+
+
+@pytest.mark.parametrize(
+    ("assumed", "targets", "sentence"),
+    [
+        (0, {}, f"{MEASURED}; {SUM}; the project gives no target."),
+        (8, {}, f"{MEASURED}; {ALL_ASSUMED}; the project gives no target."),
+        (3, {}, f"{MEASURED}; {SOME_ASSUMED}; the project gives no target."),
+        (0, TARGETS, f"Meets its targets {POINTS}."),
+        (8, TARGETS, f"RMSE within its targets {POINTS}; {ALL_ASSUMED}."),
+        (3, TARGETS, f"RMSE within its targets {POINTS}; {SOME_ASSUMED}."),
+        (0, PLAN, "Misses its target in plan (RMSE 1.5 cm, 4.5 cm together with their survey (ASPRS), target 4.0 cm) "
+                  f"{POINTS}."),
+        (8, PLAN, f"RMSE within its target in plan {POINTS}; in height nothing is tested against a target; "
+                  f"{ALL_ASSUMED}."),
+        (8, {"target_rmse_v_m": 0.01}, f"Misses its target in height (RMSE 1.5 cm, target 1.0 cm) {POINTS}."),
+    ],
+)  # fmt: skip
+def test_headline_is_what_was_measured_and_the_sum_of_the_standard_needs_a_stated_survey(
+    bare: Json, assumed: int, targets: dict[str, float], sentence: str
+) -> None:
+    """1.5 cm in plan and in height, surveyed to 3 cm along each axis: together √(1.5² + 2 · 3²) and √(1.5² + 3²) cm."""
+    assert said_of(surveyed(bare, 0.015, 8, 0.03, assumed, targets)) == sentence
+
+
+@pytest.mark.parametrize(("assumed", "words"), [(8, ALL_ASSUMED), (3, SOME_ASSUMED), (0, None)])
+def test_what_nobody_has_stated_is_in_no_figure_and_the_report_says_what_to_do(
+    bare: Json, assumed: int, words: str | None
+) -> None:
+    without_products = {key: value for key, value in bare.items() if key not in ("dense", "orthophoto")}
+    report = surveyed(without_products, 0.015, 8, 0.03, assumed, TARGETS)
+    accuracy, figures = report["asprs"], report["verdict"]["figures"]
+    assert [f["rmse_m"] for f in figures] == pytest.approx([0.015, 0.015])
+    assert accuracy["survey_assumed"] == words
+    unknown = [accuracy[key] for key in ("survey_rmse_h_m", "survey_rmse_v_m", "rmse_h_m", "rmse_v_m", "rmse_3d_m")]
+    unknown += [f[key] for f in figures for key in ("survey_m", "asprs_rmse_m")]
+    assert {value is None for value in unknown} == {words is not None}
+    warnings = [w for w in report["warnings"] if "only assumed" in w["sentence"]]
+    text = report_page(report, [])
+    if words is None:
+        assert len(accuracy["statements"]) == 2
+        assert (accuracy["not_stated"], warnings) == ([], [])
+        assert "only assumed" not in text.replace("the accuracy of the survey is only assumed; bad", "")
+        return
+    assert accuracy["statements"] == []
+    assert accuracy["not_stated"] == [
+        f"No statement of accuracy: {words}; enter it as sigma_m, and remove sigma_assumed."
+    ]
+    (warning,) = warnings
+    assert warning["sentence"] == f"{words}: no accuracy by the ASPRS standards is stated"
+    assert warning["remedy"] == "enter the accuracy of the check points' survey as sigma_m, and remove sigma_assumed"
+    assert warning["remedy"] in report["verdict"]["to_do"]
+    assert text.count("the accuracy of their survey is only assumed") == 2
+    assert "This data set" not in text
+
+
+@pytest.mark.parametrize(
+    ("assumed", "targets", "grade", "finding"),
+    [
+        (
+            0,
+            TARGETS,
+            "few",
+            "RMSE_H1 0.015 m, n = 8; together with their survey (ASPRS) RMSE_H 0.045 m; target 0.050 m",
+        ),
+        (8, TARGETS, "attention", f"RMSE_H1 0.015 m, n = 8; {ALL_ASSUMED}; target 0.050 m"),
+        (8, {"target_rmse_h_m": 0.01}, "bad", f"RMSE_H1 0.015 m, n = 8; {ALL_ASSUMED}; target 0.010 m"),
+    ],
+)
+def test_light_of_check_points(bare: Json, assumed: int, targets: dict[str, float], grade: str, finding: str) -> None:
+    report = surveyed(bare, 0.015, 8, 0.03, assumed, targets)
+    (light,) = (light for light in report["summary"] if light["subject"] == "Check points in plan")
+    assert (light["grade"], light["finding"]) == (grade, finding)
 
 
 # ---- warnings --------------------------------------------------------------------------------------------------------

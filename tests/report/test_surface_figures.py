@@ -31,7 +31,7 @@ from photogram.survey import Raster
 WEST, NORTH, CELL = 602_300.0, 5_794_200.0, 0.2
 HOUSE, ROOF_M = np.array([WEST + 34.0, NORTH - 12.0]), 5.0
 TREE, CROWN_M = np.array([WEST + 12.0, NORTH - 22.0]), 9.0
-NO_POINTS = GroundMarks((), np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros((0, 3)))
+NO_POINTS = GroundMarks((), np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=bool))
 KEYS = ["orthophoto", "dense surface", "dense sigma", "dense rays", "dense sigma histogram", "dense profiles"]
 
 
@@ -70,7 +70,8 @@ def marks(*places: tuple[float, float], error_m: float = 0.0) -> GroundMarks:
     place = np.array([[WEST + east, NORTH - south, 0.0] for east, south in places])
     place[:, 2] = ground_m(place) - error_m
     checks = np.arange(len(places)) < len(places) - 1
-    return GroundMarks(tuple(f"P{i}" for i in range(len(places))), checks, place, np.full((len(places), 3), 0.01))
+    names, stated = tuple(f"P{i}" for i in range(len(places))), np.zeros(len(places), dtype=bool)
+    return GroundMarks(names, checks, place, np.full((len(places), 3), 0.01), stated)
 
 
 def an_orthophoto() -> OrthophotoPicture:

@@ -1,5 +1,7 @@
 """What the terminal says of a block: how much of it was registered, and what was left out and why."""
 
+import re
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -30,7 +32,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Any:
         "check_points": {"n": 0}, "cameras": {}, "control_points": [], "clouds": {},
         "suspects": [], "blunders": [], "blunders_effect": None,
         "gnss": {"flights": {}, "warnings": []},
-        "verdict": {"sentence": "", "figures": [{"rmse_m": None, "target_m": None}] * 2},
+        "verdict": {"sentence": "", "figures": [{"n": 0, "asprs_rmse_m": None, "target_m": None}] * 2},
         "predicted_against_achieved": None, "leave_one_out": None, "variance_components": {}, "estimated_sigmas": [],
         "diagnosis": {"warnings": [], "remedies": [], "resections": []},
     }  # fmt: skip
@@ -111,6 +113,38 @@ def test_without_check_points_leave_one_out_is_the_headline(shown: Console) -> N
     assert "leave-one-out (7, no check points): RMSE in plan, height" in text
     assert "0.021, 0.035 m" in text
     assert "predicted, not tested" not in text
+
+
+@pytest.mark.parametrize(
+    ("sums", "targets", "told", "not_told"),
+    [
+        ((0.048, 0.058), (0.05, 0.08),
+         ("together with their survey (ASPRS) 0.048, 0.058 m", "targets in plan, height 0.050, 0.080 m"), "assumed"),
+        ((None, None), (0.05, None),
+         ("accuracy of their survey only assumed: enter it as sigma_m, and remove sigma_assumed",
+          "targets in plan, height 0.050, – m"), "ASPRS"),
+        ((0.048, None), (None, None),
+         ("together with their survey (ASPRS) 0.048, – m", "accuracy of their survey only assumed"), "targets"),
+    ],
+)  # fmt: skip
+def test_the_measured_rmse_is_the_headline_and_the_sum_of_the_standard_beside_it(
+    shown: Console,
+    sums: tuple[float | None, float | None],
+    targets: tuple[float | None, float | None],
+    told: Sequence[str],
+    not_told: str,
+) -> None:
+    figures = [{"n": 8, "asprs_rmse_m": rmse, "target_m": target} for rmse, target in zip(sums, targets, strict=True)]
+    tested = {
+        "check_points": {"n": 8, "rmse_h_m": 0.015, "rmse_v_m": 0.012},
+        "verdict": {"sentence": "", "figures": figures},
+    }
+    report_tables.show_report(report() | tested)
+    text = re.sub(r"[│┃\s]+", " ", shown.export_text())
+    assert "check points (8): RMSE in plan, height 0.015, 0.012 m" in text
+    for words in told:
+        assert words in text, words
+    assert not_told not in text
 
 
 def test_what_is_refuted_is_said(shown: Console) -> None:

@@ -4,17 +4,20 @@ All of it follows from the other figures of report.json and from what the projec
 made anew whenever that changes.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Literal, TypeVar
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.quality.asprs import (
     AXES,
     STANDARD,
     Accuracy,
     ReportSettings,
     asprs_accuracy,
+    assumed_survey,
     blunders,
     coarse_survey,
     statement_h,
@@ -22,6 +25,7 @@ from photogram.quality.asprs import (
     systematic,
 )
 from photogram.report.identity import report_id
+from photogram.report.numbers.dense_surface import is_assumed
 from photogram.report.numbers.overall import overall
 from photogram.report.numbers.ranked_warnings import ranked_warnings
 from photogram.report.numbers.traffic_lights import traffic_lights
@@ -35,7 +39,7 @@ from photogram.report.record.verdict import (
     ProductAccuracyRecord,
 )
 from photogram.report.titles import CLOUD_TITLES
-from photogram.report.values import record_of
+from photogram.report.values import finite, record_of
 
 ValueT = TypeVar("ValueT")
 
@@ -96,21 +100,24 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
     difference_m = np.array([p["residual_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
     difference_m = np.where(checked, difference_m, np.nan)
     sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
+    sigma_m[is_assumed(rows)] = np.nan
     accuracy, names = asprs_accuracy(difference_m, sigma_m), [p["name"] for p in rows]
-    statements, not_stated = _stated(accuracy, settings)
+    assumed = _assumed_survey(rows, difference_m)
+    statements, not_stated = _stated(accuracy, assumed, settings)
     east, north, height = (record_of(AxisAccuracyRecord, axis) for axis in accuracy.axes)
     return {
         "standard": STANDARD,
         "n_h": accuracy.n_h,
         "n_v": accuracy.n_v,
         "axes": {"easting": east, "northing": north, "height": height},
-        "fit_rmse_h_m": accuracy.fit_h_m,
-        "fit_rmse_v_m": accuracy.fit_v_m,
-        "survey_rmse_h_m": accuracy.survey_h_m,
-        "survey_rmse_v_m": accuracy.survey_v_m,
-        "rmse_h_m": accuracy.rmse_h_m,
-        "rmse_v_m": accuracy.rmse_v_m,
-        "rmse_3d_m": accuracy.rmse_3d_m,
+        "fit_rmse_h_m": finite(accuracy.fit_h_m),
+        "fit_rmse_v_m": finite(accuracy.fit_v_m),
+        "survey_rmse_h_m": finite(accuracy.survey_h_m),
+        "survey_rmse_v_m": finite(accuracy.survey_v_m),
+        "survey_assumed": assumed,
+        "rmse_h_m": finite(accuracy.rmse_h_m),
+        "rmse_v_m": finite(accuracy.rmse_v_m),
+        "rmse_3d_m": finite(accuracy.rmse_3d_m),
         "target_rmse_h_m": settings.target_rmse_h_m,
         "target_rmse_v_m": settings.target_rmse_v_m,
         "statements": statements,
@@ -122,6 +129,14 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
         if settings.legacy_95
         else None,
     }
+
+
+def _assumed_survey(points: Sequence[GroundPointRecord], difference_m: FloatArray) -> str | None:
+    """Return in words of which points (N), that check by their differences (N, 3), the accuracy of the survey is only
+    assumed; None where it is stated of all."""
+    tells = np.isfinite(difference_m[:, :2]).all(axis=1) | np.isfinite(difference_m[:, 2])
+    names = [points[i]["name"] for i in np.flatnonzero(tells & is_assumed(points)).tolist()]
+    return assumed_survey(names, int(tells.sum())) if names else None
 
 
 def product_accuracies(numbers: SurveyNumbers | Report, settings: ReportSettings) -> list[ProductAccuracyRecord]:
@@ -153,7 +168,12 @@ def _product(
     fit_m, survey_m, together_m = rmse_m
     statement = not_stated = None
     name, letter, stated = ("horizontal", "h", statement_h) if where == "plan" else ("vertical", "v", statement_v)
-    if together_m is None:
+    if together_m is None and fit_m is not None:
+        not_stated = (
+            f"No statement of the {name} accuracy of {product}: the accuracy of the survey of its check points is only "
+            "assumed; enter it as sigma_m, and remove sigma_assumed."
+        )
+    elif together_m is None:
         on_it = f"{n} check point{'s' if n != 1 else ''}" if n else "no check points"
         not_stated = f"No statement of the {name} accuracy of {product}: it is tested at {on_it}."
     elif target_m is None:
@@ -181,14 +201,21 @@ def _product(
     }
 
 
-def _stated(accuracy: Accuracy, settings: ReportSettings) -> tuple[list[str], list[str]]:
-    """Return the standard's statements, and for each that cannot be made a sentence that says why."""
+def _stated(accuracy: Accuracy, assumed: str | None, settings: ReportSettings) -> tuple[list[str], list[str]]:
+    """Return the standard's statements, and a sentence for each that cannot be made that says why, or for both;
+    ``assumed`` says of which points the accuracy of the survey is only assumed."""
     statements, missing = list[str](), list[str]()
     rows = (
         ("horizontal", "h", accuracy.n_h, accuracy.rmse_h_m, settings.target_rmse_h_m, statement_h),
         ("vertical", "v", accuracy.n_v, accuracy.rmse_v_m, settings.target_rmse_v_m, statement_v),
     )
+    unknown = [name for name, _, n, rmse_m, *_ in rows if n and math.isnan(rmse_m)]
+    if unknown:
+        of_what = "" if len(unknown) == 2 else f"{unknown[0]} "
+        missing.append(f"No statement of {of_what}accuracy: {assumed}; enter it as sigma_m, and remove sigma_assumed.")
     for name, letter, n, rmse_m, target_m, statement in rows:
+        if name in unknown:
+            continue
         text = None if target_m is None else statement(n, rmse_m, target_m)
         if text is not None:
             statements.append(text)

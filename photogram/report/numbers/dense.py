@@ -9,7 +9,7 @@ import numpy as np
 from photogram.arrays import FloatArray, IntArray
 from photogram.grid import bands
 from photogram.quality.asprs import MINIMUM_POINTS, asprs_accuracy
-from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, sampled
+from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, is_assumed, sampled
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import (
     CellsRecord,
@@ -26,6 +26,7 @@ from photogram.report.record.surfaces import (
     WaterAreaRecord,
     WaterRecord,
 )
+from photogram.report.values import finite
 from photogram.surface.ortho.marked_targets import LocatedTarget
 
 FEWEST_CHECKS = 3
@@ -164,7 +165,8 @@ def surface_check_numbers(dense: DenseSurface, ground: GroundMarks, *, upright: 
         z = difference_m / sigma_m
     reason = np.where(at.filled, "its cells are filled, not measured", "it lies in a hole")
     reason = np.where(at.inside, reason, "it lies outside the surface")
-    summary = _summary(difference_m[known], survey_m[known], z[known])
+    stated_m = np.where(checks.sigma_assumed, np.nan, survey_m)
+    summary = _summary(difference_m[known], stated_m[known], z[known])
     points: list[SurfacePointRecord] = [
         {
             "name": checks.name[i],
@@ -185,7 +187,8 @@ def surface_check_numbers(dense: DenseSurface, ground: GroundMarks, *, upright: 
 
 
 def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> SurfaceSummaryRecord:
-    """Return n and, from FEWEST_CHECKS on, mean, RMSE and normalised RMS of differences (n,), null before."""
+    """Return n and, from FEWEST_CHECKS on, mean, RMSE and normalised RMS of differences (n,), null before; ``survey_m``
+    (n,) is NaN where nobody has stated it."""
     n = len(difference_m)
     if n < FEWEST_CHECKS:
         return {
@@ -205,8 +208,8 @@ def _summary(difference_m: FloatArray, survey_m: FloatArray, z: FloatArray) -> S
         "mean_m": height.mean_m,
         "sd_m": height.sd_m,
         "rmse_m": height.rmse_m,
-        "survey_rmse_m": accuracy.survey_v_m,
-        "rmse_v_m": accuracy.rmse_v_m,
+        "survey_rmse_m": finite(accuracy.survey_v_m),
+        "rmse_v_m": finite(accuracy.rmse_v_m),
         "rms_z": float(np.sqrt(np.mean(tested**2))) if len(tested) else None,
     }
 
@@ -291,12 +294,14 @@ def orthophoto_check_numbers(
     }
     if n >= FEWEST_CHECKS:
         difference_m, sigma_m = (np.array([r[key] for r in rows]) for key in ("difference_m", "survey_sigma_m"))
+        of_row = {point["name"]: point for point in points}
+        sigma_m[is_assumed([of_row[r["name"]] for r in rows])] = np.nan
         nothing = np.full((n, 1), np.nan)
         tested = asprs_accuracy(np.hstack([difference_m, nothing]), np.hstack([sigma_m, nothing]))
         record["mean_m"] = [tested.axes[0].mean_m, tested.axes[1].mean_m]
         record["rmse_m"] = [tested.axes[0].rmse_m, tested.axes[1].rmse_m]
-        record["fit_rmse_h_m"], record["survey_rmse_h_m"] = tested.fit_h_m, tested.survey_h_m
-        record["rmse_h_m"] = tested.rmse_h_m
+        record["fit_rmse_h_m"], record["survey_rmse_h_m"] = tested.fit_h_m, finite(tested.survey_h_m)
+        record["rmse_h_m"] = finite(tested.rmse_h_m)
     record["sentence"] = _plan_sentence(record, upright)
     return record
 

@@ -79,18 +79,21 @@ class OrthophotoPicture:
 
 @dataclass(frozen=True, eq=False)
 class GroundMarks:
-    """Surveyed ground points: ``name``, whether each is a check in height, ``place_map_m`` (G, 3) as surveyed and
-    ``sigma_m`` (G, 3) of the survey."""
+    """Surveyed ground points: ``name``, whether each is a check in height, ``place_map_m`` (G, 3) as surveyed,
+    ``sigma_m`` (G, 3) of the survey, and whether that is only assumed."""
 
     name: tuple[str, ...]
     checks_height: BoolArray
     place_map_m: FloatArray
     sigma_m: FloatArray
+    sigma_assumed: BoolArray
 
     def select(self, keep: NDArray[Any]) -> GroundMarks:
         """Keep the points of a mask or of indices."""
         names = tuple(np.asarray(self.name, dtype=object)[keep].tolist())
-        return GroundMarks(names, self.checks_height[keep], self.place_map_m[keep], self.sigma_m[keep])
+        return GroundMarks(
+            names, self.checks_height[keep], self.place_map_m[keep], self.sigma_m[keep], self.sigma_assumed[keep]
+        )
 
 
 def ground_marks(control_points: Sequence[GroundPointRecord]) -> GroundMarks:
@@ -100,7 +103,14 @@ def ground_marks(control_points: Sequence[GroundPointRecord]) -> GroundMarks:
         np.array([p["axis_roles"][2] == "check" for p in control_points], dtype=bool),
         np.array([p["surveyed_map_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
         np.array([p["surveyed_sigma_m"] for p in control_points], dtype=np.float64).reshape(-1, 3),
+        is_assumed(control_points),
     )
+
+
+def is_assumed(points: Sequence[GroundPointRecord]) -> BoolArray:
+    """Return of which points (N,) of report.json nobody has stated the accuracy of the survey; older reports do not
+    say."""
+    return np.array([p.get("surveyed_sigma_assumed", False) for p in points], dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)

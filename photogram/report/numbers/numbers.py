@@ -340,6 +340,7 @@ def ground_numbers(
                 "axis_roles": _axis_roles(points, used, g),
                 "surveyed_map_m": surveyed.tolist(),
                 "surveyed_sigma_m": points.sigma_m[g].tolist(),
+                "surveyed_sigma_assumed": bool(points.sigma_assumed[g]),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,
                 "sigma_m": [*_sigma_map_m(frame, result.estimates.ground_world_m[g], result.covariances.ground_m2[g])]

@@ -20,6 +20,8 @@ from photogram.report.record.verdict import (
 FAR_APART = 1.5
 """Times the relative sigma, from which the absolute one is said beside it."""
 MOST_TO_DO = 3
+WITH_SURVEY = "together with their survey (ASPRS)"
+"""Said of RMSE_H and RMSE_V, beside what was measured."""
 _WORST_FIRST: tuple[Grade, ...] = ("bad", "attention", "unknown", "few", "good")
 
 
@@ -40,7 +42,7 @@ def overall(
     local = report.get("local_frame")
     if local is not None:
         return _of_free_network(report, local, lights, warnings)
-    grade, sentence = _verdict(report, directions(asprs), lights)
+    grade, sentence = _verdict(report, asprs, lights)
     also = _also(lights)
     if also and grade in ("good", "few"):
         grade = "attention"
@@ -83,33 +85,46 @@ def _points(count: int) -> str:
     return f"{count} independent check point{'s' if count > 1 else ''}"
 
 
-def _verdict(report: SurveyNumbers, both: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
+def _verdict(report: SurveyNumbers, asprs: AsprsRecord, lights: Sequence[LightRecord]) -> tuple[Grade, str]:
     if not report["adjustment"]["converged"]:
         return "bad", "The adjustment did not converge: do not use this result."
+    both, assumed = directions(asprs), asprs["survey_assumed"]
     tested = [d for d in both if d.n]
     if not tested:
         return "unknown", _predicted(report)
     aimed = [d for d in tested if d.target_m is not None]
     if not aimed:
-        return _without_target(tested, lights)
-    missed = [d for d in aimed if not number(d.rmse_m) <= number(d.target_m)]
+        return _without_target(tested, assumed, lights)
+    missed = [d for d in aimed if not number(d.together_m if d.is_stated else d.fit_m) <= number(d.target_m)]
     if missed:
-        missed_by = " and ".join(f"in {d.where} (RMSE {length(d.rmse_m)}, target {length(d.target_m)})" for d in missed)
+        missed_by = " and ".join(f"in {d.where} ({_measured(d)}, target {length(d.target_m)})" for d in missed)
         return "bad", f"Misses its target {missed_by} at {_points(max(d.n for d in missed))}."
     least = min(d.n for d in aimed)
     what = "targets" if len(aimed) == 2 else f"target in {aimed[0].where}"
     rest = [d.where for d in both if d not in aimed]
     untested = f"; in {rest[0]} nothing is tested against a target" if rest else ""
+    if assumed and not all(d.is_stated for d in aimed):
+        return "attention", f"RMSE within its {what} at {_points(least)}{untested}; {assumed}."
     return "good" if least >= MINIMUM_POINTS else "few", f"Meets its {what} at {_points(least)}{untested}."
 
 
-def _without_target(tested: Sequence[Direction], lights: Sequence[LightRecord]) -> tuple[Grade, str]:
-    """Judge check points of a survey without a target as their lights do, by the size of a pixel on the ground."""
-    errors = " and ".join(f"{length(d.rmse_m)} in {d.where}" for d in tested)
+def _measured(direction: Direction) -> str:
+    survey = f", {length(direction.together_m)} {WITH_SURVEY}" if direction.is_stated else ""
+    return f"RMSE {length(direction.fit_m)}{survey}"
+
+
+def _without_target(
+    tested: Sequence[Direction], assumed: str | None, lights: Sequence[LightRecord]
+) -> tuple[Grade, str]:
+    """Judge check points of a survey without a target as their lights do, by the size of a pixel on the ground;
+    ``assumed`` says of which the accuracy of the survey is only assumed."""
+    errors = " and ".join(f"{length(d.fit_m)} in {d.where}" for d in tested)
+    sums = " and ".join(f"{length(d.together_m)} in {d.where}" for d in tested if d.is_stated)
+    survey = (f"; {sums} {WITH_SURVEY}" if sums else "") + (f"; {assumed}" if assumed else "")
     subjects = {f"Check points in {d.where}" for d in tested}
     grades = [light["grade"] for light in lights if light["subject"] in subjects]
     grade: Grade = min(grades, key=_WORST_FIRST.index, default="unknown")
-    return grade, f"RMSE of {errors} at {_points(min(d.n for d in tested))}; the project gives no target."
+    return grade, f"RMSE of {errors} at {_points(min(d.n for d in tested))}{survey}; the project gives no target."
 
 
 def _predicted(report: SurveyNumbers) -> str:
@@ -134,7 +149,8 @@ def _also(lights: Sequence[LightRecord]) -> str:
 
 
 def _figure(report: SurveyNumbers, tested: Direction) -> VerdictFigureRecord:
-    """Return one of the two figures of the first screen: RMSE at check points with its target, or what is predicted."""
+    """Return one of the two figures of the first screen: RMSE measured at check points, that with their survey, and the
+    target, or what is predicted."""
     placing = report["diagnosis"]["placing"]
     relative_m = absolute_m = None
     if placing:
@@ -144,9 +160,9 @@ def _figure(report: SurveyNumbers, tested: Direction) -> VerdictFigureRecord:
     return {
         "where": f"in {tested.where}",
         "n": tested.n,
-        "rmse_m": tested.rmse_m if tested.n else None,
-        "fit_m": tested.fit_m if tested.n else None,
+        "rmse_m": tested.fit_m if tested.n else None,
         "survey_m": tested.survey_m if tested.n else None,
+        "asprs_rmse_m": tested.together_m if tested.n else None,
         "target_m": tested.target_m,
         "relative_sigma_m": relative_m,
         "absolute_sigma_m": absolute_m,

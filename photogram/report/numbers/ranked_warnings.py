@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from photogram.adjustment.reliability import CRITICAL
 from photogram.adjustment.solvability import ROTATION_WEAK
-from photogram.quality.asprs import MINIMUM_POINTS
+from photogram.quality.asprs import MINIMUM_POINTS, STATE_SURVEY
 from photogram.quality.datum_precision import WHOLE_BLOCK
 from photogram.report.numbers.statistics import GROUPS
 from photogram.report.numbers.traffic_lights import number
@@ -160,6 +160,9 @@ def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
     if asprs["systematic"]:
         sentence = "; ".join(asprs["systematic"])
         warnings.append(_warning(part, "attention", sentence, "check datum, height system and control points"))
+    if asprs["survey_assumed"]:
+        sentence = f"{asprs['survey_assumed']}: no accuracy by the ASPRS standards is stated"
+        warnings.append(_warning(part, "attention", sentence, STATE_SURVEY))
     return warnings + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
 
 

@@ -4,7 +4,7 @@ Every rule reads report.json alone; a figure that is not there gives no verdict 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from photogram.quality.asprs import AXES, MINIMUM_POINTS
@@ -22,20 +22,27 @@ GNSS_RATIO = (1.5, 3.0)
 REDUNDANCY = (0.3, 0.01)  # of a coordinate that is well controlled, and of one that is not at all
 OVERLAP = (0.6, 0.4)
 CORRELATION = 0.95
+ASSUMED_SURVEY = "the accuracy of their survey is only assumed"
+"""Said of check points of a product, whose names the accuracy of the triangulation does not know."""
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Accuracy in plan or in height by the standard: its ``letter``, ``n`` check points, their RMSE with the
-    uncertainty of the survey, the class that is aimed at, the fit, and the survey's part, m; None where unknown."""
+    """Accuracy in plan or in height by the standard: its ``letter``, ``n`` check points, their RMSE as measured, the
+    uncertainty of their survey, both together, and the class that is aimed at, m; None where unknown."""
 
     where: Literal["plan", "height"]
     letter: Literal["h", "v"]
     n: int
-    rmse_m: float | None
-    target_m: float | None
     fit_m: float | None
     survey_m: float | None
+    together_m: float | None
+    target_m: float | None
+
+    @property
+    def is_stated(self) -> bool:
+        """Return whether the accuracy of the survey of all these check points is stated."""
+        return math.isfinite(number(self.together_m))
 
 
 def directions(asprs: AsprsRecord) -> tuple[Direction, Direction]:
@@ -45,19 +52,19 @@ def directions(asprs: AsprsRecord) -> tuple[Direction, Direction]:
             "plan",
             "h",
             asprs["n_h"],
-            asprs["rmse_h_m"],
-            asprs["target_rmse_h_m"],
             asprs["fit_rmse_h_m"],
             asprs["survey_rmse_h_m"],
+            asprs["rmse_h_m"],
+            asprs["target_rmse_h_m"],
         ),
         Direction(
             "height",
             "v",
             asprs["n_v"],
-            asprs["rmse_v_m"],
-            asprs["target_rmse_v_m"],
             asprs["fit_rmse_v_m"],
             asprs["survey_rmse_v_m"],
+            asprs["rmse_v_m"],
+            asprs["target_rmse_v_m"],
         ),
     )
 
@@ -69,11 +76,11 @@ def _light(subject: str, grade: Grade, finding: str, rule: str) -> LightRecord:
 def traffic_lights(report: SurveyNumbers, asprs: AsprsRecord) -> list[LightRecord]:
     """Return the verdicts on a survey, from its numbers and its accuracy by the standard."""
     plan, height = directions(asprs)
-    dense = report.get("dense")
+    dense, assumed = report.get("dense"), asprs["survey_assumed"] or ASSUMED_SURVEY
     return [
-        _check(report, plan),
-        _check(report, height),
-        *([] if dense is None else [_surface(report, height, dense)]),
+        _check(report, plan, assumed),
+        _check(report, height, assumed),
+        *([] if dense is None else [_surface(report, height, dense, assumed)]),
         _prediction(report),
         _blunders(report),
         _control(report),
@@ -90,50 +97,54 @@ def number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def _check(report: SurveyNumbers, tested: Direction) -> LightRecord:
+def _check(report: SurveyNumbers, tested: Direction, assumed: str) -> LightRecord:
     untested = f"no check point{_left_out(report, tested.where)}"
-    subject = f"Check points in {tested.where}"
-    return _against_target(report, tested, subject, tested.n, number(tested.rmse_m), untested)
+    return _against_target(report, tested, f"Check points in {tested.where}", untested, assumed)
 
 
-def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord) -> LightRecord:
+def _surface(report: SurveyNumbers, height: Direction, dense: DenseRecord, assumed: str) -> LightRecord:
     """Judge the dense surface by the check points that it was interpolated at, as those in height are judged."""
     test = dense["check_points"]
     untested = "too few check points lie on it" if test["n"] else "no check point lies on it"
-    subject = "Dense surface at check points"
-    return _against_target(report, height, subject, test["n"], number(test["rmse_v_m"]), untested)
+    of_it = replace(
+        height, n=test["n"], fit_m=test["rmse_m"], survey_m=test["survey_rmse_m"], together_m=test["rmse_v_m"]
+    )
+    return _against_target(report, of_it, "Dense surface at check points", untested, assumed)
 
 
-def _against_target(
-    report: SurveyNumbers, direction: Direction, subject: str, n: int, rmse: float, untested: str
-) -> LightRecord:
-    """Judge the RMSE, m, of n points in plan or height against the target, or against the GSD where there is none;
-    ``untested`` is the reason why there is no RMSE."""
-    target, name = direction.target_m, f"RMSE_{direction.letter.upper()}"
+def _against_target(report: SurveyNumbers, tested: Direction, subject: str, untested: str, assumed: str) -> LightRecord:
+    """Judge what check points say in plan or height: by the standard against the target, or as measured against the
+    GSD where there is none. ``untested`` is the reason why there is no RMSE, ``assumed`` says of which points the
+    accuracy of the survey is only assumed, where that of any is."""
+    n, target, fit = tested.n, tested.target_m, number(tested.fit_m)
+    name, together = f"RMSE_{tested.letter.upper()}", number(tested.together_m)
     if target is not None:
         rule = (
             f"good: {name} within the target of {target:.3f} m, from {MINIMUM_POINTS} points or more; few points: "
-            "within it, from fewer; bad: beyond it"
+            f"within it, from fewer; attention: {name}1 is within it, the accuracy of the survey is only assumed; bad: "
+            "beyond it"
         )
     else:
-        best, worst = PLAN_GSD if direction.where == "plan" else HEIGHT_GSD
+        best, worst = PLAN_GSD if tested.where == "plan" else HEIGHT_GSD
         rule = (
-            f"no target given; good: {name} within {best:g} GSD, from {FEW_POINTS} points or more; few points: the "
+            f"no target given; good: {name}1 within {best:g} GSD, from {FEW_POINTS} points or more; few points: the "
             f"same from fewer; attention: within {worst:g} GSD; bad: beyond"
         )
-    if not math.isfinite(rmse):
+    if not math.isfinite(fit):
         return _light(subject, "unknown", f"not tested: {untested}", rule)
-    finding = f"{name} {rmse:.3f} m, n = {n}"
+    finding, survey = f"{name}1 {fit:.3f} m, n = {n}", f"; {assumed}"
+    if tested.is_stated:
+        survey = f"; together with their survey (ASPRS) {name} {together:.3f} m"
     if target is not None:
-        within = rmse <= target
-        grade: Grade = "bad" if not within else "good" if n >= MINIMUM_POINTS else "few"
-        return _light(subject, grade, f"{finding}; target {target:.3f} m", rule)
+        within = (together if tested.is_stated else fit) <= target
+        met: Grade = "attention" if not tested.is_stated else "good" if n >= MINIMUM_POINTS else "few"
+        return _light(subject, met if within else "bad", f"{finding}{survey}; target {target:.3f} m", rule)
     gsd = number(report["block"]["gsd_m"])
     if not gsd > 0:
-        return _light(subject, "unknown", f"{finding}; no basis for a grade", rule)
-    ratio = rmse / gsd
-    grade = "bad" if ratio > worst else "attention" if ratio > best else "good" if n >= FEW_POINTS else "few"
-    return _light(subject, grade, f"{finding}, {ratio:.1f} GSD", rule)
+        return _light(subject, "unknown", f"{finding}{survey}; no basis for a grade", rule)
+    ratio = fit / gsd
+    grade: Grade = "bad" if ratio > worst else "attention" if ratio > best else "good" if n >= FEW_POINTS else "few"
+    return _light(subject, grade, f"{finding}, {ratio:.1f} GSD{survey}", rule)
 
 
 def _left_out(report: SurveyNumbers, where: str) -> str:

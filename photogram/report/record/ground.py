@@ -96,6 +96,7 @@ class GroundPointRecord(TypedDict):
     axis_roles: Annotated[list[AxisRole], Field(min_length=3, max_length=3)]
     surveyed_map_m: Position
     surveyed_sigma_m: PartlyKnown
+    surveyed_sigma_assumed: NotRequired[bool]
     adjusted_map_m: Position | None
     residual_m: Position | None
     sigma_m: PartlyKnown | None

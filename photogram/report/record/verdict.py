@@ -51,7 +51,8 @@ class ProductAccuracyRecord(TypedDict):
 
 class AsprsRecord(TypedDict):
     """Accuracy and statements by the ASPRS standards, from check points alone: of the triangulation, and of
-    `products`."""
+    `products`. `survey_assumed` says of which check points nobody has stated the accuracy of the survey, null where of
+    none; what needs it is null then."""
 
     standard: str
     n_h: Count
@@ -61,6 +62,7 @@ class AsprsRecord(TypedDict):
     fit_rmse_v_m: Metres | None
     survey_rmse_h_m: Metres | None
     survey_rmse_v_m: Metres | None
+    survey_assumed: str | None
     rmse_h_m: Metres | None
     rmse_v_m: Metres | None
     rmse_3d_m: Metres | None
@@ -102,13 +104,14 @@ class LightRecord(TypedDict):
 
 
 class VerdictFigureRecord(TypedDict):
-    """Accuracy in plan or in height: tested at check points with its target, and predicted."""
+    """Accuracy in plan or in height: measured at check points (`rmse_m`), together with the uncertainty of their
+    survey (`survey_m`) as ASPRS adds them (`asprs_rmse_m`), null where nobody has stated it; its target; predicted."""
 
     where: str
     n: Count
     rmse_m: Metres | None
-    fit_m: Metres | None
     survey_m: Metres | None
+    asprs_rmse_m: Metres | None
     target_m: Metres | None
     relative_sigma_m: Metres | None
     absolute_sigma_m: Metres | None
