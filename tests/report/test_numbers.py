@@ -22,8 +22,16 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
 from photogram.geodesy.frames import LocalFrame, map_from_geodetic
+from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import VOLATILE
-from photogram.report.numbers.numbers import NOT_ADJUSTED, camera_numbers, gnss_residual_m, report_numbers
+from photogram.report.numbers.completion import asprs_numbers
+from photogram.report.numbers.numbers import (
+    NOT_ADJUSTED,
+    camera_numbers,
+    gnss_residual_m,
+    ground_numbers,
+    report_numbers,
+)
 from photogram.report.numbers.overlap import ground_overlap
 from photogram.report.numbers.traffic_lights import number
 from photogram.results import Adjustment, LensFieldDecision
@@ -635,6 +643,34 @@ def test_cameras_say_what_was_held_and_where_they_come_from(numbers_of_broken: J
     assert camera["source"] == "the laboratory"
     assert camera["prior_sigma"]["focal_px"] == 5.0
     assert camera["prior_sigma"]["k3"] == 0.0
+
+
+@pytest.mark.parametrize("assumed", [(), ("C01", "C02", "C03"), ("C02",), ("G01",)])
+def test_accuracy_of_a_simulated_block_is_measured_and_summed_with_stated_sigmas_alone(
+    broken: tuple[Adjustment, Orientation, Block], assumed: tuple[str, ...]
+) -> None:
+    """Against the surveyed places of the block itself: RMSE_H1 and RMSE_V1 whoever stated what, the sum of the standard
+    where every check point in use is stated."""
+    result, _, _ = broken
+    points = result.block.control_points
+    assert {"C01", "C02", "C03", "G01"} <= set(points.name)
+    mask = np.array([name in assumed for name in points.name], dtype=bool)
+    rows = ground_numbers(result, [], replace(points, sigma_assumed=mask), {})
+    assert {row["name"] for row in rows if row["surveyed_sigma_assumed"]} == set(assumed)
+    check = np.array([role == "check" for role in points.role]) & np.isfinite(result.estimates.ground_world_m[:, 0])
+    frame = result.block.frame
+    off_m = frame.map_from_world(result.estimates.ground_world_m[check])
+    off_m = off_m - frame.map_from_world(points.position_world_m[check])
+    measured = [np.sqrt(np.mean(np.sum(off_m[:, :2] ** 2, axis=1))), np.sqrt(np.mean(off_m[:, 2] ** 2))]
+    survey = [np.sqrt(np.mean(np.sum(points.sigma_m[check, :2] ** 2, axis=1))), points.sigma_m[check, 2].max()]
+    accuracy = asprs_numbers(rows, ReportSettings(target_rmse_h_m=9.0, target_rmse_v_m=9.0))
+    assert [accuracy["fit_rmse_h_m"], accuracy["fit_rmse_v_m"]] == pytest.approx(measured, rel=1e-6)
+    if set(assumed) & set(np.array(points.name)[check].tolist()):
+        assert accuracy["rmse_h_m"] is accuracy["rmse_v_m"] is accuracy["survey_rmse_h_m"] is None
+        assert accuracy["statements"] == []
+    else:
+        assert [accuracy["rmse_h_m"], accuracy["rmse_v_m"]] == pytest.approx(np.hypot(measured, survey), rel=1e-6)
+        assert len(accuracy["statements"]) == 2
 
 
 def test_a_block_without_gnss_and_without_area(broken: tuple[Adjustment, Orientation, Block]) -> None:
