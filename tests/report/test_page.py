@@ -308,7 +308,7 @@ def test_the_dense_surface_is_judged_like_check_points_in_height(
     bare: Json, full_report: Json, count: int, rmse_m: float | None, target: float | None, expected: str
 ) -> None:
     dense = deepcopy(full_report["dense"])
-    dense["check_points"] |= {"n": count, "rmse_v_m": rmse_m}
+    dense["check_points"] |= {"n": count, "rmse_m": rmse_m, "rmse_v_m": rmse_m}
     subject, settings = "Dense surface at check points", ReportSettings(target_rmse_v_m=target)
     assert grade(changed(bare, dense=dense), subject, settings) == expected
     assert subject not in {light["subject"] for light in complete(without_dense(bare), settings)["summary"]}
