@@ -58,7 +58,7 @@ class AdjustmentSettings(Settings):
         "A smooth field beside the parameters of a camera; `auto`: where residuals show one.",
     ] = "auto"
     estimate_sigmas: Annotated[
-        bool, "Sigmas of tie points, and of GNSS positions where they are assumed, are estimated from residuals."
+        bool, "Sigmas of tie points, and those that are only assumed, are estimated from residuals."
     ] = True
     engine: Annotated[
         Literal["fast", "reference"],

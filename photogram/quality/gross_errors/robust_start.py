@@ -221,7 +221,8 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     scattering, contradicted = points.sigma_assumed & controls, 1.0
     if np.count_nonzero(off) > MOSTLY * np.count_nonzero(controls):
         scattering = controls
-    if np.count_nonzero(scattering) >= FEWEST_SCATTERING and off[scattering].any():
+    enough = settings.estimate_sigmas and np.count_nonzero(scattering) >= FEWEST_SCATTERING
+    if enough and off[scattering].any():
         most = min(0.8, 0.5 + 0.5 * (DATUM + 1) / (3 * np.count_nonzero(scattering)))
         runs = [_robust(*begun, settings, scattering, share) for share in (most, 0.5)]
         robust = min(robust, *runs, key=lambda each: _unlikely(each, scattering))

@@ -245,7 +245,8 @@ def adjust_with_snooping(
     solutions.begun = robust.sigmas
     if robust.contradicted > 1.0:
         points = block.control_points
-        block = replace(block, control_points=replace(points, sigma_assumed=np.ones(len(points), dtype=bool)))
+        assumed = points.sigma_assumed | np.asarray(points.controlled.any(axis=1))
+        block = replace(block, control_points=replace(points, sigma_assumed=assumed))
     try:
         explanation, whole = _decided(block, robust.suspects, solutions)
     except PhotogramError as error:
