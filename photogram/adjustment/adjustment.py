@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogram.adjustment.assessment import Assessed, assessed
+from photogram.adjustment.effort import during
 from photogram.adjustment.oriented_subset import registered_block, with_all_marks, with_all_photographs, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state, with_sigmas_of
 from photogram.adjustment.rounds import Solved, solve_rounds
@@ -57,6 +58,7 @@ MOST_LOST_MARKS = 3
 MOST_REWEIGHTED = 3  # adjustments with sigmas that the covariances of the one before ask for
 
 
+@during("sigmas")
 def _reweighted(
     solved: Solved, assessment: Assessed, block: Block, stated: Problem, settings: AdjustmentSettings
 ) -> Solved | None:
@@ -79,6 +81,7 @@ def _reweighted(
     return replace(solved_again(solved, whole, solved.minimum.state, settings), factors=factors)
 
 
+@during("rolling shutter")
 def _without_none(solved: Solved, none: BoolArray, settings: AdjustmentSettings, progress: Progress) -> Solved | None:
     """Return the block adjusted again with those of the read-out times that are ``none`` (C,) and still unknowns held
     at zero, None without any."""

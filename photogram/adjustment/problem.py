@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from photogram.adjustment.common_errors import with_attitude_errors
+from photogram.adjustment.effort import count_solution
 from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
 from photogram.adjustment.shutters.rolling_shutter import in_motion
@@ -18,7 +19,7 @@ from photogram.factors.elimination.levenberg_marquardt import FIRST, FIRST_NEAR,
 from photogram.factors.elimination.reprojection import Observations, observed_marks
 from photogram.factors.elimination.state import State
 from photogram.factors.free_network import minimal_datum
-from photogram.factors.graph import Problem
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.rigs.exposures import rig_values
 from photogram.settings.settings import Settings, Within
@@ -82,14 +83,24 @@ def minimise(
 
     Raises IndeterminateError when the linear system has no unique solution.
     """
+    taken, rays = 0, len(problem.tie) if problem.summary is None else 0
 
     def watch(iteration: int, value: float) -> None:
+        nonlocal taken
+        taken = iteration
         progress(0, 0, f"iteration {iteration}: cost {value:.6g}")
 
     limits, damping = (settings.maximum_iterations, settings.relative_tolerance), FIRST_NEAR if near else FIRST
-    if settings.engine == "reference" and problem.summary is None:
-        return minimise_graph(problem, state, *limits, watch, damping)
-    return minimise_problem(problem, state, *limits, watch, settings.solver, damping)
+    try:
+        if settings.engine == "reference" and problem.summary is None:
+            minimum = minimise_graph(problem, state, *limits, watch, damping)
+        else:
+            minimum = minimise_problem(problem, state, *limits, watch, settings.solver, damping)
+    except IndeterminateError:
+        count_solution(taken + 1, rays)
+        raise
+    count_solution(minimum.iterations, rays)
+    return minimum
 
 
 def start_state(problem: Problem) -> State:

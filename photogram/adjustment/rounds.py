@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photogram.adjustment.effort import during
 from photogram.adjustment.outliers import (
     agreeing_observations,
     first_agreement,
@@ -70,6 +71,7 @@ def _with_cameras_fixed(block: Block) -> Block:
     )
 
 
+@during("outlier rounds")
 def solve_rounds(
     stated: Problem,
     state: State,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from photogram.adjustment.effort import during
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
@@ -158,6 +159,7 @@ def _objection(decision: LensFieldDecision, after: ResidualPattern | None) -> st
     return ""
 
 
+@during("lens field", everything=True)
 def with_lens_fields(
     block: Block, verdict: Verdict, settings: AdjustmentSettings, adjuster: Adjuster,
     progress: Progress = silent,

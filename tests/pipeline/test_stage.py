@@ -29,6 +29,11 @@ from photogram.pipeline.store.stage_summary import Summary
         ),
         (
             "adjustment",
+            {"converged": True, "iterations": 370, "sigma0": 0.98, "effort": []},
+            "converged after 370 iterations over all rays, sigma0 0.980",
+        ),
+        (
+            "adjustment",
             {"converged": False, "iterations": 1, "sigma0": 2.0, "blunders": 0},
             "NOT converged after 1 iteration, sigma0 2.000",
         ),

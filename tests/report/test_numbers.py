@@ -227,6 +227,14 @@ def test_keys_of_adjustment(report: Json) -> None:
         assert type(adjustment[key]) is int, key
         assert adjustment[key] > 0, key
     assert adjustment["converged"] is True
+    effort = {row["decision"]: row for row in adjustment["effort"]}
+    assert {"gross errors", "outlier rounds", "common errors", "lens field"} <= effort.keys()
+    for row in effort.values():
+        assert type(row["solutions"]) is type(row["iterations"]) is int
+        assert row["iterations"] >= row["iterations_over_all_rays"] >= 0.0
+        assert row["seconds"] >= 0.0
+    assert effort["outlier rounds"]["iterations_over_all_rays"] > 0.5 * effort["outlier rounds"]["iterations"] > 0.0
+    assert sum(row["seconds"] for row in effort.values()) < adjustment["seconds"]
 
 
 def test_keys_of_ground_points(report: Json) -> None:

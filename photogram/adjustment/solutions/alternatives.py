@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from photogram.adjustment.assessment import assessed
+from photogram.adjustment.effort import during
 from photogram.adjustment.oriented_subset import registered_block, with_all_photographs
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.rounds import Solved
@@ -45,6 +46,7 @@ def _observations(block: Block) -> Observations:
     return Observations(tie.photograph, tie.point, tie.pixel, tie.sigma_px)
 
 
+@during("alternatives")
 def summarised(result: Adjustment, settings: AdjustmentSettings) -> Summarised:
     """Return a solved block with the summary of the tie points that took part, at its solution."""
     block, _ = registered_block(result.block)
@@ -53,6 +55,7 @@ def summarised(result: Adjustment, settings: AdjustmentSettings) -> Summarised:
     return Summarised(result, summarise(_observations(block), cameras, block.tie_points.position_world_m, loss))
 
 
+@during("alternatives")
 def summarised_at(base: Summarised, other: Adjustment, settings: AdjustmentSettings) -> Summarised:
     """Return the tie points of a solved block, with the same observations, summarised where an alternative to it is."""
     block, _ = registered_block(other.block)
@@ -78,6 +81,7 @@ def _as_solved(block: Block, solved: Adjustment) -> Block:
     )
 
 
+@during("alternatives")
 def alternative(
     base: Summarised, block: Block, settings: AdjustmentSettings, progress: Progress = silent
 ) -> Adjustment:

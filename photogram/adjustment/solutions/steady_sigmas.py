@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from photogram.adjustment.assessment import Assessed
+from photogram.adjustment.effort import during
 from photogram.adjustment.problem import AdjustmentSettings, minimise, with_sigmas_of
 from photogram.adjustment.reliability import reliability
 from photogram.adjustment.shutters.rolling_shutter import moving
@@ -24,6 +25,7 @@ from photogram.survey import Block
 MOST_STEPS = 30
 
 
+@during("sigmas")
 def steady_sigmas(assessment: Assessed, assumed: Block, settings: AdjustmentSettings) -> Block:
     """Return the block of a solution with those of its sigmas that nobody has stated as its observations scatter;
     ``assumed`` is the block with what was assumed.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from photogram.adjustment.assessment import Assessed
 from photogram.adjustment.common_errors import MOST_CHANGES, What, next_change, values_after
+from photogram.adjustment.effort import during
 from photogram.adjustment.problem import AdjustmentSettings, minimise
 from photogram.adjustment.rounds import Solved
 from photogram.factors.elimination.state import State
@@ -37,6 +38,7 @@ class Unknowns:
     changes: int = 0
 
 
+@during("common errors")
 def with_common_error(
     solved: Solved, assessment: Assessed, settings: AdjustmentSettings, so_far: Unknowns, progress: Progress
 ) -> tuple[Solved, Unknowns] | None:

@@ -1,5 +1,6 @@
 """The stage `adjustment`: the joint adjustment, what it leaves out, and how the block is deformed."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from math import nan
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import TypedDict
 
+from photogram.adjustment.effort import tallied
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
 from photogram.adjustment.self_calibration import held_parameters, with_priors
@@ -39,10 +41,14 @@ from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_wi
 from photogram.quality.improvements import block_deformation
 from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
+from photogram.report.record.block import EffortRecord
+from photogram.report.values import record_of
 from photogram.sfm.orientation import accepted_attitudes, confirmed_resections, georeferenced_again
 from photogram.sfm.resection import Resection
 from photogram.survey import Block, PointCloud
 from photogram.wording import Progress, things
+
+_LOG = logging.getLogger(__name__)
 
 
 class AdjustmentSummary(TypedDict, total=False):
@@ -55,7 +61,9 @@ class AdjustmentSummary(TypedDict, total=False):
     blunders: int
     """Number of blunders rejected."""
     iterations: int
-    """Number of iterations."""
+    """Number of iterations over all rays, for all decisions together; of the last solution where these are absent."""
+    effort: list[EffortRecord]
+    """The work for each decision."""
     rejected_headings: int
     """Number of headings of the gimbal not used."""
     disbelieved_attitudes: int
@@ -97,7 +105,10 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
         return adjust_with_snooping(block, settings, start, progress, readings_px)
 
-    block, verdict = with_lens_fields(block, judged(block, start), settings, judged, progress)
+    with tallied(len(block.tie_points.photograph)) as tally:
+        block, verdict = with_lens_fields(block, judged(block, start), settings, judged, progress)
+    for effort in tally.efforts:
+        _LOG.debug("%s", effort.sentence)
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
@@ -117,7 +128,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         "sigma0": result.sigma0,
         "converged": result.converged,
         "blunders": len(blunders),
-        "iterations": result.iterations,
+        "iterations": round(tally.iterations_over_all_rays),
+        "effort": [record_of(EffortRecord, effort) for effort in tally.efforts],
         "rejected_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(
             m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
@@ -128,6 +140,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
 
 def _words(summary: AdjustmentSummary) -> str:
     iterations = things(summary["iterations"], "iteration")
+    if "effort" in summary:
+        iterations += " over all rays"
     parts = [f"converged after {iterations}" if summary["converged"] else f"NOT converged after {iterations}"]
     sigma0 = summary["sigma0"]
     parts.append(f"sigma0 {nan if sigma0 is None else sigma0:.3f}")

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from photogram.adjustment.effort import during
 from photogram.arrays import BoolArray
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
@@ -100,6 +101,7 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Callable[[Bl
     return likelihood[0] - likelihood[1]
 
 
+@during("focal length", everything=True)
 def settle_focal_lengths(
     block: Block,
     explanation: Search,

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from photogram.adjustment.constraint_tests import whitened_misfits
+from photogram.adjustment.effort import during
 from photogram.adjustment.oriented_subset import registered_block
 from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
@@ -194,6 +195,7 @@ class _Robust:
     factor: float
 
 
+@during("gross errors")
 def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray] = ()) -> Gross:
     """Return what contradicts most of the rest grossly; ``start`` holds the interior orientations (12,) of the cameras
     to start from, where they are not the given ones.

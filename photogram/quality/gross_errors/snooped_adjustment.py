@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from photogram.adjustment.effort import Effort, tallied
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError
@@ -79,6 +80,8 @@ class Verdict:
     """Accuracy at the check points of ``result``."""
     focal_lengths: dict[str, FocalDecision]
     """Decisions on focal lengths, by camera name."""
+    effort: tuple[Effort, ...] = ()
+    """The work that it took, by what was decided; of an adjustment before, without lens fields, nothing."""
 
     def __repr__(self) -> str:
         return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
@@ -235,7 +238,18 @@ def adjust_with_snooping(
     ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
     too little is left, with what contradicts the rest by name.
     """
+    with tallied(len(block.tie_points.photograph)) as tally:
+        verdict = _verdict(block, settings, start, progress, readings_px)
+    return replace(verdict, effort=tally.efforts)
 
+
+def _verdict(
+    block: Block,
+    settings: AdjustmentSettings,
+    start: Sequence[FloatArray],
+    progress: Progress,
+    readings_px: Sequence[Sequence[float]],
+) -> Verdict:
     solutions = Solutions(settings, progress, start)
     of_another_size, size = _of_another_size(block, start)
     repeated, repeating = repeated_positions(block)

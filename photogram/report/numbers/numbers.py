@@ -25,6 +25,7 @@ from photogram.report.record.block import (
     AdjustmentRecord,
     BlockRecord,
     CameraRecord,
+    EffortRecord,
     LensFieldRecord,
     OverlapRecord,
     RollingShutterRecord,
@@ -408,12 +409,15 @@ def check_numbers(points: list[GroundPointRecord]) -> CheckPointsRecord:
     }
 
 
-def adjustment_numbers(result: Adjustment, seconds: float, rejected: RejectedAttitudes) -> AdjustmentRecord:
-    """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up."""
+def adjustment_numbers(
+    result: Adjustment, seconds: float, rejected: RejectedAttitudes, effort: Sequence[EffortRecord] = ()
+) -> AdjustmentRecord:
+    """Return what the joint adjustment says of itself; GNSS offsets along easting, northing and up. ``effort`` is that
+    of its decisions, none where it was not counted."""
     residual = np.sum(result.estimates.residual_px**2, axis=1)
     rays = result.block.tie_points.rays
     axes = result.block.frame.rotation_world_from_map(np.zeros(3))
-    return {
+    record: AdjustmentRecord = {
         "sigma0": result.sigma0,
         "redundancy": result.redundancy,
         "reprojection_rms_px": float(np.sqrt(residual.mean())) if len(residual) else None,
@@ -436,6 +440,9 @@ def adjustment_numbers(result: Adjustment, seconds: float, rejected: RejectedAtt
         "disbelieved_attitudes": rejected.attitudes,
         "rejected_headings": rejected.headings,
     }
+    if effort:
+        record["effort"] = list(effort)
+    return record
 
 
 def _cloud(cloud: PointCloud, comparison: Comparison | None) -> CloudRecord:
@@ -487,13 +494,14 @@ def report_numbers(
     rejected: RejectedAttitudes = NONE_REJECTED,
     measured: ControlPoints | None = None,
     mark_kinds: MarkKinds = MappingProxyType({}),
+    effort: Sequence[EffortRecord] = (),
 ) -> AdjustedNumbers:
     """Return what report.json says of an adjusted block.
 
     ``seconds`` holds the time of every stage, ``fixed`` why parameters of a camera were fixed, ``sources`` where the
     calibration of each camera comes from, empty texts where that is not known, ``blunders`` those that were rejected,
     ``rejected`` the attitudes that the adjustment did not use, ``measured`` the ground points as they were given,
-    ``mark_kinds`` how their marks were measured.
+    ``mark_kinds`` how their marks were measured, ``effort`` the work for each decision of the adjustment.
     """
     frame = result.block.frame
     points = ground_numbers(result, blunders.blunders, measured, mark_kinds)
@@ -505,7 +513,7 @@ def report_numbers(
         "block": block_numbers(result, orientation, overlap),
         "photographs": photograph_numbers(result, orientation),
         "cameras": camera_numbers(result, fixed, sources, blunders.focal_lengths),
-        "adjustment": adjustment_numbers(result, seconds["adjustment"], rejected),
+        "adjustment": adjustment_numbers(result, seconds["adjustment"], rejected, effort),
         "control_points": points,
         "check_points": check_numbers(points),
         "blunders": list(blunders.blunders),

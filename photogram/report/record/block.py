@@ -8,6 +8,7 @@ from typing_extensions import TypedDict
 from photogram.projection import Model
 from photogram.report.record.units import (
     Count,
+    Iterations,
     Metres,
     ParameterFigures,
     Pixel,
@@ -146,6 +147,21 @@ class GnssOffsetRecord(TypedDict):
     sigma_m: Position
 
 
+class EffortRecord(TypedDict):
+    """The work for one decision of the adjustment."""
+
+    decision: str
+    """What was decided."""
+    solutions: Count
+    """How often Levenberg–Marquardt ran."""
+    iterations: Count
+    """Its iterations."""
+    iterations_over_all_rays: Iterations
+    """The same, each counted by the share of the observations of tie points that took part."""
+    seconds: Seconds
+    """Time without that of other decisions on the way."""
+
+
 class AdjustmentRecord(TypedDict):
     """What the joint adjustment says of itself."""
 
@@ -164,3 +180,4 @@ class AdjustmentRecord(TypedDict):
     seconds: Seconds
     disbelieved_attitudes: Count
     rejected_headings: Count
+    effort: NotRequired[list[EffortRecord]]

@@ -14,6 +14,8 @@ Pixels = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Degrees = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 SquareMetres = Annotated[float, Field(ge=0, le=LARGEST)]
 Seconds = Annotated[float, Field(ge=0, le=LARGEST)]
+Iterations = Annotated[float, Field(ge=0, le=LARGEST)]
+"""Each counted by the share of the work that it is."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0, le=10**15)]

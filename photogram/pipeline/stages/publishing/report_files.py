@@ -24,6 +24,7 @@ from photogram.report.numbers.verdicts import RejectedBlunders
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
 from photogram.report.reading import making_of, read_report
+from photogram.report.record.block import EffortRecord
 from photogram.report.record.json_schema import report_schema
 from photogram.report.record.photographs import MasksRecord
 from photogram.report.record.report import Report, SurveyNumbers
@@ -75,6 +76,11 @@ def rejected_attitudes(run: Run) -> RejectedAttitudes:
     """Return how many attitudes and headings of the gimbal the adjustment did not believe."""
     summary = run.workspace.summary("adjustment", AdjustmentSummary)
     return RejectedAttitudes(summary.get("disbelieved_attitudes", 0), summary.get("rejected_headings", 0))
+
+
+def adjustment_effort(run: Run) -> list[EffortRecord]:
+    """Return the work for each decision of the adjustment, none where it was stored before this was counted."""
+    return run.workspace.summary("adjustment", AdjustmentSummary).get("effort", [])
 
 
 def rejected_blunders(run: Run) -> RejectedBlunders:

@@ -46,6 +46,7 @@ from photogram.pipeline.stages.orientation import stored_orientation
 from photogram.pipeline.stages.publishing.mark_pictures import mark_kinds, mark_pictures
 from photogram.pipeline.stages.publishing.products import copy_products, flight_date, report_surface, write_dense_cloud
 from photogram.pipeline.stages.publishing.report_files import (
+    adjustment_effort,
     deliverables,
     discard_prints,
     mask_numbers,
@@ -291,6 +292,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         fixed=dict(read_json(run.workspace.file("adjustment", FIXED))),
         blunders=rejected_blunders(run),
         rejected=rejected_attitudes(run),
+        effort=adjustment_effort(run),
         measured=run.block().surveyed.control_points,
         mark_kinds=mark_kinds(run),
         sources=run.project.camera_source,
