@@ -57,6 +57,16 @@ def test_a_key_of_a_later_version_does_no_harm(report: Json, validator: Draft202
     assert report_of(json.dumps(later)) == report
 
 
+def test_a_report_without_the_work_of_decisions_is_read(report: Json, validator: Draft202012Validator) -> None:
+    earlier = deepcopy(report)
+    del earlier["adjustment"]["effort"]
+    assert validator.is_valid(earlier)
+    assert report_of(json.dumps(earlier)) == earlier
+    damaged = deepcopy(report)
+    damaged["adjustment"]["effort"][0]["solutions"] = -1
+    assert not validator.is_valid(damaged)
+
+
 # ---- what is no report ---------------------------------------------------------------------------------------------
 
 
