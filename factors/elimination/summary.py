@@ -123,7 +123,7 @@ class TiePointSummary:
         right = np.einsum("nji,nj->ni", steps, (self.right - poses).reshape(-1, 6))
         result.pose_gradient[...] = right[at].ravel()
         mixed = turned @ self.mixed.reshape(len(steps), 6, -1)[:, :, columns] * unit
-        result.pose_border[:, :border] = mixed[at].reshape(-1, border)
+        result.pose_border[:, :border] = mixed[at].reshape(6 * len(at), border)
         result.border[:border, :border] = self.calibration[np.ix_(columns, columns)] * np.outer(unit, unit)
         result.border_gradient[:border] = (self.right_calibration - calibration)[columns] * unit
         between, values = self._between(layout, steps)

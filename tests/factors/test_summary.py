@@ -148,6 +148,17 @@ def test_tie_points_follow_their_photographs() -> None:
     assert cost == pytest.approx(float(np.sum(residuals(problem.tie, after, settled) ** 2)), rel=5e-3)
 
 
+def test_cameras_whose_calibration_is_held_leave_nothing_in_common() -> None:
+    held = replace(PLAN, calibration_sigmas=(0.0,) * 11, attitude_sigma_deg=0.0, gnss_offset_sigma_m=(0.0,) * 3)
+    block = simulated(held, off=0.1).block
+    bare = tuple(replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None) for p in block.photographs)
+    problem, start = problem_of(replace(block, photographs=bare), "huber")
+    state = minimise(problem, start, SETTINGS).state
+    summarised, without = without_rays(problem, state)
+    assert bundle_of(summarised, without).layout.border == 0
+    np.testing.assert_allclose(minimise(summarised, without, SETTINGS).state.position, state.position, atol=1e-6)
+
+
 def test_a_layout_without_a_place_for_it_is_refused() -> None:
     problem, state = solved()
     summary = summary_of(problem, state)
