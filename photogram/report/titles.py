@@ -17,6 +17,9 @@ SIGMA_TITLES: Mapping[str, str] = MappingProxyType(
 )
 """By the kind of an estimated standard deviation."""
 
+ASSUMED_SIGMAS = frozenset({"gnss_plan", "gnss_height", "control_plan", "control_height", "marks"})
+"""Those kinds of which nobody has stated what the estimate began with."""
+
 CLOUD_TITLES: Mapping[str, str] = MappingProxyType(
     {"linear_2view": "two-view", "linear_3view": "three-view", "adjusted": "adjusted"}
 )

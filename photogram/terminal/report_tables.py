@@ -9,7 +9,7 @@ from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.positions import GnssRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import CloudRecord
-from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES
+from photogram.report.titles import ASSUMED_SIGMAS, CLOUD_TITLES, SIGMA_TITLES
 from photogram.terminal.console import console
 from photogram.terminal.surface_table import surface_table
 
@@ -124,7 +124,9 @@ def _result(report: Report) -> Table:
     for group in report.get("estimated_sigmas", [])[:MAXIMUM_SENTENCES]:
         unit, title = group["unit"], SIGMA_TITLES[group["kind"]]
         stated, used = _fixed(group["stated_sigma"]), _fixed(group["used_sigma"])
-        table.add_row(f"sigma: {title}, {group['of']}", f"{used} {unit} (stated {stated})")
+        how = "assumed" if group["kind"] in ASSUMED_SIGMAS else "stated"
+        of = "" if title.lower().startswith(group["of"]) else f", {group['of']}"
+        table.add_row(f"sigma: {title}{of}", f"{used} {unit} ({how} {stated})")
     table.add_row(
         "converged", f"{'yes' if a['converged'] else 'NO'}, {a['iterations']} iterations in {a['seconds']:.1f} s"
     )

@@ -331,7 +331,7 @@ def with_assumed_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
     in_plan, in_height, of_marks = (
         next(iter(sigmas.factors(kind).values()), 1.0) for kind in ("control_plan", "control_height", "marks")
     )
-    own, marks = points.sigma_assumed, points.mark_sigma_assumed[points.mark_point]
+    own, marks = points.sigma_assumed & points.controlled.any(axis=1), points.mark_sigma_assumed[points.mark_point]
     return replace(
         block,
         photographs=photographs,

@@ -20,6 +20,7 @@ from scipy.stats import chi2, norm
 
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL_PARTS, PRIOR
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
@@ -416,10 +417,11 @@ def _reinstated(rejected: Sequence[Hypothesis], block: Block, result: Adjustment
     """Return the rejected measurements to reinstate, since no other observation contradicts them. All but coordinates
     are tested by an adjustment with each of them."""
     reinstated, price = [], Search(tuple(rejected), result).cost()
+    surveyed = with_assumed_sigmas(block, result.decisions.sigmas).control_points
     for a in rejected:
         if a.kind == "control point":
             own = scatter(result)["control point"]
-            chance = chance_of_coordinates(a, block.control_points, result, own)
+            chance = chance_of_coordinates(a, surveyed, result, own)
         else:
             rest = tuple(b for b in rejected if b is not a)
             try:

@@ -16,6 +16,7 @@ import numpy as np
 
 from photogram.adjustment.effort import Effort, tallied
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
@@ -283,12 +284,12 @@ def _verdict(
         explanation = Search(rejected, solutions.solve(without(cleared, rejected), explanation.result))
     if robust.contradicted > 1.0:
         explanation = _warned(explanation, CONTRADICTED.format(factor=robust.contradicted), first=True)
-    points = block.control_points
+    points, sigmas = block.control_points, explanation.result.decisions.sigmas
     before = check_accuracy(np.full((len(points), 3), np.nan)) if whole is None else _checks(whole, points)
     return Verdict(
         explanation.result,
         (*beforehand, *explanation.rejected),
-        (*kinds, *name_blunders(block, explanation)),
+        (*kinds, *name_blunders(with_assumed_sigmas(block, sigmas), explanation)),
         before,
         _checks(explanation.result, points),
         decisions,
