@@ -8,6 +8,7 @@ import pytest
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.stochastic_model.assumed_sigmas import BEND_OF_CONTROL, LEAST_M, robust_factor
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.arrays import FloatArray
 from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
@@ -152,6 +153,9 @@ def test_stated_sigmas_that_most_points_contradict_are_said_to_be_wrong() -> Non
     verdict = adjust_with_snooping(block, AdjustmentSettings())
     assert verdict.blunders == ()
     assert "contradicted by a factor of" in verdict.result.warnings[0]
+    assert verdict.contradicted > 20.0
+    again = with_assumed_sigmas(with_control_assumed(block), verdict.result.decisions.sigmas)
+    np.testing.assert_allclose(again.control_points.sigma_m, verdict.result.block.control_points.sigma_m)
     assert float(np.sqrt(np.mean(np.square(errors_over_sigmas(verdict.result, truth))))) < 2.5
     right, _, _ = listed(1, 0.03, assumed=False)
     stated = adjust_with_snooping(right, AdjustmentSettings()).result
@@ -179,3 +183,42 @@ def test_a_few_wrong_of_many_hardly_move_the_factor_of_control() -> None:
     w[:3] = 100.0
     assert robust_factor(w, r, BEND_OF_CONTROL, 1.0, 1.0) < 1.35 * before
     assert robust_factor(w[:0], r[:0], BEND_OF_CONTROL, 1.0, 0.5) == pytest.approx(0.5)
+
+
+def test_a_base_that_is_off_is_named_and_not_the_control_points() -> None:
+    """All positions of a flight are off alike, by far more than their offset is stated to."""
+    plan = replace(
+        PLAN, flights=1, control_points=7, gnss_sigma_m=(0.02, 0.02, 0.03), gnss_offset_sigma_m=(0.02, 0.02, 0.03)
+    )
+    made = simulate_block(plan, 2, tie_points=500, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.2)
+    points = made.block.control_points
+    assumed = replace(
+        points, sigma_m=np.tile(STATED_M, (len(points), 1)), sigma_assumed=np.ones(len(points), dtype=bool)
+    )
+    for control in (points, assumed):
+        for shift_m in ([1.0, 0.0, 0.0], [0.0, -3.0, 0.0]):
+            moved = tuple(
+                replace(p, gnss_world_m=None if p.gnss_world_m is None else p.gnss_world_m + np.array(shift_m))
+                for p in made.block.photographs
+            )
+            block = replace(made.block, photographs=moved, control_points=control)
+            verdict = adjust_with_snooping(block, AdjustmentSettings())
+            assert [a.kind for a in verdict.rejected] == ["GNSS offset"]
+            z = errors_over_sigmas(verdict.result, made.truth.control_position_world_m)
+            assert float(np.sqrt(np.mean(np.square(z)))) < 2.5
+
+
+def test_points_that_carry_each_other_s_names_do_not_scatter() -> None:
+    plan = SurveyPlan(
+        strips=3, photographs_per_strip=6, control_points=5, check_points=6, gnss_sigma_m=(0.02, 0.02, 0.03),
+        gnss_offset_sigma_m=(0.02, 0.02, 0.03), attitude_sigma_deg=1.0,
+    )  # fmt: skip
+    made = simulate_block(plan, 2, tie_points=500, start_position_sigma_m=0.3, start_attitude_sigma_deg=0.2)
+    points = made.block.control_points
+    three = np.flatnonzero(np.array(points.role) == "control")[:3]
+    position = points.position_world_m.copy()
+    position[three] = position[np.roll(three, 1)]
+    block = replace(made.block, control_points=replace(points, position_world_m=position))
+    verdict = adjust_with_snooping(block, AdjustmentSettings())
+    assert {a.name for a in verdict.rejected} == {points.name[g] for g in three.tolist()}
+    assert verdict.contradicted == 1.0

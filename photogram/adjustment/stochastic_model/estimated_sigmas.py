@@ -345,6 +345,13 @@ def with_assumed_sigmas(block: Block, sigmas: EstimatedSigmas) -> Block:
     )
 
 
+def with_control_assumed(block: Block) -> Block:
+    """Return a block whose control points count as if nobody had stated their sigmas: most of them deny these."""
+    points = block.control_points
+    assumed = points.sigma_assumed | np.asarray(points.controlled.any(axis=1))
+    return replace(block, control_points=replace(points, sigma_assumed=assumed))
+
+
 def scattering(sigmas: EstimatedSigmas) -> tuple[str, ...]:
     """Return the warning of photographs with a factor of their own, nothing where there are none."""
     own = np.flatnonzero(sigmas.kind == PHOTOGRAPH)

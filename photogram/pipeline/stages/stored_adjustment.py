@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
 
-from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
 from photogram.constraints.rigs import RelativePose
@@ -120,11 +121,12 @@ def read_adjustment(adjusted: Block, file: Callable[[str], Path]) -> Adjustment:
 def block_as_adjusted(run: Run) -> Block:
     """Return the block that was adjusted: cameras, poses and tie points as they came out, without what was left out.
     Needs the stage `adjustment`, of which no covariance is read."""
+    verdict = stored_verdict(run)
     rejected = [
-        replace(unmeasured(kind, name, photograph), axes=axes)
-        for kind, name, photograph, axes in stored_verdict(run)["accused"]
+        replace(unmeasured(kind, name, photograph), axes=axes) for kind, name, photograph, axes in verdict["accused"]
     ]
-    return read_adjusted_block(run.block(), partial(run.workspace.file, "adjustment"), rejected)
+    measured = with_control_assumed(run.block()) if verdict.get("contradicted", 1.0) > 1.0 else run.block()
+    return read_adjusted_block(measured, partial(run.workspace.file, "adjustment"), rejected)
 
 
 def stored_adjustment(run: Run) -> Adjustment:
@@ -143,6 +145,8 @@ class StoredVerdict(TypedDict):
     """Rejected measurements: kind, name, photograph of a mark, and axes, as in Hypothesis."""
     blunders: list[BlunderRecord]
     """Blunders by their names."""
+    contradicted: NotRequired[float]
+    """Factor by which most control points deny their stated standard deviations, 1 where they do not."""
     focal_lengths: dict[str, str]
     """Sentences on focal lengths whose source the photographs contradict, by camera."""
     check_points: CheckPointsRecord
@@ -156,6 +160,7 @@ def verdict_to(verdict: Verdict, blunders: Sequence[Blunder]) -> dict[str, objec
     return {
         "accused": [(a.kind, a.name, a.photograph, list(a.axes)) for a in verdict.rejected],
         "blunders": list(blunders),
+        "contradicted": verdict.contradicted,
         "focal_lengths": {name: decision.sentence for name, decision in verdict.focal_lengths.items()},
         "check_points": verdict.check_before,
         "check_points_without": verdict.check_after,

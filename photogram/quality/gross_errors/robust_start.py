@@ -31,7 +31,7 @@ from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.rigs.exposures import whitened_exposures
 from photogram.measures.mark_covariances import scaled
 from photogram.projection import recalibrated
-from photogram.quality.gross_errors.data_snooping import PRICE, Hypothesis, unmeasured
+from photogram.quality.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE, Hypothesis, unmeasured
 from photogram.results import EstimatedSigmas
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints
@@ -54,6 +54,9 @@ MOSTLY = 0.5
 MOST_WRONG, NEARLY_ALL = 0.3, 0.85
 """Share of the control points that may be wrong beside what the others scatter by, and of their coordinates from which
 that is taken where more would be."""
+
+AT_ANOTHER = 0.02
+"""Of the extent of the control points, within which one lies where another was surveyed."""
 
 DATUM = 7
 """Unknowns of a similarity, which control points determine before they contradict each other: their scale is that of
@@ -188,11 +191,13 @@ class Gross:
 
 @dataclass(frozen=True, eq=False)
 class _Robust:
-    """The end of a robust adjustment: residuals in the standard deviations of the block, and the factor by which
-    control points scatter more, in plan as in height: of ten points either alone says too little."""
+    """The end of a robust adjustment: residuals in the standard deviations of the block, the factor by which control
+    points scatter more, in plan as in height, since of ten points either alone says too little, and where it has the
+    control points (G', 3)."""
 
     misfits: _Misfits
     factor: float
+    control_world_m: FloatArray
 
 
 @during("gross errors")
@@ -223,8 +228,13 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     scattering, contradicted = points.sigma_assumed & controls, 1.0
     if np.count_nonzero(off) > MOSTLY * np.count_nonzero(controls):
         scattering = controls
+    shifted = _shifted(*begun, settings) if off.any() else None
+    if shifted is not None and _unlikely(shifted, scattering) + PRICE < _unlikely(robust, scattering):
+        flights = sorted({p.flight for p in part.photographs if p.gnss_world_m is not None})
+        offsets = (unmeasured("GNSS offset", flight) for flight in flights)
+        return Gross((*offsets, *_suspects(part, shifted.misfits)), EstimatedSigmas.none())
     enough = settings.estimate_sigmas and np.count_nonzero(scattering) >= FEWEST_SCATTERING
-    if enough and off[scattering].any():
+    if enough and off[scattering].any() and not _exchanged(robust.control_world_m, points, off):
         most = min(0.8, 0.5 + 0.5 * (DATUM + 1) / (3 * np.count_nonzero(scattering)))
         runs = [_robust(*begun, settings, scattering, share) for share in (most, 0.5)]
         robust = min(robust, *runs, key=lambda each: _unlikely(each, scattering))
@@ -269,7 +279,31 @@ def _robust(
         if not left:
             break
         scale = max(1.0, scale / STEP)
-    return _Robust(misfits, factor)
+    return _Robust(misfits, factor, state.control)
+
+
+def _shifted(problem: Problem, state: State, settings: AdjustmentSettings) -> _Robust | None:
+    """Return the robust adjustment with offsets of the GNSS positions that may be any, None where there are none, or
+    where they may be already."""
+    block = problem.block
+    known = any(p.gnss_world_m is not None for p in block.photographs)
+    if not known or block.is_free or np.all(block.gnss_offset_sigma_m >= OPEN_OFFSET_M):
+        return None
+    open_block = replace(block, gnss_offset_sigma_m=np.full(3, OPEN_OFFSET_M))
+    opened = make_problem(open_block, settings).with_tie_observations(problem.tie)
+    return _robust(opened, replace(state, offset=np.zeros((len(opened.flights), 3))), settings)
+
+
+def _exchanged(control_world_m: FloatArray, points: ControlPoints, off: BoolArray) -> bool:
+    """Return whether most of the control points that are ``off`` (G,) lie where another one was surveyed: their names
+    are wrong, not what they were surveyed to."""
+    controls = np.flatnonzero(np.array(points.role) == "control")
+    surveyed = points.position_world_m[controls]
+    apart = np.linalg.norm(control_world_m[:, None] - surveyed, axis=2)
+    apart[np.diag_indices(len(apart))] = np.inf
+    extent = float(np.linalg.norm(np.ptp(surveyed, axis=0)))
+    elsewhere = apart.min(axis=1) < AT_ANOTHER * extent
+    return bool(np.mean(elsewhere[off[controls]]) > MOSTLY)
 
 
 def _quantiles(share: float) -> FloatArray:

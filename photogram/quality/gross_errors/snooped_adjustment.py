@@ -16,7 +16,7 @@ import numpy as np
 
 from photogram.adjustment.effort import Effort, tallied
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
+from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
@@ -81,8 +81,10 @@ class Verdict:
     """Accuracy at the check points of ``result``."""
     focal_lengths: dict[str, FocalDecision]
     """Decisions on focal lengths, by camera name."""
+    contradicted: float = 1.0
+    """Factor by which most control points deny their stated standard deviations, 1 where they do not."""
     effort: tuple[Effort, ...] = ()
-    """The work that it took, by what was decided; of an adjustment before, without lens fields, nothing."""
+    """The work that it took, by what was decided, but for lens fields."""
 
     def __repr__(self) -> str:
         return f"<Verdict: {things(len(self.blunders), 'blunder')} rejected, {self.result!r}>"
@@ -259,9 +261,7 @@ def _verdict(
     robust = _attempted(lambda: gross_suspects(block, settings, start)) or Gross((), solutions.begun)
     solutions.begun = robust.sigmas
     if robust.contradicted > 1.0:
-        points = block.control_points
-        assumed = points.sigma_assumed | np.asarray(points.controlled.any(axis=1))
-        block = replace(block, control_points=replace(points, sigma_assumed=assumed))
+        block = with_control_assumed(block)
     try:
         explanation, whole = _decided(block, robust.suspects, solutions)
     except PhotogramError as error:
@@ -293,4 +293,5 @@ def _verdict(
         before,
         _checks(explanation.result, points),
         decisions,
+        robust.contradicted,
     )
