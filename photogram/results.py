@@ -15,6 +15,10 @@ from photogram.verbs import call
 from photogram.wording import html_table, text_table, things
 
 SIGNIFICANCE = 0.01
+DIFFERENT = 0.001
+"""Level at which GNSS heights and those of control points are of two systems."""
+LEAST_GEOID_M = 3.0
+"""A smaller difference is hardly one of height systems: geoid heights are tens of metres on most of the Earth."""
 """Probability by chance below which a common error is one."""
 
 
@@ -345,6 +349,41 @@ class LensFieldDecision:
     """RMS of the pattern of the residuals with the field."""
 
 
+@dataclass(frozen=True)
+class HeightDecision:
+    """Whether GNSS heights and those of control points are of one system, where nobody says so."""
+
+    difference_m: float
+    """By how much GNSS heights lie above those of the control points, as the adjustment estimates it."""
+    sigma_m: float
+    """Its standard deviation."""
+    p: float
+    """Probability of a difference as large by chance, if there were none."""
+    same: bool
+    """Whether they are of one system; otherwise the difference is an unknown."""
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        p = "p < 0.001" if self.p < 0.001 else f"p = {self.p:.3f}"
+        what = "GNSS heights and those of the control points, of which nobody declares what they are above,"
+        if self.same:
+            return f"{what} differ by {self.difference_m:+.3f} ± {self.sigma_m:.3f} m ({p}): they are of one system"
+        kept = "the difference is an unknown, and the results have the heights of the control points"
+        if self.p >= DIFFERENT:
+            return (
+                f"{what} differ by {self.difference_m:+.2f} ± {self.sigma_m:.2f} m: too little is known of it; {kept}"
+            )
+        found = f"{what} differ by {self.difference_m:+.2f} ± {self.sigma_m:.2f} m ({p})"
+        if abs(self.difference_m) < LEAST_GEOID_M:
+            return f"{found}, too little for two height systems, as of a wrong base station or antenna height; {kept}"
+        side, other = ("above", "below") if self.difference_m > 0.0 else ("below", "above")
+        return (
+            f"{found}: GNSS heights are ellipsoidal and those orthometric if the geoid lies so much {side} the "
+            f"ellipsoid there, the other way round if it lies so much {other}; {kept}: declare both under heights"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """What an adjustment estimates beside its block, and what is left: of the observations of tie points (n), marks
@@ -446,6 +485,9 @@ class Decisions:
     """Number of rejected tie points."""
     reason: tuple[str, ...] = ()
     """Why each photograph (N,) was removed, empty if it was not; () if none was."""
+    heights: HeightDecision | None = None
+    """Whether GNSS heights and those of control points are of one system; None where that is declared, or nothing to
+    decide."""
 
 
 @dataclass(frozen=True, eq=False)

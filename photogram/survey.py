@@ -343,6 +343,14 @@ class ControlPoints:
         return self.with_roles(["control" if w else "check" for w in whole]).with_role("control")
 
 
+@dataclass(frozen=True)
+class UndeclaredHeights:
+    """GNSS heights and heights of ground points of which nobody says that they are of one system."""
+
+    lowered_m: float = 0.0
+    """By how much the GNSS positions were lowered for the marks of control points to agree with them, roughly."""
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """Photographs that are adjusted together."""
@@ -371,6 +379,8 @@ class Block:
     """What is measured between points; an observation of which a point takes no part is passed over."""
     rigs: tuple[Companion, ...] = ()
     """Cameras that are fixed to another on one body; an exposure of which a photograph takes no part is passed over."""
+    undeclared_heights: UndeclaredHeights | None = None
+    """How GNSS heights are used that nobody says to be of the system of the control points; None where they are."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):

@@ -230,6 +230,15 @@ class Project:
             for photograph, is_ellipsoidal in zip(self.photographs, height_is_ellipsoidal, strict=True)
         ]
 
+    def heights_are_declared(self, height_is_ellipsoidal: Sequence[bool | None], positioned: Sequence[bool]) -> bool:
+        """Return whether project and tags say that GNSS heights and those of the ground points are of one system, or
+        how to bring them to one; ``positioned`` are the photographs with a GNSS position, ``height_is_ellipsoidal`` as
+        in ``gnss_systems``."""
+        systems = {s for s, known in zip(self.gnss_systems(height_is_ellipsoidal), positioned, strict=True) if known}
+        systems |= {point.heights for point in self.control_points}
+        way = self.heights.geoid is not None and self.heights.output is not None
+        return None not in systems and (len(systems) == 1 or way)
+
     def control_points_in(self, frame: LocalFrame) -> ControlPoints:
         """Return the control and check points with their marks, positions in the world of ``frame``.
 

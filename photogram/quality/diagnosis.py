@@ -20,6 +20,7 @@ from photogram.camera import Camera
 from photogram.projection import CAMERA_PARAMETERS, PARAMETERS
 from photogram.quality.datum_precision import DatumPrecision, datum_precision, datum_sentence
 from photogram.quality.deformation import CENTRES, DOME, GROUND, SLOPES, offset_of, parameters_of, rotations_of
+from photogram.quality.prediction_test import checked_axes
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
 from photogram.results import Adjustment, Deformation, LensFieldDecision
 from photogram.wording import things
@@ -138,7 +139,7 @@ def height_differences_m(result: Adjustment) -> tuple[FloatArray, FloatArray, Fl
     """Return places (n, 2) in the world, predicted − surveyed heights (n,) and their sigmas (n,) of points that took no
     part: check points first, then control points as all other observations predict them, and how many these are."""
     points, frame = result.block.control_points, result.block.frame
-    check = np.flatnonzero(~points.controlled[:, 2] & np.isfinite(result.estimates.ground_world_m).all(axis=1))
+    check = np.flatnonzero(checked_axes(points)[:, 2] & np.isfinite(result.estimates.ground_world_m).all(axis=1))
     left = np.flatnonzero(np.isfinite(result.tests.reliability.ground_left_out_m[:, 2]))
     adjusted = frame.map_from_world(result.estimates.ground_world_m[check])
     surveyed = frame.map_from_world(points.position_world_m[check])

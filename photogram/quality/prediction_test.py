@@ -123,8 +123,9 @@ def _probability(p: float) -> str:
 
 
 def checked_axes(points: ControlPoints) -> BoolArray:
-    """Return which coordinates (G, 3) of ground points take no part in the adjustment, to be compared with it."""
-    return ~points.controlled
+    """Return which coordinates (G, 3) of ground points take no part in the adjustment, to be compared with it: those of
+    check points, but for heights of a system that is not known."""
+    return np.asarray(~points.controlled & ~np.isinf(points.sigma_m))
 
 
 def _difference_map_m(result: Adjustment) -> FloatArray:

@@ -262,11 +262,87 @@ def test_what_nobody_declares_is_asked_for(survey: Path, edit: Edit) -> None:
     assert "GNSS and ground points agree to" in asked.text
     edit(path, bare)
     (asked,) = found(path)
-    assert asked.severity == "error"  # nothing shows it, and RTK holds the heights as well
+    assert asked.severity == "warning"  # nothing shows it, and without control nothing has to
     assert "agree" not in asked.text
     edit(path, lambda v: v["photographs"].update(gnss_sigma_m=[2.0, 2.0, 5.0]))
     (asked,) = found(path)
     assert asked.severity == "warning"
+
+
+def undeclared(values: dict[str, Any], by_m: float = 44.0) -> None:
+    """Give the ground points heights of another system, and declare nothing."""
+    values.pop("heights")
+    values["comparison"].pop("heights", None)
+    lowered(values, by_m)
+
+
+def test_what_nobody_declares_and_contradicts_is_no_error(survey: Path, edit: Edit) -> None:
+    path = survey / "project.yaml"
+    edit(path, undeclared)
+    findings = found(path)
+    assert {f.severity for f in findings} == {"warning"}
+    (control,) = [f for f in findings if f.text.startswith("control heights look orthometric and are not declared")]
+    assert "the adjustment estimates the difference" in control.text
+    edit(path, lambda v: lowered(v, -200.0))  # above every photograph
+    assert {f.severity for f in found(path)} == {"warning"}
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_undeclared_difference_is_estimated(finished_survey: Path, survey: Path, edit: Edit) -> None:
+    """Heights of the control points are those of the results; GNSS heights are 44 m above them."""
+    plain = json.loads((finished_survey / "results" / "report.json").read_text())
+    edit(survey / "project.yaml", undeclared)
+    report = run_pipeline(load_project(survey / "project.yaml"))
+    difference = report["heights"]["difference"]
+    assert difference is not None
+    assert not difference["same"]
+    assert difference["difference_m"] == pytest.approx(44.0, abs=4.0 * difference["sigma_m"])
+    assert difference["sigma_m"] < 0.2
+    assert (
+        "GNSS heights are ellipsoidal and those orthometric if the geoid lies so much above"
+        in (report["heights"]["sentence"])
+    )
+    assert any("differ by +4" in warning for warning in report["warnings"])
+    assert report["blunders"] == []
+    before = oriented(plain["photographs"])
+    for name, photograph in oriented(report["photographs"]).items():
+        moved = np.array(photograph["position_map_m"]) - before[name]["position_map_m"]
+        assert np.all(np.abs(moved - [0.0, 0.0, -44.0]) < photograph["sigma_m"])
+    check = report["check_points"]
+    assert check["rmse_v_m"] < 0.05
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_heights_of_one_system_that_nobody_declares_give_the_same_result(
+    finished_survey: Path, survey: Path, edit: Edit
+) -> None:
+    plain = json.loads((finished_survey / "results" / "report.json").read_text())
+    edit(survey / "project.yaml", lambda v: undeclared(v, 0.0))
+    report = run_pipeline(load_project(survey / "project.yaml"))
+    difference = report["heights"]["difference"]
+    assert difference is not None
+    assert difference["same"]
+    assert abs(difference["difference_m"]) < 4.0 * difference["sigma_m"]
+    assert "they are of one system" in report["heights"]["sentence"]
+    before = oriented(plain["photographs"])
+    for name, photograph in oriented(report["photographs"]).items():
+        moved = np.array(photograph["position_map_m"]) - before[name]["position_map_m"]
+        assert np.all(np.abs(moved) < photograph["sigma_m"])  # other rays are rejected, three of 1700
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_check_points_of_an_undeclared_system_are_compared_in_plan(survey: Path, edit: Edit) -> None:
+    def check(values: dict[str, Any]) -> None:
+        undeclared(values)
+        for point in values["control_points"]["list"]:
+            point["role"] = "check"
+
+    edit(survey / "project.yaml", check)
+    report = run_pipeline(load_project(survey / "project.yaml"))
+    assert report["check_points"]["n_axis"][2] == 0
+    assert report["check_points"]["n_axis"][0] == len(report["control_points"]) == 12
+    assert {tuple(p["axis_roles"]) for p in report["control_points"]} == {("check", "check", "left out")}
+    assert report["blunders"] == []
 
 
 def test_tags_that_say_otherwise_are_named(survey: Path) -> None:

@@ -24,6 +24,7 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.measured.measured_block import PhotographNote, block_of
 from photogram.project.project import Project
 from photogram.project.start import InitialSolution, start_of
+from photogram.project.validation.undeclared_heights import with_undeclared_heights
 from photogram.survey import Block
 
 FRAME, MEASURED, NOTES = "frame.json", "measured.npz", "tags.json"
@@ -154,7 +155,7 @@ class Run:
             file = self.workspace.file
             origin_map_m = read_json_as(file("photographs", FRAME), StoredFrame)["origin_map_m"]
             measured = read_measured(file("photographs", MEASURED), self.project, origin_map_m)
-            self._blocks[mark] = block_of(self.project, measured)
+            self._blocks[mark] = with_undeclared_heights(self.project, block_of(self.project, measured), self.notes())
         return self._blocks[mark]
 
     def notes(self) -> list[PhotographNote]:

@@ -251,7 +251,7 @@ def _heights(draft: ProjectDraft) -> list[str]:
     whose = "of the ground points" if draft.control else "in the tags"
     text = (
         f"Nothing says whether the heights {whose} are above the ellipsoid, as GNSS gives them, or above a "
-        "geoid. Declare it here and remove the # signs; photogram check asks for it."
+        "geoid. Declare it here and remove the # signs, so that the results name a height system."
     )
     return [
         *comment(text),

@@ -259,8 +259,9 @@ def mark_findings(survey: MeasuredSurvey) -> list[Finding]:
 # ---- heights -------------------------------------------------------------------------------------------------------
 
 
-def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
-    """Return where the heights of control points and GNSS positions contradict each other or the flying height."""
+def height_findings(project: Project, survey: MeasuredSurvey, *, declared: bool) -> list[Finding]:
+    """Return where the heights of control points and GNSS positions contradict each other or the flying height; an
+    error only where they are ``declared`` to be of one system."""
     points = survey.control
     photograph = points.mark_photograph
     known = survey.positioned[photograph]
@@ -274,7 +275,7 @@ def height_findings(project: Project, survey: MeasuredSurvey) -> list[Finding]:
     looks_down = axis_up < -LOOKS_DOWN
     above = (drop_m < 0) & ~(axis_up >= -LOOKS_DOWN)  # who looks sideways sees what is above
     holds = points.controlled[point, 2]  # a check point spoils its own test and nothing else
-    sure = above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M) & holds
+    sure = declared & above & (drop_m < -3.0 * sigma_m) & looks_down & (sigma_m < _SURE_HEIGHT_M) & holds
     if above.any():
         names = list(dict.fromkeys(points.name[i] for i in point[above]))
         worst = int(np.argmin(drop_m))
@@ -413,4 +414,6 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
     ]
     if any(finding.severity == "error" for finding in distance):
         return findings  # heights and directions to points of another place mean nothing
-    return [*findings, *height_findings(project, survey), *view_findings(project, survey)]
+    ellipsoidal = [None if t is None else t.height_is_ellipsoidal for t in tags]
+    declared = project.heights_are_declared(ellipsoidal, survey.positioned.tolist())
+    return [*findings, *height_findings(project, survey, declared=declared), *view_findings(project, survey)]

@@ -139,22 +139,29 @@ def _contradiction(
     else:
         likely = possible
         why = "tens of metres, as between ellipsoidal and orthometric heights"
+    # where somebody declared them wrongly a person has to say what is right; otherwise the photographs do
+    severity: Severity = "error" if control is not None and gnss is not None else "warning"
+    used = ""
+    if severity == "warning":
+        used = "; the adjustment estimates the difference, and the results have the heights of the control points"
+        if role == "check":
+            used = "; check points are compared in plan alone"
     if not likely:
-        text = f"{noun} lie {fact}, which no height system explains: {why}"
-        return Finding("error", "heights", text, "check the heights of the control points and of the GNSS base"), False
+        text = f"{noun} lie {fact}, which no height system explains: {why}{used}"
+        return Finding(severity, "heights", text, "check the heights of the control points and of the GNSS base"), False
     who, declared, looks, _ = likely[0]
     named = project.heights.geoid.name if project.heights.geoid is not None else "of the survey under heights.geoid"
     key = "heights.control_points" if who == "control" else "heights.gnss"
     remedy = f"write {key}: {looks}" + (f" with the geoid {named}" if looks == "orthometric" else "")
     although = f"although declared {declared}" if declared is not None else "and are not declared"
     if who == "control":
-        text = f"{noun} look {looks} {although}: they lie {fact}; {why}"
+        text = f"{noun} look {looks} {although}: they lie {fact}; {why}{used}"
     else:
-        text = f"GNSS heights look {looks} {although}: {noun} lie {fact}; {why}"
+        text = f"GNSS heights look {looks} {although}: {noun} lie {fact}; {why}{used}"
     if len(likely) > 1:
         other, _, looks, _ = likely[1]
         remedy += f", or {'heights.gnss' if other == 'GNSS' else 'heights.control_points'}: {looks} if those are"
-    return Finding("error", "heights", text, remedy), geoid_m is not None
+    return Finding(severity, "heights", text, remedy), geoid_m is not None
 
 
 # ---- scales that look like a shift ---------------------------------------------------------------------------------
@@ -177,6 +184,14 @@ def _scale_fits(project: Project, evidence: HeightEvidence) -> list[ScaleFit]:
 def _tie(shift: HeightShift, fit: ScaleFit) -> float:
     """Return by how much two robust costs may differ and still explain the marks equally well."""
     return max(_TIE_COST, _TIE_SHARE * (fit.cost_without - shift.cost))
+
+
+def _is_plausible(evidence: HeightEvidence, fit: ScaleFit) -> bool:
+    """Return whether the stated focal lengths of the marked cameras allow a scale, where it is one of these."""
+    cameras = (evidence.cameras[int(c)] for c in np.unique(evidence.camera_of[evidence.points.mark_photograph]))
+    return fit.kind != "focal length" or any(
+        abs(fit.scale - 1.0) * camera.focal_px < SIGMAS * camera.sigmas[0] for camera in cameras
+    )
 
 
 def _in_words(evidence: HeightEvidence, fit: ScaleFit) -> str:
@@ -226,6 +241,8 @@ def _of_role(
     middle = frame.map_from_world(np.median(evidence.gnss_world_m[known], axis=0)[None])[0]
     finding, of_geoid = _contradiction(project, shift, role, gnss, proved, site_geoid_height_m(project, middle))
     as_good = [fit for fit in fits if fit.cost <= shift.cost + _tie(shift, fit)]
+    if finding.severity == "warning":  # what nobody declares is likelier than a focal length far off its own sigma
+        as_good = [fit for fit in as_good if _is_plausible(evidence, fit)]
     better = [fit for fit in as_good if fit.cost < shift.cost - _tie(shift, fit)]
     if better or (as_good and not of_geoid):
         return shift, [_scale_finding(evidence, role, better or as_good, None if better else shift)]
@@ -243,6 +260,13 @@ def _of_both_roles(
     of_checks, wrong = _of_role(project, evidence["check"], frame, "check", tags)
     both = findings + [replace(f, severity="warning") if agree else f for f in wrong]
     return (of_checks if shift is None and not findings else shift), both
+
+
+def shift_of_block(project: Project, block: Block, role: Role, tags: Sequence[bool | None]) -> float:
+    """Return how much higher the ground points of a role would have to lie for their marks to agree with the GNSS
+    heights, m; 0 where they agree, or nothing tells, or something else may be wrong with the marks."""
+    shift, findings = _of_role(project, _evidence_of_block(block, role), block.frame, role, tags)
+    return shift.shift_m if shift is not None and any(f.where == "heights" for f in findings) else 0.0
 
 
 def stop_at_contradictions(project: Project, block: Block, tags: Sequence[PhotographNote]) -> None:
@@ -280,8 +304,7 @@ def _undeclared(project: Project, tags: Sequence[bool | None], positioned: Seque
 def _declaration_findings(
     project: Project, survey: MeasuredSurvey, tags: Sequence[bool | None], shift: HeightShift | None
 ) -> list[Finding]:
-    """Return what is not declared; an error where GNSS and control both fix the heights and nothing shows that they
-    agree."""
+    """Return what is not declared, and what becomes of it."""
     missing = _undeclared(project, tags, survey.positioned.tolist())
     if not missing and project.heights.output is not None:
         return []
@@ -289,20 +312,17 @@ def _declaration_findings(
         text = "the vertical reference of the results is not declared"
         remedy = "write heights: ellipsoidal, or heights: {output: orthometric, geoid: …}"
         return [Finding("warning", "heights", text, remedy)]
-    with np.errstate(invalid="ignore"):
-        sure = bool(np.any(survey.gnss_sigma_m[survey.positioned, 2] < SURE_SIGMA_M))
-    marked = np.bincount(survey.control.mark_point, minlength=len(survey.control)) > 0
-    mixed = sure and bool(marked.any()) and project.gnss_offset_sigma_m[2] < SURE_SIGMA_M
     agree = shift is not None and abs(shift.shift_m) <= _limit_m(shift)
     text = f"not declared whether the heights of {', '.join(missing)} are above the ellipsoid or a geoid"
     if agree and shift is not None:
         text += f"; GNSS and ground points agree to {_limit_m(shift):.0f} m, according to the marks: they are used so"
+    elif survey.positioned.any() and any(p.controlled[2] for p in project.control_points):
+        text += "; the adjustment decides whether GNSS and control points agree"
     remedy = (
         "write heights: ellipsoidal if all are, else heights: {output: …, gnss: …, control_points: …, geoid: …}, each "
         "ellipsoidal or orthometric"
     )
-    severity: Severity = "error" if mixed and not agree else "warning"
-    return [Finding(severity, "heights", text, remedy)]
+    return [Finding("warning", "heights", text, remedy)]
 
 
 def _against_tags(project: Project, tags: Sequence[bool | None]) -> list[Finding]:

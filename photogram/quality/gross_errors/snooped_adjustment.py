@@ -39,6 +39,12 @@ from photogram.quality.gross_errors.repeated_positions import repeated_positions
 from photogram.quality.gross_errors.robust_start import Gross, gross_suspects
 from photogram.quality.gross_errors.screening import gross_blunders
 from photogram.quality.gross_errors.solutions import Solutions
+from photogram.quality.gross_errors.undeclared_heights import (
+    height_decision,
+    with_height_decision,
+    with_heights_open,
+)
+from photogram.quality.prediction_test import checked_axes
 from photogram.results import Adjustment, FocalDecision
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block, ControlPoints
@@ -105,7 +111,7 @@ def _checks(result: Adjustment, points: ControlPoints) -> CheckAccuracy:
     """Return the accuracy at the check coordinates of ``points``."""
     frame = result.block.frame
     difference = frame.map_from_world(result.estimates.ground_world_m) - frame.map_from_world(points.position_world_m)
-    return check_accuracy(np.where(points.controlled, np.nan, difference))
+    return check_accuracy(np.where(checked_axes(points), difference, np.nan))
 
 
 def _explained(block: Block, gross: Sequence[Hypothesis], solutions: Solutions) -> tuple[Search, Adjustment | None]:
@@ -258,16 +264,20 @@ def _verdict(
     repeated, repeating = repeated_positions(block)
     beforehand, kinds = [*of_another_size, *repeated], [*size, *repeating]
     block = without(block, beforehand)
+    declared, block = block, with_heights_open(block)
     robust = _attempted(lambda: gross_suspects(block, settings, start)) or Gross((), solutions.begun)
     solutions.begun = robust.sigmas
     if robust.contradicted > 1.0:
-        block = with_control_assumed(block)
+        declared, block = with_control_assumed(declared), with_control_assumed(block)
     try:
         explanation, whole = _decided(block, robust.suspects, solutions)
     except PhotogramError as error:
         if not size:
             raise
         raise AdjustmentError(f"{size[0].sentence}; without them {error}") from error
+    heights = height_decision(declared, explanation.result, explanation.rejected)
+    if heights is not None and heights.same:
+        block, explanation = declared, _settled(declared, explanation.rejected, explanation.result, solutions)
     settled, decisions = settle_focal_lengths(block, explanation, solutions, progress, readings_px)
     if settled is not None:
         sure = {name for name, decision in decisions.items() if decision.says.trustworthy}
@@ -282,6 +292,8 @@ def _verdict(
         cleared = block if settled is None else settled
         rejected = (*explanation.rejected, *off)
         explanation = Search(rejected, solutions.solve(without(cleared, rejected), explanation.result))
+    if heights is not None:
+        explanation = with_height_decision(explanation, heights)
     if robust.contradicted > 1.0:
         explanation = _warned(explanation, CONTRADICTED.format(factor=robust.contradicted), first=True)
     points, sigmas = block.control_points, explanation.result.decisions.sigmas

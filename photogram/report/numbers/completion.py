@@ -263,7 +263,8 @@ def discarded(report: SurveyNumbers) -> list[DiscardedRecord]:
             reason = "fewer than two intersecting marks in oriented photographs"
             add(f"{point['role']} point {point['name']}", 1, reason)
         axes = [axis for axis, role in zip(AXES, point["axis_roles"], strict=True) if role == "left out"]
-        add(f"{', '.join(axes)} of control point {point['name']}", len(axes), CONTRADICTED)
+        reason = CONTRADICTED if point["role"] == "control" else "above something else than the results, as it seems"
+        add(f"{', '.join(axes)} of {point['role']} point {point['name']}", len(axes), reason)
         for mark in point["marks"]:
             add(f"mark of {point['name']} in {mark['photograph']}", int(mark["left_out"]), CONTRADICTED)
     for entry in report["gnss"]["not_used"]:

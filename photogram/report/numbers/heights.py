@@ -8,7 +8,14 @@ import numpy as np
 from photogram.geodesy.crs import product_crs, written_crs
 from photogram.geodesy.frames import LocalFrame
 from photogram.geodesy.height_systems import DeclaredHeights, HeightSystem
-from photogram.report.record.positions import HeightCountsRecord, HeightInputsRecord, HeightsRecord
+from photogram.report.record.positions import (
+    HeightCountsRecord,
+    HeightDifferenceRecord,
+    HeightInputsRecord,
+    HeightsRecord,
+)
+from photogram.report.values import record_of
+from photogram.results import HeightDecision
 
 _WORDS: dict[HeightSystem | None, str] = {
     "ellipsoidal": "above the ellipsoid",
@@ -27,11 +34,18 @@ def _input(systems: Sequence[HeightSystem | None]) -> HeightCountsRecord:
     }
 
 
-def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs: HeightInputsRecord) -> str:
+def _sentence(
+    heights: DeclaredHeights,
+    name: str,
+    geoid_m: float | None,
+    inputs: HeightInputsRecord,
+    decision: HeightDecision | None,
+) -> str:
+    decided = "" if decision is None else f" {decision.sentence[0].upper()}{decision.sentence[1:]}."
     if heights.output is None:
         return (
             "The vertical reference is not declared: heights are those of the control points and GNSS positions "
-            "as given, and the products name no height system."
+            f"as given, and the products name no height system.{decided}"
         )
     text = f"All heights are {_WORDS[heights.output]}"
     text += f" {heights.map_geoid.name} ({name})" if heights.map_geoid is not None else f" ({name})"
@@ -48,7 +62,7 @@ def _sentence(heights: DeclaredHeights, name: str, geoid_m: float | None, inputs
     brought = "transformed to it" if heights.geoid is not None else "used as given, since no geoid is named"
     text += "".join(f"; {part} and {brought}" for part in changed)
     text += f"; {' and '.join(bare)} with undeclared reference were used as given" if bare else ""
-    return text + "."
+    return f"{text}.{decided}"
 
 
 def height_numbers(
@@ -56,10 +70,12 @@ def height_numbers(
     frame: LocalFrame,
     gnss: Sequence[HeightSystem | None],
     control_points: Sequence[HeightSystem | None],
+    decision: HeightDecision | None = None,
 ) -> HeightsRecord:
     """Return the height systems: of the results, of every GNSS height and of every ground point's height as given.
 
-    ``geoid_height_m`` is that at the origin of ``frame``, null without a geoid and where its grid does not reach.
+    ``decision`` is what the adjustment decided where nobody declares them; ``geoid_height_m`` is that at the origin of
+    ``frame``, null without a geoid and where its grid does not reach.
     """
     crs = written_crs(product_crs(frame.crs, heights))
     name = "local frame" if crs is None else str(crs.name)
@@ -78,5 +94,6 @@ def height_numbers(
             "wkt": "" if crs is None else crs.to_wkt(),
         },
         "inputs": inputs,
-        "sentence": _sentence(heights, name, geoid_m, inputs),
+        "difference": None if decision is None else record_of(HeightDifferenceRecord, decision),
+        "sentence": _sentence(heights, name, geoid_m, inputs, decision),
     }

@@ -17,6 +17,7 @@ from photogram.measures.mark_covariances import is_isotropic, lower_factors, sem
 from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
 from photogram.quality.cloud_comparison import Comparison
+from photogram.quality.prediction_test import checked_axes
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap
 from photogram.report.numbers.statistics import consistency_numbers
@@ -307,10 +308,12 @@ def _predicted(result: Adjustment, g: int) -> _Predicted:
 
 
 def _axis_roles(measured: ControlPoints, used: ControlPoints, g: int) -> list[AxisRole]:
-    """Return the role of a ground point along its axes: control, check, or left out of the adjustment."""
+    """Return the role of a ground point along its axes: control, check, or left out of the adjustment, and of what is
+    compared with it."""
+    checked = checked_axes(measured)[g]
     return [
-        ("control" if part else "left out") if control else "check"
-        for control, part in zip(measured.controlled[g], used.used[g], strict=True)
+        "control" if part else "check" if check else "left out"
+        for part, check in zip(used.used[g], checked, strict=True)
     ]
 
 
@@ -340,7 +343,7 @@ def ground_numbers(
                 "role": points.role[g],
                 "axis_roles": _axis_roles(points, used, g),
                 "surveyed_map_m": surveyed.tolist(),
-                "surveyed_sigma_m": points.sigma_m[g].tolist(),
+                "surveyed_sigma_m": finites(points.sigma_m[g]),
                 "surveyed_sigma_assumed": bool(points.sigma_assumed[g]),
                 "adjusted_map_m": adjusted.tolist() if known else None,
                 "residual_m": (adjusted - surveyed).tolist() if known else None,

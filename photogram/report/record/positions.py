@@ -119,6 +119,16 @@ class ProductCrsRecord(TypedDict):
     wkt: str
 
 
+class HeightDifferenceRecord(TypedDict):
+    """By how much GNSS heights lie above those of the control points, where nobody declares them, with the probability
+    of as much by chance, and whether they are taken to be of one system."""
+
+    difference_m: Metres
+    sigma_m: Metres
+    p: Probability
+    same: bool
+
+
 class HeightsRecord(TypedDict):
     """What all heights are counted from, and what came in."""
 
@@ -127,4 +137,5 @@ class HeightsRecord(TypedDict):
     geoid_height_m: Metres | None
     crs: ProductCrsRecord
     inputs: HeightInputsRecord
+    difference: NotRequired[HeightDifferenceRecord | None]
     sentence: str

@@ -305,6 +305,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
             outcome.result.block.frame,
             _gnss_systems(run),
             [point.heights for point in run.project.surveyed.control_points],
+            outcome.result.decisions.heights,
         ),
         "gnss": gnss_numbers(outcome.result, run.notes()),
         "dsm": _dsm(run),

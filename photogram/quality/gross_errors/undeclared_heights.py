@@ -1,0 +1,73 @@
+"""Whether GNSS heights and those of control points are of one system, where nobody says so.
+
+Their difference is an unknown of the adjustment, the vertical part of the offset of each flight, with a prior as wide
+as geoid heights are. Where it comes out as zero, and is known well enough that no geoid hides behind its standard
+deviation, they are of one system, and the block is adjusted so; otherwise it stays an unknown: heights come from the
+control points, and neither a focal length nor a control point has to take it over.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import norm
+
+from photogram.quality.gross_errors.data_snooping import Hypothesis, Search
+from photogram.results import DIFFERENT, Adjustment, HeightDecision
+from photogram.survey import Block
+
+WIDEST_M = 100.0
+"""Prior standard deviation of the difference: geoid heights reach from -107 m to 86 m."""
+
+SURE_M = 0.25
+"""Standard deviation of the difference, from which a geoid height may hide behind it."""
+
+POOR_M = 1.0
+"""Standard deviation of GNSS heights, or of their offset, from which these tell nothing of height systems: a barometer,
+or a single receiver."""
+
+
+def with_heights_open(block: Block) -> Block:
+    """Return the block with an unknown difference of GNSS heights and those of control points, where nobody declares
+    that there is none, and there are both."""
+    points = block.control_points
+    held = points.used[:, 2] & (np.bincount(points.mark_point, minlength=len(points)) > 0)
+    positioned = any(p.gnss_world_m is not None for p in block.photographs)
+    if block.undeclared_heights is None or not held.any() or not positioned:
+        return block
+    sigma_m = np.array([*block.gnss_offset_sigma_m[:2], max(WIDEST_M, block.gnss_offset_sigma_m[2])])
+    return replace(block, gnss_offset_sigma_m=sigma_m)
+
+
+def height_decision(declared: Block, result: Adjustment, rejected: Sequence[Hypothesis]) -> HeightDecision | None:
+    """Return what an adjustment with an unknown difference says of it, of the flight that shows it best; None where
+    ``declared``, the block as stated, has none, or heights of receivers that are off by tens of metres anyway. Of one
+    that was ``rejected`` as a whole no height is sure."""
+    sigmas_m = [p.gnss_sigma_m[2] for p in declared.photographs if p.gnss_sigma_m is not None]
+    if declared.undeclared_heights is None or not result.estimates.flights:
+        return None
+    if (
+        result.block.gnss_offset_sigma_m[2] < WIDEST_M
+        or declared.gnss_offset_sigma_m[2] > POOR_M
+        or np.median(sigmas_m) > POOR_M
+    ):
+        return None
+    up = declared.frame.rotation_world_from_map(np.zeros(3))[:, 2]
+    higher_m = -result.estimates.offset_world_m @ up
+    sigma_m = np.sqrt(np.einsum("i,fij,j->f", up, result.covariances.offset_m2, up))
+    shown = int(np.argmax(np.abs(higher_m) / sigma_m))
+    p = min(1.0, len(higher_m) * 2.0 * float(norm.sf(abs(higher_m[shown]) / sigma_m[shown])))
+    lowered_m = declared.undeclared_heights.lowered_m
+    whole = lowered_m == 0.0 and all(a.kind != "GNSS offset" for a in rejected)
+    same = whole and p >= DIFFERENT and bool(sigma_m.max() < SURE_M)
+    if lowered_m != 0.0:
+        p = min(p, 2.0 * float(norm.sf(abs(lowered_m + higher_m[shown]) / sigma_m[shown])))
+    return HeightDecision(float(lowered_m + higher_m[shown]), float(sigma_m[shown]), p, same)
+
+
+def with_height_decision(explanation: Search, heights: HeightDecision) -> Search:
+    """Return an explanation with the decision on the heights, and a warning where these are not of one system."""
+    result = explanation.result
+    warnings = result.warnings if heights.same else (heights.sentence, *result.warnings)
+    decisions = replace(result.decisions, heights=heights)
+    return replace(explanation, result=replace(result, decisions=decisions, warnings=warnings))
