@@ -66,8 +66,6 @@ def height_decision(declared: Block, result: Adjustment, rejected: Sequence[Hypo
 
 
 def with_height_decision(explanation: Search, heights: HeightDecision) -> Search:
-    """Return an explanation with the decision on the heights, and a warning where these are not of one system."""
-    result = explanation.result
-    warnings = result.warnings if heights.same else (heights.sentence, *result.warnings)
-    decisions = replace(result.decisions, heights=heights)
-    return replace(explanation, result=replace(result, decisions=decisions, warnings=warnings))
+    """Return an explanation with the decision on the heights."""
+    decisions = replace(explanation.result.decisions, heights=heights)
+    return replace(explanation, result=replace(explanation.result, decisions=decisions))

@@ -145,7 +145,8 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
 
 def _heights(report: SurveyNumbers) -> list[WarningRecord]:
     heights = report["heights"]
-    if heights["output"] is not None:
+    difference = heights.get("difference")
+    if heights["output"] is not None and (difference is None or difference["same"]):
         return []
     return [_warning("heights", "attention", heights["sentence"], "write heights: … in the project file")]
 
