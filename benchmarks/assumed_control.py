@@ -18,8 +18,8 @@ import numpy as np
 from lib import study
 
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
 

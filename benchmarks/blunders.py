@@ -24,11 +24,11 @@ from scipy.stats import chi2, ncx2
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import NONCENTRALITY, minimal_detectable_blunder
+from photogram.amendments.gross_errors.blunder_naming import Blunder
+from photogram.amendments.gross_errors.data_snooping import hypotheses, scatter
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.errors import PhotogramError
 from photogram.quality.accuracy import FALSE_ALARMS, suspects
-from photogram.quality.gross_errors.blunder_naming import Blunder
-from photogram.quality.gross_errors.data_snooping import hypotheses, scatter
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block

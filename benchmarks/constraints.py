@@ -26,8 +26,8 @@ from lib.study import rms
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.reliability import minimal_detectable_blunder
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block

@@ -44,6 +44,7 @@ from lib.shared_data import SHARED_DATA
 from photogram.adjustment import problem as problems
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
 from photogram.factors.elimination.levenberg_marquardt import Minimum
@@ -52,8 +53,6 @@ from photogram.factors.graph import Problem
 from photogram.factors.minimisation import minimise_problem
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages import adjustment as stage
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
-from photogram.quality.lens_fields import with_lens_fields
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
 from photogram.wording import silent
@@ -290,16 +289,12 @@ def once_s(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArra
 
 def decided(block: Block, truth: frozenset[Name] | None) -> Outcome:
     """Adjust a block as the stage does."""
-
-    def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_with_snooping(block, SETTINGS, start)
-
     outcome = Outcome(len(block.photographs), len(block.tie_points.photograph))
     count = Count(outcome.rays)
     with counted(count):
         began = time.perf_counter()
         try:
-            _, verdict = with_lens_fields(block, judged(block, ()), SETTINGS, judged)
+            verdict = adjust_with_snooping(block, SETTINGS)
         except PhotogramError as error:
             return replace(outcome, note=f"not adjusted: {error}")
         except (ArithmeticError, ValueError) as error:  # a fault of photogram, which ends no table
@@ -343,34 +338,25 @@ def from_photographs(photographs: Path, *init: str) -> Outcome:
 
 
 def in_stage(work: Callable[[], object]) -> Outcome:
-    """Return what the stage decides while ``work`` runs, from its first data snooping to the end of lens fields."""
-    given: list[tuple[Block, AdjustmentSettings, Sequence[FloatArray]]] = []
-    times, verdicts, count = list[float](), list[Verdict](), Count(0)
+    """Return what the stage decides while ``work`` runs."""
+    outcomes, count = list[Outcome](), Count(0)
 
     def snooped(block: Block, settings: AdjustmentSettings, start: Sequence[FloatArray], *rest: object) -> Verdict:
-        if not given:
-            given.append((block, settings, start))
-            times.append(time.perf_counter())
-            count.observations = len(block.tie_points.photograph)
-        return adjust_with_snooping(block, settings, start, *rest)  # type: ignore[arg-type]
+        count.observations = len(block.tie_points.photograph)
+        began = time.perf_counter()
+        verdict = adjust_with_snooping(block, settings, start, *rest)  # type: ignore[arg-type]
+        seconds = time.perf_counter() - began
+        outcomes.append(
+            Outcome(
+                len(block.photographs), count.observations, count.solutions, count.iterations, seconds,
+                once_s(block, settings, start), None, 0, len(names_of(verdict)),
+            )
+        )  # fmt: skip
+        return verdict
 
-    def fields(*values: object) -> tuple[Block, Verdict]:
-        block, verdict = with_lens_fields(*values)  # type: ignore[arg-type]
-        times.append(time.perf_counter())
-        verdicts.append(verdict)
-        return block, verdict
-
-    with (
-        counted(count),
-        patch.object(stage, "adjust_with_snooping", snooped),
-        patch.object(stage, "with_lens_fields", fields),
-    ):
+    with counted(count), patch.object(stage, "adjust_with_snooping", snooped):
         work()
-    block, settings, start = given[0]
-    return Outcome(
-        len(block.photographs), count.observations, count.solutions, count.iterations, times[1] - times[0],
-        once_s(block, settings, start), None, 0, len(names_of(verdicts[0])),
-    )  # fmt: skip
+    return outcomes[0]
 
 
 def brighton_beach(data: Path) -> Outcome:

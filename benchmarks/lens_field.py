@@ -18,7 +18,6 @@ z          heights of tie points, adjusted minus true, over their predicted stan
            the blocks of those of each
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,11 +26,9 @@ from lib import study
 from model_errors import height_errors_m, normalised, observed, with_pattern
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.projection import CAMERA_PARAMETERS, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
-from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
@@ -63,11 +60,9 @@ def survey(form: str, kind: str, seed: int) -> SimulatedBlock:
 def adjusted(block: Block) -> tuple[Adjustment, Adjustment]:
     """Adjust a block as the stage does, without and with what is decided of lens fields."""
 
-    def judge(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_with_snooping(block, SETTINGS, start)
-
-    first = judge(block, ())
-    plain, result = first.result, with_lens_fields(block, first, SETTINGS, judge)[1].result
+    plain, result = (
+        adjust_with_snooping(block, settings).result for settings in (replace(SETTINGS, lens_field="none"), SETTINGS)
+    )
     return _counted(plain), _counted(result)
 
 

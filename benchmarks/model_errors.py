@@ -25,10 +25,10 @@ import numpy as np
 from lib import study
 
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray, IntArray
 from photogram.errors import AdjustmentError
 from photogram.projection import CAMERA_PARAMETERS, FOCAL, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment

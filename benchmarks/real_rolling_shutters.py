@@ -34,6 +34,7 @@ from lib.other_clouds import height_differences_m
 from lib.shared_data import SHARED_DATA
 
 from photogram.adjustment.self_calibration import with_priors
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray, nmad
 from photogram.camera import Camera
 from photogram.files.clouds.points import read_cloud
@@ -45,7 +46,6 @@ from photogram.pipeline.stages.orientation import stored_orientation, transferre
 from photogram.pipeline.store.run import Run
 from photogram.project.draft.shutters import shutter_of
 from photogram.projection import B1, B2, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.quality.residual_patterns import residual_patterns
 from photogram.results import Adjustment
 from photogram.sfm.orientation import accepted_attitudes

@@ -27,7 +27,7 @@ from lib.study import rms
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import Orientation
 from photogram.sfm.rig_poses import carried_by_masters
 from photogram.simulation.survey_plan import SurveyPlan

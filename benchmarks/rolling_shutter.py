@@ -39,8 +39,8 @@ from lib.study import rms
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.projection import B1, B2, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import CommonError
 

@@ -22,11 +22,11 @@ import numpy as np
 from lib import study
 
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.errors import PhotogramError
 from photogram.project.control_points import ProjectControlPoint
 from photogram.project.project import SECTIONS, Project, ProjectPhotograph
 from photogram.project.validation.undeclared_heights import with_undeclared_heights
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.observations import SimulatedBlock, simulate_block
 from photogram.simulation.survey_plan import CONSUMER_GNSS_SIGMA_M, RTK_GNSS_SIGMA_M, SurveyPlan

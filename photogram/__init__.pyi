@@ -2,6 +2,7 @@
 
 from .adjustment.adjustment import adjust
 from .adjustment.problem import AdjustmentSettings
+from .amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from .camera import Camera, Pose, project_points, unproject
 from .change.cloud_change import CloudRequest, compare_clouds
 from .change.m3c2 import M3C2Settings
@@ -50,7 +51,6 @@ from .quality.accuracy import check_accuracy
 from .quality.asprs import asprs_accuracy
 from .quality.cloud_comparison import Comparison, compare_to_reference
 from .quality.diagnosis import Diagnosis, diagnose
-from .quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from .report.record.json_schema import report_schema
 from .report.record.report import Report
 from .results import Adjustment

@@ -454,9 +454,32 @@ class StatisticalTests:
     """Probability of a residual lever arm this large by chance."""
 
 
+@dataclass(frozen=True)
+class Decision:
+    """One thing that was decided about the model, or about what takes part."""
+
+    about: str
+    """What was decided on, in words."""
+    adopted: bool
+    """Whether it is in the model now, or left out of it as what was found wrong."""
+    sentence: str
+    """What was decided, and why."""
+    statistic: float = float("nan")
+    """Test statistic, χ², NaN where there is none."""
+    degrees: int = 0
+    """Its degrees of freedom."""
+    p: float = float("nan")
+    """Probability of as much by chance, NaN where there is none."""
+    rivals: tuple[str, ...] = ()
+    """What would explain the same nearly as well, in words."""
+
+
 @dataclass(frozen=True, eq=False)
 class Decisions:
     """What was decided about the model and about what takes part."""
+
+    made: tuple[Decision, ...] = ()
+    """All decisions, one by one; () of an adjustment in which none was to be made."""
 
     flights_without_offset: tuple[str, ...] = ()
     """Flights (H) with GNSS positions where no offset is estimated."""

@@ -5,7 +5,7 @@ enough (photogram.sfm.reconstruction); principal point and the other terms follo
 from what the first have become. Every parameter keeps the prior of its source, which holds it where the geometry is
 weak; a parameter that the photographs tell hardly better than the prior is reported as held by it, and its
 uncertainty stays in every predicted sigma. What becomes of a focal length whose source the photographs contradict is in
-photogram.quality.gross_errors.focal_length. Weak geometry:
+photogram.amendments.focal_length. Weak geometry:
 photographs that look straight down from one height on level ground cannot separate the focal length from the flying
 height, and parallel strips cannot separate p1, p2 and the principal point from the attitudes (Förstner & Wrobel 2016,
 sec. 15.4).

@@ -12,13 +12,8 @@ from scipy.stats import chi2
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray
-from photogram.errors import AdjustmentError
-from photogram.marking.gross_marks import gross_marks
-from photogram.marking.predictions import PredictedPlaces, predicted_places
-from photogram.marking.tagged_block import with_all_points
-from photogram.quality.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
-from photogram.quality.gross_errors.data_snooping import (
+from photogram.amendments.gross_errors.blunder_naming import Blunder, exchanged_points, name_blunders
+from photogram.amendments.gross_errors.data_snooping import (
     PRICE,
     REINSTATED,
     Adjuster,
@@ -30,7 +25,12 @@ from photogram.quality.gross_errors.data_snooping import (
     whole_points,
     without,
 )
-from photogram.quality.gross_errors.robust_start import gross_suspects
+from photogram.amendments.gross_errors.robust_start import gross_suspects
+from photogram.arrays import FloatArray
+from photogram.errors import AdjustmentError
+from photogram.marking.gross_marks import gross_marks
+from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.marking.tagged_block import with_all_points
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
 

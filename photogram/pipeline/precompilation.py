@@ -19,13 +19,13 @@ import numpy as np
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
 from photogram.pipeline.costs.forecast import compiled_share
 from photogram.pipeline.sample_block import sample_block
 from photogram.pipeline.stages.adjustment import ADJUSTMENT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.sfm.orientation import OrientationSettings, orient
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import OrthophotoSettings, plan_orthophoto

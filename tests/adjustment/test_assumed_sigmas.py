@@ -9,8 +9,8 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.stochastic_model.assumed_sigmas import BEND_OF_CONTROL, LEAST_M, robust_factor
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block

@@ -11,11 +11,11 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.effort import REST, Effort, Tally, count_solution, during, tallied
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solutions.alternatives import alternative, summarised
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.errors import AdjustmentError
 from photogram.factors.elimination.levenberg_marquardt import Minimum, Watch
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block
 

@@ -13,9 +13,9 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.rigs.exposure_tests import rig_reliabilities
 from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.constraints.rigs import exposure_names, rejecting_exposures, relative_poses
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.survey_plan import SurveyPlan
 

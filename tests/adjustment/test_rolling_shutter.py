@@ -18,11 +18,11 @@ from photogram.adjustment.shutters.rolling_shutter import (
     weighed_anew,
     without_rolling,
 )
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.factors.elimination.reprojection import predicted
 from photogram.factors.graph import cost, ground_graph
 from photogram.projection import B1, B2, FOCAL, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block

@@ -23,9 +23,9 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import with_priors
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.sfm.orientation import OrientationSettings, accepted_attitudes, orient
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block, Photograph

@@ -11,11 +11,11 @@ from makers import simulated
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.ground_points import of_control
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference, gives_scale
 from photogram.factors.constraints import Heights, rows_of
 from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
 from photogram.report.local_frame import constraint_numbers, distance_numbers
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block

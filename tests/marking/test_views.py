@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from makers import in_best_photograph, marks_of, wait_until_assessed, without_marks
 
+from photogram.amendments.gross_errors.blunder_naming import Blunder
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapped
 from photogram.marking.page.views import LEAST_SPAN_PX, Views, accused, off_target_words, said_of, span_px
 from photogram.marking.tagged_block import tagged_block
-from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
 
 PLAN = replace(whole_survey_plan(), control_points=24, check_points=4)

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.gross_errors.blunder_naming import withdrawn_attitudes
+from photogram.amendments.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
+from photogram.amendments.gross_errors.robust_start import gross_suspects
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
 from photogram.errors import AdjustmentError
-from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
-from photogram.quality.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
-from photogram.quality.gross_errors.robust_start import gross_suspects
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.sfm.mark_scale import picture_factor
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 from photogram.survey import Block

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError
 from photogram.exchange.audit.differences import PoseDifference, brought, calibration_differences, pose_differences
@@ -22,7 +23,6 @@ from photogram.exchange.audit.further_solutions import FurtherSolution, check_sh
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.measures.mark_covariances import scaled
 from photogram.quality.deformation import DOME, height_modes
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.results import Adjustment
@@ -111,7 +111,8 @@ def audited(
     same, same_fit = _with_their_weights(solution, start, progress)
     progress(0, 0, "blunders and sigmas")
     block, mark_factor = _with_scatter_of_marks(start, progress)
-    ours = adjust_with_snooping(block, AdjustmentSettings(), start.parameters, progress)
+    settings = AdjustmentSettings(lens_field="none")  # theirs has none either
+    ours = adjust_with_snooping(block, settings, start.parameters, progress)
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     bent = block_deformation(ours.result, AdjustmentSettings(), known_before)

@@ -6,6 +6,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from photogram.amendments.gross_errors.blunder_naming import Blunder
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.files.tables.surveyed_points import Mark, MarkKey
@@ -16,7 +17,6 @@ from photogram.marking.page.session import MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
 from photogram.marking.predictions import SURE, PredictedPlaces
 from photogram.marking.targets.kinds import Kind
-from photogram.quality.gross_errors.blunder_naming import Blunder
 from photogram.survey import Block
 from photogram.wording import things
 

@@ -1,7 +1,6 @@
 """The stage `adjustment`: the joint adjustment, what it leaves out, and how the block is deformed."""
 
 import logging
-from collections.abc import Sequence
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -9,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import TypedDict
 
-from photogram.adjustment.effort import tallied
 from photogram.adjustment.oriented_subset import part_of_block
 from photogram.adjustment.problem import without_attitudes
 from photogram.adjustment.self_calibration import held_parameters, with_priors
+from photogram.amendments.gross_errors.blunder_naming import withdrawn_attitudes
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.files.npz_json import write_json
 from photogram.files.records import write_record
@@ -36,16 +36,13 @@ from photogram.pipeline.stages.stored_adjustment import (
 )
 from photogram.pipeline.stages.tie_points import stored_tie_points
 from photogram.pipeline.store.run import Run
-from photogram.quality.gross_errors.blunder_naming import withdrawn_attitudes
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.quality.improvements import block_deformation
-from photogram.quality.lens_fields import with_lens_fields
 from photogram.quality.model_error import with_model_error
 from photogram.report.record.block import EffortRecord
 from photogram.report.values import record_of
 from photogram.sfm.orientation import accepted_attitudes, confirmed_resections, georeferenced_again
 from photogram.sfm.resection import Resection
-from photogram.survey import Block, PointCloud
+from photogram.survey import PointCloud
 from photogram.wording import Progress, things
 
 _LOG = logging.getLogger(__name__)
@@ -100,14 +97,9 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
-    readings_px = run.project.focal_readings_px
-
-    def judged(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        return adjust_with_snooping(block, settings, start, progress, readings_px)
-
-    with tallied(len(block.tie_points.photograph)) as tally:
-        block, verdict = with_lens_fields(block, judged(block, start), settings, judged, progress)
-    for effort in tally.efforts:
+    verdict = adjust_with_snooping(block, settings, start, progress, run.project.focal_readings_px)
+    block, iterations = verdict.block, sum(effort.iterations_over_all_rays for effort in verdict.effort)
+    for effort in verdict.effort:
         _LOG.debug("%s", effort.sentence)
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
@@ -128,8 +120,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         "sigma0": result.sigma0,
         "converged": result.converged,
         "blunders": len(blunders),
-        "iterations": round(tally.iterations_over_all_rays),
-        "effort": [record_of(EffortRecord, effort) for effort in tally.efforts],
+        "iterations": round(iterations),
+        "effort": [record_of(EffortRecord, effort) for effort in verdict.effort],
         "rejected_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(
             m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None

@@ -13,6 +13,9 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
+from photogram.amendments.gross_errors.blunder_naming import Blunder
+from photogram.amendments.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
+from photogram.amendments.snooped_adjustment import Verdict
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
 from photogram.constraints.rigs import RelativePose
@@ -20,9 +23,6 @@ from photogram.files.npz_json import read_json_as
 from photogram.files.records import read_record, write_record
 from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.run import Run
-from photogram.quality.gross_errors.blunder_naming import Blunder
-from photogram.quality.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
-from photogram.quality.gross_errors.snooped_adjustment import Verdict
 from photogram.report.record.ground import BlunderRecord, CheckPointsRecord
 from photogram.results import Adjustment, AdjustmentCovariances, Decisions, Estimates, StatisticalTests
 from photogram.sfm.resection import Resection

@@ -26,6 +26,7 @@ from photogram.report.record.block import (
     AdjustmentRecord,
     BlockRecord,
     CameraRecord,
+    DecisionRecord,
     EffortRecord,
     LensFieldRecord,
     OverlapRecord,
@@ -445,6 +446,8 @@ def adjustment_numbers(
     }
     if effort:
         record["effort"] = list(effort)
+    if result.decisions.made:
+        record["decisions"] = [record_of(DecisionRecord, decision) for decision in result.decisions.made]
     return record
 
 

@@ -14,6 +14,7 @@ from photogram.report.record.units import (
     Pixel,
     Pixels,
     Position,
+    Probability,
     Seconds,
     Share,
     SquareMetres,
@@ -162,6 +163,19 @@ class EffortRecord(TypedDict):
     """Time without that of other decisions on the way."""
 
 
+class DecisionRecord(TypedDict):
+    """One thing that was decided about the model, or about what takes part, with the statistic, χ², by which, and what
+    would explain the same nearly as well."""
+
+    about: str
+    adopted: bool
+    sentence: str
+    statistic: float | None
+    degrees: Count
+    p: Probability | None
+    rivals: list[str]
+
+
 class AdjustmentRecord(TypedDict):
     """What the joint adjustment says of itself."""
 
@@ -181,3 +195,4 @@ class AdjustmentRecord(TypedDict):
     disbelieved_attitudes: Count
     rejected_headings: Count
     effort: NotRequired[list[EffortRecord]]
+    decisions: NotRequired[list[DecisionRecord]]

@@ -21,15 +21,14 @@ from scipy.stats import chi2, norm
 from photogram.adjustment.gnss_offsets import implied_offset_test
 from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL_PARTS, PRIOR
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
+from photogram.amendments.focal_length import WRONG_BY
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
 from photogram.errors import PhotogramError
 from photogram.measures.mark_covariances import rejecting_marks
 from photogram.quality.accuracy import FALSE_ALARMS
-from photogram.quality.gross_errors.focal_length import WRONG_BY
 from photogram.results import Adjustment
-from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints, Photograph, Role
 
 Suspected = Literal[
@@ -268,20 +267,6 @@ def _ground_without(block: Block, rejected: Sequence[Hypothesis]) -> ControlPoin
     role: tuple[Role, ...] = tuple("control" if row.any() else "check" for row in controlled)
     covariance = rejecting_marks(points.mark_covariance_px2, rejected_marks)
     return replace(points, role=role, controlled=controlled, sigma_m=sigma_m, mark_covariance_px2=covariance)
-
-
-def marks_off_checks(result: Adjustment) -> list[Hypothesis]:
-    """Return the marks of check points that are grossly off the intersection of most marks of their point. Surveyed
-    coordinates are not used, so that the point still tests the result."""
-    block, points = result.block, result.block.control_points
-    agreed, usable = intersected_marks(block)[1], np.isfinite(points.mark_sigma_px)
-    usable &= block.registered[points.mark_photograph]
-    right, marks = (np.bincount(points.mark_point[m], minlength=len(points)) for m in (agreed, usable))
-    sure = (np.array(points.role) == "check") & (right > marks - right)
-    return [
-        unmeasured("mark", points.name[points.mark_point[m]], block.photographs[points.mark_photograph[m]].name)
-        for m in np.flatnonzero(usable & ~agreed & sure[points.mark_point]).tolist()
-    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogram.quality.gross_errors.focal_length import (
+from photogram.amendments.focal_length import (
     SHARED,
     WRONG_BY,
     model_sigma_px,

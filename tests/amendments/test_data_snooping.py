@@ -8,11 +8,11 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.gross_errors.blunder_naming import Blunder
+from photogram.amendments.gross_errors.data_snooping import contradictions, search, unmeasured, without
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.quality.accuracy import CheckAccuracy
-from photogram.quality.gross_errors.blunder_naming import Blunder
-from photogram.quality.gross_errors.data_snooping import contradictions, search, unmeasured, without
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.report.numbers.verdicts import control_test, control_verdict, effect_sentence
 from photogram.report.record.ground import CheckPointsRecord
 from photogram.results import Adjustment

@@ -20,6 +20,7 @@ from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL, CONTROL_PARTS
 from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
+from photogram.amendments.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE, Hypothesis, unmeasured
 from photogram.arrays import BoolArray, FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
 from photogram.constraints.rigs import Companion, exposure_names
@@ -31,7 +32,6 @@ from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.rigs.exposures import whitened_exposures
 from photogram.measures.mark_covariances import scaled
 from photogram.projection import recalibrated
-from photogram.quality.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE, Hypothesis, unmeasured
 from photogram.results import EstimatedSigmas
 from photogram.sfm.marked_points import intersected_marks
 from photogram.survey import Block, ControlPoints

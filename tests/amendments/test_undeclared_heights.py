@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
-from photogram.quality.gross_errors.undeclared_heights import POOR_M, WIDEST_M, with_heights_open
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
+from photogram.amendments.undeclared_heights import POOR_M, WIDEST_M, with_heights_open
 from photogram.simulation.observations import simulate_block
 from photogram.simulation.survey_plan import RTK_GNSS_SIGMA_M, SurveyPlan
 from photogram.survey import Block, UndeclaredHeights

@@ -37,8 +37,13 @@ class Solutions:
         """Adjust a block with all rays and the sigmas as stated; it is the base from then on."""
         return self._based(self.as_stated(block))
 
+    def stand_on(self, result: Adjustment) -> None:
+        """Take an adjustment with all rays for the base."""
+        if self.base is None or self.base.result is not result:
+            self.base = summarised(result, self.settings)
+
     def _based(self, result: Adjustment) -> Adjustment:
-        self.base = summarised(result, self.settings)
+        self.stand_on(result)
         return result
 
     def alternative(self, block: Block) -> Adjustment:

@@ -11,13 +11,13 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from photogram.amendments.gross_errors.data_snooping import Hypothesis, Search, unmeasured
 from photogram.arrays import FloatArray
 from photogram.camera import project_points
 from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations
 from photogram.constraints.rigs import relative_poses
 from photogram.factors.common_errors import common_shifts
 from photogram.quality.asprs import AXES
-from photogram.quality.gross_errors.data_snooping import Hypothesis, Search, unmeasured
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
 

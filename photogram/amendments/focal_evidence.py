@@ -1,24 +1,24 @@
 """What photographs, and control points left out, say of a focal length whose source they contradict.
 
-Parts of the pictures are adjusted by themselves; see photogram.quality.gross_errors.focal_length for its use.
+Parts of the pictures are adjusted by themselves; see photogram.amendments.focal_length for its use.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
-from photogram.adjustment.effort import during
+from photogram.amendments.amendment import Proposal, Solution
+from photogram.amendments.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
+from photogram.amendments.gross_errors.data_snooping import without
+from photogram.amendments.solutions import Solutions
 from photogram.arrays import BoolArray
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
-from photogram.quality.gross_errors.data_snooping import Search, without
-from photogram.quality.gross_errors.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
-from photogram.quality.gross_errors.solutions import Solutions
-from photogram.results import Adjustment, FocalDecision, FocalLength, PhotographsSay
+from photogram.results import Adjustment, Decision, FocalDecision, FocalLength, PhotographsSay
 from photogram.survey import Block, TiePoints
-from photogram.wording import Progress
 
 FEWEST_RAYS = 20
 """Rays of a photograph from which it takes part in the adjustment of a part of the pictures."""
@@ -101,38 +101,67 @@ def _evidence(block: Block, c: int, says: PhotographsSay, adjuster: Callable[[Bl
     return likelihood[0] - likelihood[1]
 
 
-@during("focal length", everything=True)
-def settle_focal_lengths(
-    block: Block,
-    explanation: Search,
-    solutions: Solutions,
-    progress: Progress,
-    readings_px: Sequence[Sequence[float]],
-) -> tuple[Block | None, dict[str, FocalDecision]]:
-    """Return the block with the focal lengths settled whose source the ``explanation`` rejects, and the decisions by
-    camera.
+NOT_SETTLED = (
+    "The focal length of {names} contradicts its source and could not be settled: the adjustment between the two "
+    "failed ({error}). The result rejects the source: calibrate the camera"
+)
 
-    None in place of the block where what the
-    photographs say stands as it is: ``explanation`` is then the result.
-    """
-    rejected = {a.name for a in explanation.rejected if a.kind == "focal length"}
-    decisions: dict[str, FocalDecision] = {}
-    cameras, changed = list(block.cameras), False
-    for c, given in enumerate(block.cameras):
-        if given.name not in rejected:
-            continue
-        progress(0, 0, f"focal length of {given.name}")
-        wide = without(block, explanation.rejected)
-        says = photographs_say(wide, explanation.result, c, solutions)
-        others = without(block, [a for a in explanation.rejected if a.name != given.name])
-        evidence = (
-            0.0
-            if says.trustworthy
-            else _evidence(others, c, says, partial(solutions.compared, near=explanation.result))
-        )
-        readings = (given.focal_px, *(readings_px[c] if len(readings_px) else ()))
-        focal = settled(readings, float(given.sigmas[0]), says, evidence)
-        decisions[given.name] = FocalDecision(given.focal_px, float(given.sigmas[0]), says, focal, evidence)
+
+class FocalLengths:
+    """The focal lengths whose source is rejected as a gross error; ``readings_px`` are other readings of the source of
+    each. ``decisions`` are those that were made, by camera."""
+
+    about = "focal length"
+
+    def __init__(self, solutions: Solutions, readings_px: Sequence[Sequence[float]]) -> None:
+        self.decisions: dict[str, FocalDecision] = {}
+        self._solutions = solutions
+        self._readings_px = readings_px
+        self._given_up = False
+
+    def propose(self, solution: Solution) -> Proposal | None:
+        """Return the block with the focal lengths settled whose source was rejected, None where there are none, and
+        where what the photographs say stands as it is."""
+        rejected = {a.name for a in solution.rejected if a.kind == "focal length"} - self.decisions.keys()
+        if not rejected or self._given_up:
+            return None
+        cameras, changed = list(solution.block.cameras), False
+        for c, given in enumerate(solution.block.cameras):
+            if given.name in rejected:
+                self._solutions.progress(0, 0, f"focal length of {given.name}")
+                decision = self._decided(solution, c)
+                self.decisions[given.name] = decision
+                if not decision.says.trustworthy:
+                    cameras[c], changed = _fixed_at(given, decision.settled), True
+        if not changed:
+            return None
+        sure = {name for name, decision in self.decisions.items() if decision.says.trustworthy}
+        others = tuple(a for a in solution.rejected if a.kind != "focal length" or a.name in sure)
+        return Proposal(replace(solution.block, cameras=tuple(cameras)), others, solution.result)
+
+    def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
+        """Return the solution with what was settled, and the one before with a warning where there is none."""
+        if not isinstance(after, PhotogramError):
+            return after
+        warning = NOT_SETTLED.format(names=", ".join(self.decisions), error=after)
+        self.decisions, self._given_up = {}, True
+        return before.warned(warning)
+
+    def decided(self, solution: Solution) -> Iterator[Decision]:  # noqa: ARG002
+        """Yield the focal lengths that were settled."""
+        for name, decision in self.decisions.items():
+            about, says = f"focal length of {name}", decision.says
+            spread_px = float(np.hypot(decision.given_sigma_px, says.sigma_px))
+            statistic = ((says.focal_px - decision.given_px) / spread_px) ** 2
+            yield Decision(about, True, f"{about}: {decision.sentence}", statistic, 1, float(chi2.sf(statistic, 1)))
+
+    def _decided(self, solution: Solution, c: int) -> FocalDecision:
+        block, given = solution.block, solution.block.cameras[c]
+        says = photographs_say(without(block, solution.rejected), solution.result, c, self._solutions)
+        evidence = 0.0
         if not says.trustworthy:
-            cameras[c], changed = _fixed_at(given, focal), True
-    return (replace(block, cameras=tuple(cameras)) if changed else None), decisions
+            others = without(block, [a for a in solution.rejected if a.name != given.name])
+            evidence = _evidence(others, c, says, partial(self._solutions.compared, near=solution.result))
+        readings = (given.focal_px, *(self._readings_px[c] if len(self._readings_px) else ()))
+        focal = settled(readings, float(given.sigmas[0]), says, evidence)
+        return FocalDecision(given.focal_px, float(given.sigmas[0]), says, focal, evidence)

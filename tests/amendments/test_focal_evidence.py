@@ -8,13 +8,13 @@ import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import held_parameters
-from photogram.quality.gross_errors import snooped_adjustment
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
-from photogram.results import FocalDecision
+from photogram.amendments.amendment import Proposal, Solution
+from photogram.amendments.focal_evidence import FocalLengths
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
 
-SETTINGS = AdjustmentSettings()
+SETTINGS = AdjustmentSettings(lens_field="none")
 LENS = 0.06
 """k1 of a lens that the given camera does without: its pictures pull the focal length, each part by another amount."""
 
@@ -47,14 +47,19 @@ def test_the_source_is_not_rejected_where_parts_of_the_pictures_disagree() -> No
 
 
 def test_a_settled_focal_length_that_cannot_be_adjusted_ends_no_survey(monkeypatch: pytest.MonkeyPatch) -> None:
-    def undetermined(block: Block, *_: object) -> tuple[Block, dict[str, FocalDecision]]:
+    propose = FocalLengths.propose
+
+    def undetermined(self: FocalLengths, solution: Solution) -> Proposal | None:
+        proposal = propose(self, solution)
+        if proposal is None:
+            return None
         nothing = tuple(
             replace(p, gnss_world_m=None, gnss_sigma_m=None, attitude_world_from_camera=None, attitude_sigma_rad=None)
-            for p in block.photographs
+            for p in proposal.block.photographs
         )
-        return replace(block, photographs=nothing), judged().focal_lengths
+        return replace(proposal, block=replace(proposal.block, photographs=nothing))
 
-    monkeypatch.setattr(snooped_adjustment, "settle_focal_lengths", undetermined)
+    monkeypatch.setattr(FocalLengths, "propose", undetermined)
     verdict = adjust_with_snooping(block_of(PLAN, 2), SETTINGS)
     assert verdict.result.converged
     assert verdict.focal_lengths == {}

@@ -6,14 +6,15 @@ deviation, they are of one system, and the block is adjusted so; otherwise it st
 control points, and neither a focal length nor a control point has to take it over.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import norm
 
-from photogram.quality.gross_errors.data_snooping import Hypothesis, Search
-from photogram.results import DIFFERENT, Adjustment, HeightDecision
+from photogram.amendments.amendment import Decisive, Proposal, Solution
+from photogram.amendments.gross_errors.data_snooping import Hypothesis
+from photogram.results import DIFFERENT, Adjustment, Decision, HeightDecision
 from photogram.survey import Block
 
 WIDEST_M = 100.0
@@ -65,7 +66,35 @@ def height_decision(declared: Block, result: Adjustment, rejected: Sequence[Hypo
     return HeightDecision(float(lowered_m + higher_m[shown]), float(sigma_m[shown]), p, same)
 
 
-def with_height_decision(explanation: Search, heights: HeightDecision) -> Search:
-    """Return an explanation with the decision on the heights."""
-    decisions = replace(explanation.result.decisions, heights=heights)
-    return replace(explanation, result=replace(explanation.result, decisions=decisions))
+class HeightSystems(Decisive):
+    """The difference of GNSS heights and those of control points of a block, as it is ``declared``."""
+
+    about = "height systems"
+
+    def __init__(self, declared: Block) -> None:
+        self._declared = declared
+        self._same: HeightDecision | None = None
+
+    def propose(self, solution: Solution) -> Proposal | None:
+        """Return the block with heights of one system, None where they are not, or are already."""
+        decision = self._decision(solution)
+        if self._same is not None or decision is None or not decision.same:
+            return None
+        self._same = decision
+        block = replace(solution.block, gnss_offset_sigma_m=self._declared.gnss_offset_sigma_m)
+        return Proposal(block, solution.rejected, solution.result)
+
+    def decision(self, solution: Solution) -> HeightDecision | None:
+        """Return what was decided in the end, None where there was nothing to decide."""
+        return self._same or self._decision(solution)
+
+    def _decision(self, solution: Solution) -> HeightDecision | None:
+        return height_decision(self._declared, solution.result, solution.rejected)
+
+    def decided(self, solution: Solution) -> Iterator[Decision]:
+        """Yield the decision on the height systems, if there was one to make."""
+        decision = self.decision(solution)
+        if decision is not None:
+            statistic = (decision.difference_m / decision.sigma_m) ** 2
+            different = not decision.same
+            yield Decision(self.about, different, decision.sentence, statistic, 1, decision.p)

@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.quality.gross_errors.repeated_positions import MOVED_M, repeated_positions
-from photogram.quality.gross_errors.snooped_adjustment import adjust_with_snooping
+from photogram.amendments.repeated_positions import MOVED_M, repeated_positions
+from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block
 

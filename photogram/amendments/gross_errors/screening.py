@@ -10,9 +10,9 @@ from itertools import combinations
 
 import numpy as np
 
+from photogram.amendments.gross_errors.data_snooping import Adjuster, Hypothesis, unmeasured
 from photogram.arrays import FloatArray
 from photogram.errors import OrientationError
-from photogram.quality.gross_errors.data_snooping import Adjuster, Hypothesis, unmeasured
 from photogram.sfm.marked_points import intersected_marks
 from photogram.sfm.similarity import fit_similarity, robust_similarity
 from photogram.survey import Block

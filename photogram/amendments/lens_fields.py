@@ -7,22 +7,21 @@ are covered well enough to hold a field; and, adjusted jointly, the field is kno
 takes most of the pattern. Otherwise the block stays as it was adjusted without, and a sentence says why.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
-from photogram.adjustment.effort import during
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.amendment import Proposal, Solution
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
-from photogram.errors import AdjustmentError, ImageError
+from photogram.errors import ImageError, PhotogramError
 from photogram.lens.field_basis import FieldBasis, field_basis
 from photogram.lens.fields import DEGREE, free_field, prior_sigmas, rms_px, rms_sigma_px
-from photogram.quality.gross_errors.snooped_adjustment import Verdict
 from photogram.quality.residual_patterns import ResidualPattern, residual_pattern, squares_of
-from photogram.results import Adjustment, LensFieldDecision
-from photogram.survey import Block
+from photogram.results import Adjustment, Decision, LensFieldDecision
 from photogram.wording import Progress, silent
 
 EXPECTED = 2.0
@@ -46,9 +45,6 @@ TAKEN = 0.6
 
 MOST_RAYS = 40_000
 """Residuals of a camera of which the halves are made, evenly chosen."""
-
-Adjuster = Callable[[Block, Sequence[FloatArray]], Verdict]
-"""Adjusts a block from starting parameters of its cameras, and judges its measurements."""
 
 
 @dataclass(frozen=True)
@@ -159,49 +155,68 @@ def _objection(decision: LensFieldDecision, after: ResidualPattern | None) -> st
     return ""
 
 
-@during("lens field", everything=True)
-def with_lens_fields(
-    block: Block, verdict: Verdict, settings: AdjustmentSettings, adjuster: Adjuster,
-    progress: Progress = silent,
-) -> tuple[Block, Verdict]:  # fmt: skip
-    """Return a block whose cameras have the lens fields that its adjustment, the ``verdict``, shows and the block
-    holds, and its adjustment with them; both as they are, but for the decisions on fields, where there are none.
+class LensFields:
+    """The lens fields that the adjustment of a block shows and the block holds; ``decisions`` are those that were made
+    on each camera, () where none are looked for."""
 
-    ``adjuster`` adjusts a block again.
-    """
-    if settings.lens_field == "none":
-        return block, verdict
-    always = settings.lens_field == "always"
-    plain, first = block, verdict
-    before = verdict.result.block
-    assessed = [_assessed(verdict.result, c, camera, always=always) for c, camera in enumerate(block.cameras)]
-    wanted = {c: expected_px for c, (_, expected_px) in enumerate(assessed) if expected_px > 0.0}
-    decisions = [decision for decision, _ in assessed]
-    while wanted:
-        progress(0, 0, "lens field: estimated with everything else")
-        cameras = list(plain.cameras)
-        for c, expected_px in wanted.items():
-            field = free_field(before.cameras[c], expected_px)
-            cameras[c] = replace(cameras[c], field=field)
-        poses = tuple(start if pose is None else pose for pose, start in zip(before.poses, plain.poses, strict=True))
-        block = replace(plain, cameras=tuple(cameras), poses=poses)
-        try:
-            verdict = adjuster(block, [camera.parameters for camera in before.cameras])
-        except AdjustmentError as error:
-            for c in wanted:
-                decisions[c] = replace(decisions[c], why=f"the block cannot be adjusted with it: {error}")
-            block, verdict = plain, first
-            break
-        for c in wanted:
-            decisions[c] = _judged(verdict.result, c, assessed[c][0])
-        lost = [c for c in wanted if decisions[c].why]
-        if not lost:
-            break
-        for c in lost:
-            decisions[c] = replace(decisions[c], estimated=False)
-            del wanted[c]
-        block, verdict = plain, first
-    return block, replace(
-        verdict,
-        result=replace(verdict.result, decisions=replace(verdict.result.decisions, lens_fields=tuple(decisions))),
-    )
+    about = "lens field"
+
+    def __init__(self, settings: AdjustmentSettings, progress: Progress = silent) -> None:
+        self.decisions: tuple[LensFieldDecision, ...] = ()
+        self._settings = settings
+        self._progress = progress
+        self._wanted: dict[int, float] = {}
+        self._decided = settings.lens_field == "none"
+
+    def propose(self, solution: Solution) -> Proposal | None:
+        """Return the block with fields of the cameras that show one, None where none does, or all was decided."""
+        if self._decided:
+            return None
+        if not self.decisions:
+            always = self._settings.lens_field == "always"
+            cameras = enumerate(solution.block.cameras)
+            assessed = [_assessed(solution.result, c, camera, always=always) for c, camera in cameras]
+            self.decisions = tuple(decision for decision, _ in assessed)
+            self._wanted = {c: expected_px for c, (_, expected_px) in enumerate(assessed) if expected_px > 0.0}
+        if not self._wanted:
+            self._decided = True
+            return None
+        self._progress(0, 0, "lens field: estimated with everything else")
+        with_fields = list(solution.block.cameras)
+        for c, expected_px in self._wanted.items():
+            field = free_field(solution.result.block.cameras[c], expected_px)
+            with_fields[c] = replace(with_fields[c], field=field)
+        return Proposal(replace(solution.block, cameras=tuple(with_fields)), solution.rejected, solution.result)
+
+    def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
+        """Return the solution with fields, the one before where the block does not hold them all."""
+        decisions = list(self.decisions)
+        for c in list(self._wanted):
+            if isinstance(after, PhotogramError):
+                decisions[c] = replace(decisions[c], why=f"the block cannot be adjusted with it: {after}")
+            else:
+                decisions[c] = _judged(after.result, c, decisions[c])
+            if decisions[c].why:
+                decisions[c] = replace(decisions[c], estimated=False)
+                del self._wanted[c]
+        lost = [c for c, decision in enumerate(self.decisions) if decision.why != decisions[c].why]
+        self.decisions = tuple(decisions)
+        if lost or isinstance(after, PhotogramError):
+            return before
+        self._decided = True
+        return after
+
+    def decided(self, solution: Solution) -> Iterator[Decision]:  # noqa: ARG002
+        """Yield whether each camera has a field."""
+        for decision in self.decisions:
+            about = f"lens field of {decision.camera}"
+            if decision.estimated:
+                size = f"{decision.rms_px:.2g} ± {decision.sigma_px:.2g} px"
+                sentence = f"{about}: estimated, {size}; {decision.left_px:.2g} px are left of the pattern"
+            else:
+                sentence = f"{about}: none, {decision.why}"
+            if np.isfinite(decision.gain_errors):
+                errors = decision.gain_errors
+                yield Decision(about, decision.estimated, sentence, errors**2, 1, float(norm.sf(errors)))
+            else:
+                yield Decision(about, decision.estimated, sentence)

@@ -1,19 +1,20 @@
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.arrays import FloatArray, IntArray
+from photogram.amendments.amendment import Solution
+from photogram.amendments.lens_fields import FEWEST_PHOTOGRAPHS, LensFields, cross_validated
+from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
+from photogram.arrays import IntArray
 from photogram.camera import field_at
 from photogram.errors import AdjustmentError
 from photogram.lens.field_basis import field_basis
 from photogram.lens.fields import free_field, prior_sigmas
 from photogram.projection import CAMERA_PARAMETERS, READOUT
-from photogram.quality.gross_errors.snooped_adjustment import Verdict, adjust_with_snooping
-from photogram.quality.lens_fields import FEWEST_PHOTOGRAPHS, cross_validated, with_lens_fields
 from photogram.quality.residual_patterns import residual_patterns
 from photogram.results import LensFieldDecision
 from photogram.simulation.simulated_survey import SimulatedBlock, simulate_block
@@ -46,32 +47,26 @@ def survey(expected_px: float, strips: int = 4) -> SimulatedBlock:
     return replace(made, block=replace(made.block, tie_points=bent))
 
 
-def judge(block: Block, start: Sequence[FloatArray] = ()) -> Verdict:
-    return adjust_with_snooping(block, SETTINGS, start)
+PLAIN = replace(SETTINGS, lens_field="none")
 
 
 @cache
 def judged(expected_px: float, strips: int = 4) -> Verdict:
-    return judge(survey(expected_px, strips).block)
-
-
-def never(_: Block, __: Sequence[FloatArray]) -> Verdict:
-    raise AssertionError("adjusted again")
+    return adjust_with_snooping(survey(expected_px, strips).block, PLAIN)
 
 
 def decided(block: Block, verdict: Verdict, settings: AdjustmentSettings = SETTINGS) -> LensFieldDecision:
     """Return the decision on the only camera of a block whose field must stay off without another adjustment."""
-    same, found = with_lens_fields(block, verdict, settings, never)
-    assert same is block
-    assert found.result.block is verdict.result.block
-    decision = found.result.decisions.lens_fields[0]
+    fields = LensFields(settings)
+    assert fields.propose(Solution(block, (), verdict.result)) is None
+    (decision,) = fields.decisions
     assert not decision.estimated
     return decision
 
 
 def test_a_field_that_the_photographs_show_is_estimated_and_takes_the_pattern() -> None:
     made, before = survey(0.3), judged(0.3)
-    block, after = with_lens_fields(made.block, before, SETTINGS, judge)
+    after = adjust_with_snooping(made.block, SETTINGS)
     decision = after.result.decisions.lens_fields[0]
     assert decision.estimated, decision.why
     assert decision.gain > 0.0
@@ -81,7 +76,8 @@ def test_a_field_that_the_photographs_show_is_estimated_and_takes_the_pattern() 
     assert residual_patterns(before.result)[decision.camera].significant
     assert 0.1 < decision.rms_px < 0.5
     assert decision.sigma_px < 0.5 * decision.rms_px
-    assert block.cameras[0].field is not None
+    assert after.block.cameras[0].field is not None
+    assert made.block.cameras[0].field is None
     field = after.result.block.cameras[0].field
     assert field is not None
     assert decision.largest_px == pytest.approx(np.linalg.norm(field.shift, axis=2).max())
@@ -108,11 +104,10 @@ def test_without_a_pattern_nothing_is_adjusted_again() -> None:
 
 
 def test_fields_that_are_not_asked_for_are_not_looked_for() -> None:
-    block, verdict = survey(0.3).block, judged(0.3)
-    same, found = with_lens_fields(block, verdict, replace(SETTINGS, lens_field="none"), never)
-    assert same is block
-    assert found is verdict
-    assert found.result.decisions.lens_fields == ()
+    verdict = judged(0.3)
+    fields = LensFields(PLAIN)
+    assert fields.propose(Solution(survey(0.3).block, (), verdict.result)) is None
+    assert fields.decisions == verdict.result.decisions.lens_fields == ()
 
 
 def test_few_photographs_do_not_hold_a_field() -> None:
@@ -127,7 +122,7 @@ def test_a_picture_that_is_half_empty_does_not_hold_a_field() -> None:
     left = tie.pixel[:, 0] < 0.5 * camera.width_px
     rays = np.bincount(tie.point[left], minlength=len(tie)) >= 2
     half = replace(block, tie_points=tie.select(rays, left & rays[tie.point]))
-    decision = decided(half, judge(half))
+    decision = decided(half, adjust_with_snooping(half, PLAIN))
     assert "of the picture, 70% are needed" in decision.why
     assert decision.covered < 0.6
 
@@ -138,33 +133,41 @@ def test_a_calibration_that_is_fixed_has_no_field_beside_it() -> None:
     assert decided(fixed, verdict).why == "its calibration is fixed"
 
 
-def test_a_block_that_cannot_be_adjusted_with_a_field_stays_without() -> None:
-    def fails(_: Block, __: Sequence[FloatArray]) -> Verdict:
-        raise AdjustmentError("no solution")
+def proposed() -> tuple[LensFields, Solution, Solution]:
+    """Return the amendment that has proposed a field, the solution at which it did, and the one with the field."""
+    before = Solution(survey(0.3).block, (), judged(0.3).result)
+    fields = LensFields(SETTINGS)
+    proposal = fields.propose(before)
+    assert proposal is not None
+    after = Solution(proposal.block, (), adjust(proposal.block, SETTINGS, near=before.result))
+    return fields, before, after
 
-    block, verdict = survey(0.3).block, judged(0.3)
-    same, found = with_lens_fields(block, verdict, SETTINGS, fails)
-    assert same is block
-    assert found.result.block is verdict.result.block
-    assert found.result.decisions.lens_fields[0].why == "the block cannot be adjusted with it: no solution"
+
+def test_a_block_that_cannot_be_adjusted_with_a_field_stays_without() -> None:
+    fields, before, _ = proposed()
+    assert fields.judged(before, AdjustmentError("no solution")) is before
+    assert fields.decisions[0].why == "the block cannot be adjusted with it: no solution"
+    assert not fields.decisions[0].estimated
+    assert fields.propose(before) is None
 
 
 def test_a_field_that_the_block_does_not_hold_is_taken_back() -> None:
-    def vague(block: Block, start: Sequence[FloatArray]) -> Verdict:
-        found = judge(block, start)
-        unknown = 400.0 * found.result.covariances.lens_field_px2
-        return replace(
-            found, result=replace(found.result, covariances=replace(found.result.covariances, lens_field_px2=unknown))
-        )
-
-    block, verdict = survey(0.3).block, judged(0.3)
-    same, found = with_lens_fields(block, verdict, SETTINGS, vague)
-    decision = found.result.decisions.lens_fields[0]
-    assert same is block
-    assert found.result.block is verdict.result.block
+    fields, before, after = proposed()
+    unknown = 400.0 * after.result.covariances.lens_field_px2
+    vague = replace(after.result, covariances=replace(after.result.covariances, lens_field_px2=unknown))
+    assert fields.judged(before, replace(after, result=vague)) is before
+    (decision,) = fields.decisions
     assert not decision.estimated
     assert decision.why.startswith("the block does not hold it")
     assert decision.sigma_px > 0.5 * decision.rms_px
+    assert fields.propose(before) is None
+
+
+def test_a_field_that_the_block_holds_stands() -> None:
+    fields, before, after = proposed()
+    assert fields.judged(before, after) is after
+    assert fields.decisions[0].estimated
+    assert fields.propose(after) is None
 
 
 def test_halves_predict_each_other_only_where_they_have_something_in_common() -> None:
