@@ -54,6 +54,9 @@ LONGEST_ARM_M = 0.5
 AS_WELL, NEARLY_AS_WELL = 4.0, 0.95
 """Difference of two statistics below which one error explains the positions as well as the other, and the share of the
 larger beyond which it is worth a word."""
+BY_CHANCE = 0.05
+"""Probability from which the only error of positions is none: one that came in elsewhere, before a lens field or a
+blunder was found that looked like it."""
 MOST_CHANGES = 8
 
 
@@ -303,16 +306,17 @@ def next_change(
 ) -> Change | None:
     """Return which common error of positions to add or to drop at a solution, None where the unknowns are right.
 
-    An unknown is dropped when it is no longer significant beside one that came later, and ``barred`` from then on; one
-    is added at a time, the least likely by chance; of several flights or cameras that may have one of a kind, each is
-    held to its share of the level (Bonferroni), so that a survey of many flights invents no more than one of few.
+    An unknown is dropped when it is no longer significant beside one that came later, or may well be chance, and
+    ``barred`` from then on; one is added at a time, the least likely by chance; of several flights or cameras that may
+    have one of a kind, each is held to its share of the level (Bonferroni), so that a survey of many flights invents no
+    more than one of few.
     """
     errors = problem.block.common_errors
     of_positions = [k for k, error in enumerate(errors) if error.kind != "attitude"]
-    if len(of_positions) > 1:
-        p = [_test(problem, state, covariances, k)[2] for k in of_positions]
-        worst = of_positions[int(np.argmax(np.nan_to_num(p, nan=1.0)))]
-        if not max(np.nan_to_num(p, nan=1.0)) < SIGNIFICANCE:
+    if of_positions:
+        p = np.nan_to_num([_test(problem, state, covariances, k)[2] for k in of_positions], nan=1.0)
+        worst = of_positions[int(np.argmax(p))]
+        if p.max() >= (SIGNIFICANCE if len(of_positions) > 1 else BY_CHANCE):
             return Change(tuple(e for k, e in enumerate(errors) if k != worst), {}, _what(errors[worst]))
     candidates = list(_candidates(problem, state, covariances, tested, barred))
     of_kind = Counter(c.error.kind for c in candidates)
