@@ -128,7 +128,7 @@ class Outcome:
 
 def trial(kind: str, ground: str, seed: int) -> Outcome:
     """Adjust a block as the stage does, and compare its heights with the truth."""
-    made, settings = survey(kind, ground, seed), AdjustmentSettings()
+    made, settings = survey(kind, ground, seed), AdjustmentSettings(lens_field="none")
     verdict = adjust_with_snooping(made.block, settings)
     known = [camera.parameters for camera in made.block.cameras]
     plain = replace(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from photogram.adjustment.effort import during
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, Search, without
+from photogram.amendments.gross_errors.data_snooping import Search, without
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.solutions import Solutions
 from photogram.errors import PhotogramError
 from photogram.results import Adjustment, Decision

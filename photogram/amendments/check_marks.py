@@ -6,7 +6,7 @@ import numpy as np
 
 from photogram.amendments.amendment import Decisive, Proposal, Solution
 from photogram.amendments.contradicted_measurements import marks_of_checks
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, unmeasured
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.results import Adjustment, Decision
 from photogram.sfm.marked_points import intersected_marks
 

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from photogram.amendments.amendment import Decisive, Proposal, Solution
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, search
+from photogram.amendments.gross_errors.data_snooping import search
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.solutions import Solutions
 from photogram.results import Decision
 from photogram.survey import Block

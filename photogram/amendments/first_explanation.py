@@ -17,7 +17,6 @@ from photogram.amendments.gross_errors.blunder_naming import exchanged_points
 from photogram.amendments.gross_errors.data_snooping import (
     PRICE,
     Adjuster,
-    Hypothesis,
     Search,
     hypotheses,
     search,
@@ -25,6 +24,7 @@ from photogram.amendments.gross_errors.data_snooping import (
     whole_points,
     without,
 )
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.gross_errors.screening import gross_blunders
 from photogram.amendments.solutions import Solutions
 from photogram.errors import AdjustmentError, PhotogramError

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from photogram.amendments.gross_errors.blunder_naming import Blunder
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, unmeasured
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import FloatArray
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.survey import Block

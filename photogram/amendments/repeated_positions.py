@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from photogram.amendments.gross_errors.blunder_naming import Blunder
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, unmeasured
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.survey import Block, Photograph
 from photogram.wording import some, things
 

@@ -20,7 +20,8 @@ from photogram.amendments.estimated_unknowns import decided_by_adjustment
 from photogram.amendments.first_explanation import attempted, first_solution
 from photogram.amendments.focal_evidence import FocalLengths
 from photogram.amendments.gross_errors.blunder_naming import Blunder, name_blunders
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, without
+from photogram.amendments.gross_errors.data_snooping import without
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.gross_errors.robust_start import Gross, gross_suspects
 from photogram.amendments.lens_fields import LensFields
 from photogram.amendments.picture_size import marks_of_another_size

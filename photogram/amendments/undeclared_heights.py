@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import norm
 
 from photogram.amendments.amendment import Decisive, Proposal, Solution
-from photogram.amendments.gross_errors.data_snooping import Hypothesis
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.results import DIFFERENT, Adjustment, Decision, HeightDecision
 from photogram.survey import Block
 

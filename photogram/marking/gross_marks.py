@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from photogram.adjustment.oriented_subset import registered_block, without_marks
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, unmeasured
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import FloatArray, IntArray
 from photogram.factors.covariance import covariances, joint_marks
 from photogram.factors.graph import IndeterminateError

@@ -17,7 +17,6 @@ from photogram.amendments.gross_errors.data_snooping import (
     PRICE,
     REINSTATED,
     Adjuster,
-    Hypothesis,
     Search,
     chance_of_coordinates,
     search,
@@ -25,6 +24,7 @@ from photogram.amendments.gross_errors.data_snooping import (
     whole_points,
     without,
 )
+from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.gross_errors.robust_start import gross_suspects
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError

@@ -8,7 +8,8 @@ import pytest
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.solutions.alternatives import Summarised, alternative, summarised, summarised_at
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, hypotheses, unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import hypotheses, without
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.errors import AdjustmentError
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block

@@ -9,7 +9,8 @@ import pytest
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.amendments.gross_errors.blunder_naming import Blunder
-from photogram.amendments.gross_errors.data_snooping import contradictions, search, unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import contradictions, search, without
+from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.quality.accuracy import CheckAccuracy

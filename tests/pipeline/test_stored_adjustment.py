@@ -9,7 +9,8 @@ from lib.simulated.two_cameras import simulate_two_cameras
 from makers import LEAST_SQUARES, simulated
 
 from photogram.adjustment.adjustment import adjust
-from photogram.amendments.gross_errors.data_snooping import unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import without
+from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.camera import calibrations, field_at
 from photogram.lens.fields import free_field
 from photogram.pipeline.stages.stored_adjustment import read_adjusted_block, read_adjustment, write_adjustment

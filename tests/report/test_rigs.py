@@ -11,7 +11,8 @@ from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
-from photogram.amendments.gross_errors.data_snooping import unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import without
+from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.report.numbers.rigs import rig_numbers
 from photogram.report.numbers.wording import fixed, signed
 from photogram.report.page import templates

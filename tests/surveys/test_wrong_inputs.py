@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.amendments.gross_errors.blunder_naming import withdrawn_attitudes
-from photogram.amendments.gross_errors.data_snooping import contradictions, scatter, simplified, unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import contradictions, scatter, simplified, without
+from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.amendments.gross_errors.robust_start import gross_suspects
 from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray

@@ -11,7 +11,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, Search, unmeasured
+from photogram.amendments.gross_errors.data_snooping import Search
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import FloatArray
 from photogram.camera import project_points
 from photogram.constraints.between_points import CONSTRAINT_KINDS, CommonSurface, Distance, observations

@@ -13,17 +13,18 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from photogram.adjustment.gnss_offsets import implied_offset_test
-from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL_PARTS, PRIOR
+from photogram.adjustment.stochastic_model.assumed_sigmas import PRIOR
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas
 from photogram.amendments.focal_length import WRONG_BY
+from photogram.amendments.gross_errors.assumed_control import ALARMS, outlying_points, scatter_of_assumed
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, Suspected, unmeasured
 from photogram.arrays import FloatArray
-from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind, observations, rejecting
+from photogram.constraints.between_points import CONSTRAINT_KINDS, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
 from photogram.errors import PhotogramError
 from photogram.measures.mark_covariances import rejecting_marks
@@ -31,9 +32,6 @@ from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints, Photograph, Role
 
-Suspected = Literal[
-    "control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset", "exposure", ConstraintKind
-]
 Adjuster = Callable[[Block], Adjustment]
 _LOG = logging.getLogger(__name__)
 
@@ -69,58 +67,6 @@ OPEN_OFFSET_M = 1000.0
 _POINT_PARTS = ((0,), (1,), (2,), (0, 1), (0, 1, 2))
 _POSITION_PARTS = ((2,), (0, 1), (0, 1, 2))
 _EXPOSURE_PARTS = ((3, 4, 5), (0, 1, 2, 3, 4, 5))
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """The hypothesis that one measurement is wrong, with its estimated blunder and its test statistic."""
-
-    kind: Suspected
-    """Kind of the measurement."""
-    name: str
-    """Name of its point, photograph, camera or flight; of a constraint its label, of an exposure the companion's
-    photograph."""
-    photograph: str | None
-    """Name of the photograph of a mark, None for other kinds."""
-    axes: tuple[int, ...]
-    """Axes in error: easting, northing, height of a position; u, v of a mark; the camera's axes of an attitude;
-    rotation and offset of an exposure."""
-    off: tuple[float, ...]
-    """Predicted minus measured along the axes, m, px or rad."""
-    sigma: tuple[float, ...]
-    """Standard deviations of ``off``."""
-    statistic: float
-    """Test statistic T, χ² with as many degrees of freedom as axes."""
-    rivals: tuple[str, ...] = ()
-    """Other measurements that would explain the contradiction nearly as well, in words."""
-
-    @property
-    def what(self) -> tuple[str, str, str | None]:
-        """Return the measurement as (kind, name, photograph), whichever axes are in error."""
-        return self.kind, self.name, self.photograph
-
-    @property
-    def words(self) -> str:
-        """Return the measurement in words."""
-        if self.kind in ("level surface", "plane"):
-            point, _, surface = self.name.partition(" on ")
-            return f"point {point} on {self.kind} {surface}"
-        of = {"mark": f"of {self.name} in {self.photograph}", "GNSS offset": f"of flight {self.name}"}
-        return f"{self.kind} {of.get(self.kind, self.name)}"
-
-    @property
-    def log_chance(self) -> float:
-        """Return the logarithm of the probability of such a contradiction by chance."""
-        return float(chi2.logsf(self.statistic, len(self.axes)))
-
-
-def unmeasured(kind: Suspected, name: str, photograph: str | None = None) -> Hypothesis:
-    """Return the hypothesis for a gross blunder of unknown size."""
-    single = kind == "focal length" or kind in CONSTRAINT_KINDS
-    count = 1 if single else 2 if kind == "mark" else 6 if kind == "exposure" else 3
-    axes = tuple(range(count))
-    unknown = (float("nan"),) * len(axes)
-    return Hypothesis(kind, name, photograph, axes, unknown, unknown, float("inf"))
 
 
 def _hypothesis(
@@ -313,18 +259,15 @@ def scatter(result: Adjustment) -> dict[str, float]:
 
 
 def _degrees_of_estimated(result: Adjustment) -> dict[tuple[str, str], float]:
-    """Return with how many degrees of freedom the sigmas of control points and of marks are estimated, by kind and name
-    of the point, of those whose sigmas are only assumed."""
+    """Return with how many degrees of freedom the sigmas of marks are estimated, by kind and name of the point, of
+    those whose sigmas are only assumed."""
     sigmas, points = result.decisions.sigmas, result.block.control_points
     of_kind = dict(zip(sigmas.kind.tolist(), sigmas.redundancy.tolist(), strict=True))
-    coordinates = [of_kind[kind] for kind, _ in CONTROL_PARTS if kind in of_kind]
-    degrees = dict[tuple[str, str], float]()
-    for g, name in enumerate(points.name):
-        if points.sigma_assumed[g] and coordinates:
-            degrees["control point", name] = PRIOR + min(coordinates)
-        if points.mark_sigma_assumed[g] and "marks" in of_kind:
-            degrees["mark", name] = PRIOR + of_kind["marks"]
-    return degrees
+    if "marks" not in of_kind:
+        return {}
+    degrees = PRIOR + of_kind["marks"]
+    names = zip(points.name, points.mark_sigma_assumed, strict=True)
+    return {("mark", name): degrees for name, alone in names if alone}
 
 
 def _of_estimated(a: Hypothesis, degrees: float | None) -> Hypothesis:
@@ -339,20 +282,26 @@ def _of_estimated(a: Hypothesis, degrees: float | None) -> Hypothesis:
 def contradictions(result: Adjustment, but: Sequence[Hypothesis] = (), rejected: int = 0) -> list[Hypothesis]:
     """Return the significant hypotheses but those in ``but``, the least likely by chance first.
 
-    FALSE_ALARMS is the probability of a false alarm in all tests together; a focal length is tested separately, at
-    SOURCE_REJECTED. Kinds that scatter more than stated are tested by their own scatter. Where so many were
-    ``rejected`` before, all tests are made once more: the k-th time the probability is FALSE_ALARMS / k², so that it
-    stays below twice FALSE_ALARMS in all.
+    FALSE_ALARMS is the probability of a false alarm in all tests together; control points whose sigmas are assumed are
+    tested separately, and a focal length, at SOURCE_REJECTED. Kinds that scatter more than stated are tested by their
+    own scatter. Where so many were ``rejected`` before, all tests are made once more: the k-th time the probability is
+    FALSE_ALARMS / k², so that it stays below twice FALSE_ALARMS in all.
     """
     more, excused, known = scatter(result), {(a.what, a.axes) for a in but}, _degrees_of_estimated(result)
-    tests = [
+    points, every = result.block.control_points, [a for a in hypotheses(result) if (a.what, a.axes) not in excused]
+    assumed = {name for name, alone in zip(points.name, points.sigma_assumed, strict=True) if alone}
+    of_control = [a for a in every if a.kind == "control point" and a.name in assumed]
+    others = [
         _of_estimated(replace(a, statistic=a.statistic / more.get(a.kind, 1.0) ** 2), known.get((a.kind, a.name)))
-        for a in hypotheses(result)
-        if (a.what, a.axes) not in excused
+        for a in every
+        if a not in of_control
     ]
-    limit = float(np.log(FALSE_ALARMS / (rejected + 1) ** 2 / max(len(tests), 1)))
     of_source = float(np.log(2.0 * norm.sf(SOURCE_REJECTED)))
-    wrong = (a for a in tests if a.log_chance < (of_source if a.kind == "focal length" else limit))
+    wrong = list[Hypothesis]()
+    for tests, alarms in ((others, FALSE_ALARMS), (list(outlying_points(result, of_control)), ALARMS)):
+        again = (rejected + 1) ** 2 if alarms == FALSE_ALARMS else 1
+        limit = float(np.log(alarms / again / max(len(tests), 1)))
+        wrong += [a for a in tests if a.log_chance < (of_source if a.kind == "focal length" else limit)]
     return sorted(wrong, key=lambda a: a.log_chance)
 
 
@@ -405,7 +354,8 @@ def _reinstated(rejected: Sequence[Hypothesis], block: Block, result: Adjustment
     surveyed = with_assumed_sigmas(block, result.decisions.sigmas).control_points
     for a in rejected:
         if a.kind == "control point":
-            own = scatter(result)["control point"]
+            alone = surveyed.sigma_assumed[surveyed.name.index(a.name)]
+            own = scatter_of_assumed(result) if alone else scatter(result)["control point"]
             chance = chance_of_coordinates(a, surveyed, result, own)
         else:
             rest = tuple(b for b in rejected if b is not a)
@@ -435,14 +385,16 @@ def search(block: Block, result: Adjustment, adjust: Adjuster, suspects: Sequenc
         contradicted = contradictions(current, [*rejected, *immune], len(rejected))
         if not contradicted:
             break
-        rejected.append(_with_rivals(contradicted))
+        first = _with_rivals(contradicted)
+        new = [first, *(a for a in contradicted if a.kind == first.kind and a.name in first.together)]
         try:
-            current = adjust(without(block, rejected))
+            current = adjust(without(block, [*rejected, *new]))
         except PhotogramError:
-            immune.append(rejected.pop())  # too few observations are left to test it
-            _LOG.debug("kept, since nothing is determined without it: %s", immune[-1].words)
+            immune += new  # too few observations are left to test them
+            _LOG.debug("kept, since nothing is determined without it: %s", first.words)
         else:
-            _LOG.debug("rejected: %s, T = %.1f", rejected[-1].words, rejected[-1].statistic)
+            rejected += new
+            _LOG.debug("rejected: %s, T = %.1f", ", ".join(a.words for a in new), first.statistic)
     if suspects or len(rejected) > 1:
         reinstated = _reinstated(rejected, block, current, adjust)
         if reinstated:

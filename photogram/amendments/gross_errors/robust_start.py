@@ -20,7 +20,8 @@ from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL, CONTROL_PARTS
 from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
-from photogram.amendments.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE, Hypothesis, unmeasured
+from photogram.amendments.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import BoolArray, FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
 from photogram.constraints.rigs import Companion, exposure_names
@@ -358,7 +359,7 @@ def _suspects(block: Block, misfits: _Misfits) -> Iterator[Hypothesis]:
     limit = _FAR
     points, names = block.control_points, block.photograph_names
     for g in np.flatnonzero((misfits.control > limit).any(axis=1)).tolist():
-        wrong = misfits.control[g] > limit
+        wrong = (misfits.control[g] > limit) | points.sigma_assumed[g]  # of one hand: wrong as a whole
         axes = tuple(np.flatnonzero(points.controlled[g] & np.repeat(wrong, [2, 1])).tolist())
         unknown = (float("nan"),) * len(axes)
         yield Hypothesis("control point", points.name[g], None, axes, unknown, unknown, float("inf"))

@@ -10,7 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
-from photogram.amendments.gross_errors.data_snooping import Adjuster, Hypothesis, unmeasured
+from photogram.amendments.gross_errors.data_snooping import Adjuster
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import FloatArray
 from photogram.errors import OrientationError
 from photogram.sfm.marked_points import intersected_marks

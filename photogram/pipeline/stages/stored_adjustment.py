@@ -14,7 +14,8 @@ from typing_extensions import TypedDict
 
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.amendments.gross_errors.blunder_naming import Blunder
-from photogram.amendments.gross_errors.data_snooping import Hypothesis, Suspected, unmeasured, without
+from photogram.amendments.gross_errors.data_snooping import without
+from photogram.amendments.gross_errors.hypothesis import Hypothesis, Suspected, unmeasured
 from photogram.amendments.snooped_adjustment import Verdict
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
