@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from photogram.pipeline.new_project import Request, read_back, write_project
+from photogram.project.draft.assumptions import assumptions
 from photogram.project.draft.draft import ProjectDraft
 from photogram.terminal.console import console, steps
 from photogram.wording import things
@@ -41,8 +42,6 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     attitudes = sum(p.has_attitude for p in draft.photographs)
     table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
-    if not draft.height_systems.known:
-        table.add_row("heights", escape(f"say in {project} whether they are above the ellipsoid or a geoid"))
     for file in draft.control:
         table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
         if not file.has_marks and file.marks is None:
@@ -62,6 +61,11 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     if len(draft.left_out) > 10:
         table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(project))}")
     console.print(table)
+    assumed = Table("assumed, since nothing states it", "as", "what becomes of it")
+    for assumption in assumptions(draft):
+        assumed.add_row(*map(escape, assumption))
+    if assumed.row_count:
+        console.print(assumed)
 
 
 def _short(names: tuple[str, ...]) -> str:

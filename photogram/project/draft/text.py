@@ -12,6 +12,7 @@ from photogram.project.draft.rigs import rig_lines
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
 from photogram.wording import things
 
+ATTITUDE_SIGMA_DEG = 2.0
 DEFAULT_CONTROL_SIGMA_M = (0.03, 0.03, 0.05)
 DEFAULT_MARK_SIGMA_PX = 1.0
 
@@ -165,7 +166,7 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     if with_attitude:
         all_of_them = things(len(draft.photographs), "photograph")
         text = f"Yaw, pitch and roll stand in the tags of {with_attitude} of {all_of_them}; 2° is usual."
-        lines += [*comment(text, 2), "  attitude_sigma_deg: 2.0"]
+        lines += [*comment(text, 2), f"  attitude_sigma_deg: {ATTITUDE_SIGMA_DEG}"]
     else:
         lines += comment("The tags give no attitude.", 2)
     lines += flights_comment(draft.flights)
