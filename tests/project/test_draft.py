@@ -750,7 +750,7 @@ def test_heights_that_nobody_knows_are_asked_for(folder: Path, photogram: Run, t
     gcp_list(tmp_path / "gcp_list.txt", "EPSG:32632", "EPSG:32632")
     outcome = photogram("init", folder, "--control", "gcp_list.txt")
     assert outcome.code == 0
-    assert "say in project.yaml whether they are above the ellipsoid or a geoid" in squeezed(outcome.out)
+    assert "heights not declared the photographs tell by how much" in squeezed(outcome.out)
     path = Path("project.yaml")
     assert load_project(path).heights.output is None
     # what stands there as a comment is what is to be written
