@@ -137,7 +137,8 @@ class FocalLengths:
             return None
         sure = {name for name, decision in self.decisions.items() if decision.says.trustworthy}
         others = tuple(a for a in solution.rejected if a.kind != "focal length" or a.name in sure)
-        return Proposal(replace(solution.block, cameras=tuple(cameras)), others, solution.result)
+        block = replace(solution.block, cameras=tuple(cameras))
+        return Proposal(block, others, self._solutions.alternative(without(block, others)))
 
     def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
         """Return the solution with what was settled, and the one before with a warning where there is none."""
