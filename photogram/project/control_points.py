@@ -23,6 +23,7 @@ from photogram.measures.mark_covariances import covariances_px2
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import Placed, ProjectMap, is_grid
+from photogram.project.positions.crs_units import in_units_of_crs
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import Role, Roles
 from photogram.wording import shortened, some, things
@@ -202,6 +203,7 @@ def _placed(
         return None
     given = np.array([p.position for p in points.points]).reshape(-1, 3)
     try:
+        given = in_units_of_crs(document, key, str(entry.path), crs, given, points.unit_m)
         return target.placed(crs, entry.heights, target.heights.control_points, given, exact=True)
     except FrameError as error:
         text = str(error).removeprefix("crs: ")

@@ -326,3 +326,14 @@ def test_written_positions_are_read_back_with_every_digit(tmp_path: Path, geogra
     for row, (name, (position, sigma)) in zip(found.rows, given.items(), strict=True):
         assert (row.photograph, row.position) == (name, tuple(position))
         assert row.sigma_m == (None if sigma is None else tuple(sigma))
+
+
+def test_units_in_the_header_are_those_of_positions_and_sigmas(tmp_path: Path) -> None:
+    path = tmp_path / "positions.csv"
+    path.write_text(
+        "photo,latitude,longitude,altitude(feet),sigma_plan (cm),sigma_height [mm]\na.jpg,52,10,1000,2,35\n"
+    )
+    file = read_positions(path)
+    assert file.unit_m == (None, None, 0.3048)
+    assert file.rows[0].position == (10.0, 52.0, 1000.0)
+    assert file.rows[0].sigma_m == pytest.approx((0.02, 0.02, 0.035))

@@ -559,3 +559,36 @@ def test_proposals_are_refused(folder: Path) -> None:
     write_proposals(folder / "marks.csv", [Proposal(Mark("C1", "a.jpg", (10.0, 20.0)), 0.5)])
     found = [line for line in faults(folder) if "proposals" in line]
     assert "marks.csv:1: holds proposals, which are no marks yet: confirm them" in found[0]
+
+
+# ---- units that columns state --------------------------------------------------------------------------------------
+
+
+def test_units_in_the_header_are_converted_exactly_and_said(folder: Path) -> None:
+    metric = read(folder)
+    plain = {p.name: p for p in metric.control_points}
+    foot, survey_foot = 0.3048, 1200.0 / 3937.0
+    rows = (
+        "name,Easting (US survey feet),northing_ftUS,Elevation (ft),sigma_plan (mm),role\n"
+        f"C1,{720010 / survey_foot!r},{6192000 / survey_foot!r},{63 / foot!r},,\n"
+        f"C2,{720010 / survey_foot!r},{6192020 / survey_foot!r},{64 / foot!r},10,check\n"
+    )
+    (folder / "control.csv").write_text(rows)
+    (folder / "check.csv").write_text(f"name;lon;lat;height [feet]\nK1;12.5116;55.8231;{65 / foot!r}\n")
+    project = read(folder)
+    for point in project.control_points:
+        np.testing.assert_allclose(point.position_map_m, plain[point.name].position_map_m, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(point.sigma_m, plain[point.name].sigma_m, rtol=1e-12)
+    said = [str(w) for w in project.warnings if w not in metric.warnings]
+    assert len(said) == 2
+    assert "control.csv: easting and northing in US survey feet and heights in feet, as its columns say" in said[0]
+    assert "check.csv: heights in feet, as its columns say" in said[1]
+
+
+def test_metres_in_the_header_change_nothing(folder: Path) -> None:
+    before = read(folder)
+    change(folder, "control.csv", ("easting,northing,height", "easting (m),northing [m],height_m"))
+    after = read(folder)
+    assert [str(w) for w in after.warnings] == [str(w) for w in before.warnings]
+    for old, new in zip(before.control_points, after.control_points, strict=True):
+        np.testing.assert_array_equal(old.position_map_m, new.position_map_m)

@@ -8,7 +8,7 @@
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from math import isfinite
@@ -231,8 +231,12 @@ def _exif_degrees(gps: Mapping[int, object], tag: int, reference: int, negative:
 def _height_reference(gps: Mapping[int, object]) -> int | None:
     """Return EXIF's GPSAltitudeRef: 0 above and 1 below the sea level, 2 above and 3 below the ellipsoid."""
     reference = gps.get(ExifTags.GPS.GPSAltitudeRef)
+    if isinstance(reference, str):
+        reference = reference.encode("latin-1", "replace")
     if isinstance(reference, bytes):
-        return reference[0] if reference else None
+        # some write the digit as text, 48 to 51
+        number = reference[0] if reference else None
+        return number - 48 if number is not None and 48 <= number <= 51 else number
     return reference if isinstance(reference, int) else None
 
 
@@ -251,6 +255,31 @@ def _pixels_per_mm(exif: Mapping[int, object]) -> float | None:
 
 # ---- XMP -----------------------------------------------------------------------------------------------------------
 
+_OTHER_NUMBERS = (
+    "AbsoluteAltitude",
+    "CalibratedOpticalCenterX",
+    "CalibratedOpticalCenterY",
+    "Camera:AboveGroundAltitude",
+    "Camera:GPSXYAccuracy",
+    "Camera:GPSZAccuracy",
+    "Camera:PerspectiveFocalLength",
+    "Camera:Pitch",
+    "Camera:Roll",
+    "Camera:Yaw",
+    "CameraPitchDegree",
+    "CameraRollDegree",
+    "CameraYawDegree",
+    "DewarpFlag",
+    "GpsLatitude",
+    "GpsLongitude",
+    "GpsLongtitude",
+    "RtkFlag",
+    "RtkStdHgt",
+    "RtkStdLat",
+    "RtkStdLon",
+)
+"""Tags that are numbers, beside DJI_NUMBERS."""
+
 
 def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
     text = xmp.get(name, "")
@@ -267,7 +296,24 @@ def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
 
 
 def _unusable(path: Path, name: str, text: str, why: str) -> ImageError:
-    return ImageError(f"photograph {path}: XMP tag {name} is {shortened(text)!r}, {why}: correct or remove the tag")
+    return ImageError(f"photograph {path}: the XMP tag {name} is {shortened(text)!r}, {why}")
+
+
+def _readable(xmp: Mapping[str, str], path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return the tags without those that cannot be read, which are others' of the same name, and in words which."""
+    kept, damage = dict(xmp), list[str]()
+    readers: list[tuple[str, Callable[[str], object]]] = [
+        *((name, lambda name: _xmp_number(kept, name, path)) for name in (*DJI_NUMBERS.values(), *_OTHER_NUMBERS)),
+        ("DewarpData", lambda _: _dewarp(kept, path)),
+        ("Camera:PerspectiveDistortion", lambda _: _camera_calibration(kept, path)),
+    ]
+    for name, read in readers:
+        try:
+            read(name)
+        except ImageError as error:
+            del kept[name]
+            damage.append(f"{str(error).removeprefix(f'photograph {path}: ')}; it is not used")
+    return kept, tuple(damage)
 
 
 def _dewarp(xmp: Mapping[str, str], path: Path) -> Dewarp | None:
@@ -446,7 +492,8 @@ def _believed(values: dict[str, object]) -> tuple[dict[str, object], tuple[str, 
 
 def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     main, exif, gps, damage = exif_of(picture)
-    xmp, xmp_damage = xmp_of(picture)
+    written, xmp_damage = xmp_of(picture)
+    xmp, unreadable = _readable(written, path)
     position, position_damage = _position(xmp, gps, path)
     sigma, sigma_damage = _gnss_sigma(xmp, path)
     values: dict[str, object] = {
@@ -483,6 +530,6 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         velocity_m_s=velocity_of(xmp, exif.get(ExifTags.Base.MakerNote)),
         dewarp=_dewarp(xmp, path),
         capture=_capture(xmp),
-        damage=(*damage, *filter(None, (xmp_damage,)), *position_damage, *sigma_damage, *value_damage),
+        damage=(*damage, *filter(None, (xmp_damage,)), *unreadable, *position_damage, *sigma_damage, *value_damage),
         **values,  # type: ignore[arg-type]
     )

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from photogram.errors import ControlPointError
+from photogram.files.tables.column_units import NO_UNITS, UnitsM, length_unit_m, without_unit
 from photogram.files.tables.surveyed_points import (
     IMPORTED,
     RAW,
@@ -71,6 +72,7 @@ class PointFile:
 
     ``crs`` is what the file itself says; ``geographic`` whether its columns are called longitude and latitude (True),
     easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt and of Metashape's markers.
+    ``unit_m`` are the units of the three coordinates that its columns state, m; None counts as the CRS does.
     ``without_position`` names points whose marks are left out because the file has no coordinates of them.
     """
 
@@ -82,6 +84,7 @@ class PointFile:
     marks: tuple[Mark, ...]
     format: Literal["gcp_list", "table", "metashape"] = "table"
     without_position: tuple[str, ...] = ()
+    unit_m: UnitsM = NO_UNITS
 
 
 def _numbers(texts: Sequence[str], whats: Sequence[str], line: int, errors: Errors) -> tuple[float, ...] | None:
@@ -217,8 +220,7 @@ def _separator(header: str) -> str:
 
 def _plain(column: str) -> str:
     """Return a column's name without its unit and in one spelling: ``Sigma Height [m]`` is sigma_height."""
-    words = re.sub(r"[(\[].*?[)\]]", "", column).strip().lower()
-    return re.sub(r"_(?:m|px|deg)$", "", re.sub(r"[\s.-]+", "_", words).strip("_"))
+    return re.sub(r"[\s.-]+", "_", without_unit(column).lower()).strip("_")
 
 
 def _meaning(column: str, known: Mapping[str, tuple[str, ...]]) -> str | None:
@@ -298,11 +300,14 @@ def _fields(text: str, separator: str, line: int, errors: Errors) -> list[str]:
         return []
 
 
-def _sigma(row: Row, column: str, line: int, errors: Errors, within: tuple[float, float] = SIGMA_M) -> float | None:
+def _sigma(
+    row: Row, column: str, line: int, errors: Errors, within: tuple[float, float] = SIGMA_M, unit_m: float | None = None
+) -> float | None:
     text = row.get(column, "")
     if not text:
         return None
     value = errors.number(text, column, line)
+    value = value if value is None or unit_m is None else value * unit_m
     low, high = within
     if value is not None and not low <= value <= high:
         allowed = f"from {low:g} to {high:g}"
@@ -311,10 +316,12 @@ def _sigma(row: Row, column: str, line: int, errors: Errors, within: tuple[float
     return value
 
 
-def _sigmas(row: Row, line: int, errors: Errors) -> PartialSigma3:
+def _sigmas(row: Row, line: int, errors: Errors, units_m: Mapping[str, float | None]) -> PartialSigma3:
     """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
-    whole, plan = (_sigma(row, column, line, errors) for column in ("sigma", "sigma_plan"))
-    x, y, z = (_sigma(row, column, line, errors) for column in ("sigma_x", "sigma_y", "sigma_z"))
+    whole, plan, x, y, z = (
+        _sigma(row, column, line, errors, unit_m=units_m.get(column))
+        for column in ("sigma", "sigma_plan", "sigma_x", "sigma_y", "sigma_z")
+    )
     plan = whole if plan is None else plan
     return plan if x is None else x, plan if y is None else y, whole if z is None else z
 
@@ -343,6 +350,7 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
     header, rows, errors = rows_of(path, lines, _POINT_COLUMNS, ("name", "x", "y", "z"))
     called = {_meaning(column, _POINT_COLUMNS): _plain(column)[:3] for column in header}
     geographic = {("lon", "lat"): True, ("eas", "nor"): False}.get((called["x"], called["y"]))
+    units_m = {_meaning(column, _POINT_COLUMNS) or "": length_unit_m(column) for column in header}
     points: dict[str, SurveyedPoint] = {}
     for line, row in rows:
         name = row["name"]
@@ -352,7 +360,7 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
         if errors.name(name, "the name", line) is None:
             continue
         position = _numbers([row[axis] for axis in "xyz"], [f"{axis} of {name}" for axis in "xyz"], line, errors)
-        sigma_m, role = _sigmas(row, line, errors), _role(row, line, errors)
+        sigma_m, role = _sigmas(row, line, errors, units_m), _role(row, line, errors)
         if name in points:
             errors.note(
                 line, f"{name!r} is used twice, first in line {points[name].line}: give each point its own name"
@@ -361,7 +369,8 @@ def _read_point_table(path: Path, lines: Sequence[tuple[int, str]]) -> PointFile
             x, y, z = position
             points[name] = SurveyedPoint(name, (x, y, z), sigma_m, role, line=line)
     errors.raise_all()
-    return PointFile(path, None, geographic, False, tuple(points.values()), ())
+    unit_m = units_m["x"], units_m["y"], units_m["z"]
+    return PointFile(path, None, geographic, False, tuple(points.values()), (), unit_m=unit_m)
 
 
 def read_points(path: Path) -> PointFile:

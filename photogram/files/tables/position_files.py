@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from photogram.errors import ProjectError
+from photogram.files.tables.column_units import NO_UNITS, UnitsM
 from photogram.files.text_lines import SIGMA_M, Errors, lines_of
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 
@@ -60,12 +61,14 @@ class PositionRow:
 
 @dataclass(frozen=True)
 class PositionFile:
-    """The positions of one file; ``geographic`` says whether they are longitude and latitude."""
+    """The positions of one file; ``geographic`` says whether they are longitude and latitude, ``unit_m`` the units of
+    the three coordinates that its columns state, m; None counts as the CRS does."""
 
     path: Path
     format: Format
     geographic: bool
     rows: tuple[PositionRow, ...]
+    unit_m: UnitsM = NO_UNITS
 
 
 def check_on_globe(row: PositionRow, errors: Errors) -> None:

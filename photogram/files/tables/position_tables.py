@@ -13,6 +13,7 @@ from pathlib import Path
 from photogram.arrays import FloatArray
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
+from photogram.files.tables.column_units import length_unit_m, without_unit
 from photogram.files.tables.position_files import (
     HOLDING,
     Format,
@@ -94,8 +95,8 @@ _TIME = re.compile(r"(\d{4})[-/](\d\d)[-/](\d\d)[T ]+(\d\d):(\d\d):(\d\d(?:\.\d+
 
 def _plain(column: str) -> str:
     """Return a column's name without its unit and in one spelling: ``Sigma Height [m]`` is sigma_height."""
-    words = re.sub(r"[(\[].*?[)\]]", "", column).strip().lstrip("#%").strip().lower()
-    return re.sub(r"_(?:m|deg)$", "", re.sub(r"[\s./-]+", "_", words).strip("_"))
+    words = without_unit(column).lstrip("#%").strip().lower()
+    return re.sub(r"[\s./-]+", "_", words).strip("_")
 
 
 def _columns(header: Sequence[str], line: int, errors: Errors) -> dict[str, int]:
@@ -146,12 +147,13 @@ def _solution(text: str, line: int, errors: Errors) -> Solution:
     return "unknown"
 
 
-def _sigma(row: Row, line: int, errors: Errors) -> Sigma3 | None:
-    """Return the sigma of each axis: its own column, else that of the plan, else the one of all axes."""
+def _sigma(row: Row, line: int, errors: Errors, units_m: Mapping[str, float]) -> Sigma3 | None:
+    """Return the sigma of each axis, m: its own column, else that of the plan, else the one of all axes."""
     stated: dict[str, float] = {}
     for column in ("sigma", "sigma_plan", "sigma_east", "sigma_north", "sigma_height"):
         text = row.get(column, "")
         value = errors.number(text, column, line) if text else None
+        value = value if value is None else value * units_m.get(column, 1.0)
         if value is not None and value < 0.0:
             errors.note(line, f"{column} must not be below 0, found {text}: give the standard deviation in metres")
         elif value is not None:
@@ -189,12 +191,16 @@ def _time(text: str) -> datetime | None:
 
 
 def _rows(
-    table: Sequence[tuple[int, Row]], plan: tuple[str, str], errors: Errors, gps_times: Mapping[int, datetime]
+    table: Sequence[tuple[int, Row]],
+    plan: tuple[str, str],
+    errors: Errors,
+    gps_times: Mapping[int, datetime],
+    units_m: Mapping[str, float],
 ) -> list[PositionRow]:
     rows = []
     for line, row in table:
         position = _triple(row, (*plan, "height"), line, errors)
-        sigma, solution = _sigma(row, line, errors), _solution(row.get("solution", ""), line, errors)
+        sigma, solution = _sigma(row, line, errors, units_m), _solution(row.get("solution", ""), line, errors)
         attitude = _attitude(row, line, errors)
         if position is not None:
             time = gps_times.get(line) or _time(row.get("time", ""))
@@ -234,14 +240,16 @@ def _file(
             errors.name(cells.get("photograph", ""), "the photograph", line)
     if not lines:
         errors.note(number, "no rows after the first line")
-    rows = _rows(table, (first, second), errors, gps_times)
+    units_m = {meaning: unit for meaning, i in places.items() if (unit := length_unit_m(names[i])) is not None}
+    rows = _rows(table, (first, second), errors, gps_times, units_m)
     if geographic is None:
         geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 90.0 for r in rows)
     if geographic:
         for row in rows:
             check_on_globe(row, errors)
     errors.raise_all()
-    return PositionFile(path, kind, geographic, tuple(rows))
+    unit_m = units_m.get(first), units_m.get(second), units_m.get("height")
+    return PositionFile(path, kind, geographic, tuple(rows), unit_m)
 
 
 def read_table(path: Path) -> PositionFile:

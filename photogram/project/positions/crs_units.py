@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import FloatArray
 from photogram.errors import FrameError
+from photogram.files.tables.column_units import UnitsM, in_words
 from photogram.geodesy.crs import MapUnits, map_units, product_crs
 from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.document import Document, Key
@@ -129,3 +131,19 @@ def _in_metres(given: Place | None, units: MapUnits) -> Place | None:
         return None
     easting, northing, height = (np.array(given) * units.factors).tolist()
     return easting, northing, height
+
+
+def in_units_of_crs(document: Document, key: Key, path: str, crs: str, given: FloatArray, unit_m: UnitsM) -> FloatArray:
+    """Return positions (N, 3) whose columns in the file ``path`` state the units ``unit_m`` in those of their CRS, and
+    warn where that changes them. Raises FrameError as ``map_units`` where the CRS is none."""
+    try:
+        own = map_units(crs).factors
+        plan: UnitsM = unit_m
+    except FrameError:
+        own, plan = np.ones(3), (None, None, unit_m[2])  # longitude and latitude: a height alone has a length
+    factor = np.array([1.0 if unit is None else unit / axis for unit, axis in zip(plan, own, strict=True)])
+    if np.all(factor == 1.0):
+        return given
+    text = f"{path}: {in_words(plan)}, as its columns say, brought to the unit of {shortened(crs)}"
+    document.warn(key, text, "correct the names of its columns if they are wrong")
+    return np.asarray(given * factor)

@@ -21,6 +21,7 @@ from photogram.gnss import Sigma3, Solution
 from photogram.project.cross_checks import Located
 from photogram.project.document import Document, Key
 from photogram.project.heights import Placed, ProjectMap
+from photogram.project.positions.crs_units import in_units_of_crs
 from photogram.project.positions.matching import Matching, match_rows
 from photogram.project.schema import PhotographEntry, PositionFileEntry, PositionOf, ProjectFile
 
@@ -197,6 +198,7 @@ def _placed(
     given = np.array([row.position for row in read.rows]).reshape(-1, 3)
     declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
     try:
+        given = in_units_of_crs(document, key, str(entry.path), crs, given, read.unit_m)
         return target.placed(crs, declared, target.heights.gnss_given, given)
     except FrameError as error:
         document.add_error((*key, "crs") if entry.crs else key, f"{entry.path}: {str(error).removeprefix('crs: ')}")
