@@ -520,3 +520,66 @@ def test_a_frozen_receiver_leaves_the_block_to_control(survey: Path, edit: Run, 
     assert "the receiver had stopped updating, these positions were not used" in warning
     assert np.isfinite(report["adjustment"]["sigma0"])
     assert report["check_points"]["rmse_v_m"] < 0.3
+
+
+# ---- figures that stand for nothing --------------------------------------------------------------------------------
+
+
+def test_zeros_for_an_attitude_are_not_used(tiny: Tiny) -> None:
+    zeros = {"gimbal_yaw_deg": 0.0, "gimbal_pitch_deg": 0.0, "gimbal_roll_deg": 0.0}
+    tiny.tags = [replace(t, **zeros) for t in tiny.tags]  # type: ignore[arg-type]
+    findings = tiny.findings()
+    only(findings, "warning", "the tags of all 12 photographs give an attitude of 0, 0, 0: it is not used")
+    assert len(findings) == 1
+
+
+def test_a_single_zero_is_a_measurement(tiny: Tiny) -> None:
+    tiny.tags[3] = replace(tiny.tags[3], gimbal_yaw_deg=0.0)
+    assert not [f for f in tiny.findings() if "0, 0, 0" in f.text]
+
+
+def test_zeros_for_a_height_are_said(tiny: Tiny) -> None:
+    tiny.tags = [replace(t, height_m=0.0, rtk_flag=None, gnss_sigma_m=None) for t in tiny.tags]
+    tiny.values["photographs"]["gnss_sigma_m"] = [2, 2, 3]
+    tiny.values["gnss"] = {"offset_sigma_m": [3, 3, 30]}
+    only(tiny.findings(), "warning", "the tags of all 12 photographs give a height of 0: heights are known by control")
+
+
+def with_tags(survey: Path, **changed: float | None) -> None:
+    for path in sorted((survey / "photographs").iterdir()):
+        write_photograph(path, read_photograph(path), replace(read_tags(path), **changed))  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_zeros_for_attitudes_accuse_nobody(finished_survey: Path, survey: Path, photogram: Run) -> None:
+    plain = yaml.safe_load((finished_survey / "results/report.json").read_text(encoding="utf-8"))
+    with_tags(survey, gimbal_yaw_deg=0.0, gimbal_pitch_deg=0.0, gimbal_roll_deg=0.0)
+    outcome = photogram("adjust", survey / "project.yaml")
+    assert outcome.code == 0, outcome.err
+    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    assert report["blunders"] == []
+    assert report["check_points"]["rmse_h_m"] < plain["check_points"]["rmse_h_m"] + 0.01
+    assert report["check_points"]["rmse_v_m"] < plain["check_points"]["rmse_v_m"] + 0.03
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("control", [True, False])
+def test_zeros_for_heights_leave_them_to_control(survey: Path, edit: Run, photogram: Run, control: bool) -> None:
+    with_tags(survey, height_m=0.0, rtk_flag=None, gnss_sigma_m=None, height_is_ellipsoidal=None)
+
+    def consumer(values: Values) -> None:
+        values["photographs"]["gnss_sigma_m"] = [2.0, 2.0, 3.0]
+        if not control:
+            for point in values["control_points"]["list"]:
+                point["role"] = "check"
+
+    edit(survey / "project.yaml", consumer)
+    outcome = photogram("adjust", survey / "project.yaml")
+    assert outcome.code == 0, outcome.err
+    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    assert report["blunders"] == []
+    heights_m = [p["sigma_m"][2] for p in report["photographs"].values() if p["registered"]]
+    if control:
+        assert report["check_points"]["rmse_v_m"] < 0.3
+    else:
+        assert min(heights_m) > 100.0  # nothing says how high it is

@@ -14,6 +14,7 @@ from photogram.files.npz_json import file_fingerprint, fingerprint, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import check_photograph, read_tags
+from photogram.files.photographs.placeholders import zero_attitudes, zero_heights
 from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage, line_of
@@ -100,11 +101,23 @@ def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime 
     return int(frozen.sum())
 
 
+def _leave_out_zeros(project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags]) -> None:
+    """Note which attitudes of tags were not measured, and which heights; the former are not used."""
+    own = [photograph.attitude_deg is None for photograph in project.photographs]
+    for note, zero, tagged in zip(notes, zero_attitudes(tags).tolist(), own, strict=True):
+        if zero and tagged:
+            note["attitude_deg"] = None
+    listed = [p.gnss_map_m is not None or p.file_position is not None for p in project.photographs]
+    for note, zero, elsewhere in zip(notes, zero_heights(tags).tolist(), listed, strict=True):
+        if zero and not elsewhere:
+            note["gnss_height_is_none"] = True
+
+
 def leave_out(
     project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags], executor: Executor
 ) -> tuple[int, int]:
-    """Take out of the ``notes`` what measures nothing: photographs that are there twice, and positions of a receiver
-    that had stopped. Returns how many there are of each.
+    """Take out of the ``notes`` what measures nothing: zeros of all photographs of a camera, photographs that are there
+    twice, and positions of a receiver that had stopped. Returns how many there are of the last two.
 
     Raises ProjectError where times or height references contradict the project.
     """
@@ -113,6 +126,7 @@ def leave_out(
     contradictions = [f for f in (*time_findings(timed), *datum_findings(project, tags)) if f.severity == "error"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
+    _leave_out_zeros(project, notes, tags)
     return _leave_out_copies(project, notes, tags, executor), _leave_out_frozen(notes, times)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader
+from photogram.files.photographs.placeholders import without_zero_attitudes, zero_attitudes, zero_heights
 from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
@@ -163,12 +164,32 @@ def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: Ma
     return Finding("note", "survey", ", ".join(facts))
 
 
+def _placeholder_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return which figures of the tags stand for nothing."""
+    findings, names = list[Finding](), np.array([p.name for p in project.photographs], dtype=object)
+    tagged = np.array([p.attitude_deg is None for p in project.photographs], dtype=bool)
+    zero = zero_attitudes(tags) & tagged
+    if zero.any():
+        text = f"the tags of all {things(int(zero.sum()), 'photograph')} give an attitude of 0, 0, 0: it is not used"
+        remedy = "nothing, if the camera has no sensor for it; else give the attitudes under photographs.list"
+        findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
+    own = np.array([p.gnss_map_m is None and p.file_position is None for p in project.photographs], dtype=bool)
+    zero = zero_heights(tags) & own
+    if zero.any():
+        text = f"the tags of all {things(int(zero.sum()), 'photograph')} give a height of 0: heights are known by "
+        text += "control points alone, without them to a kilometre"
+        remedy = "give control points, or positions with heights under photographs.positions"
+        findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
+    return findings
+
+
 def survey_findings(
     project: Project, tags: Sequence[PhotographTags | None], duplicates: Sequence[Sequence[int]] = ()
 ) -> list[Finding]:
     """Return everything that project and tags show together; ``tags`` are those of ``project.photographs``, None where
     a photograph cannot be read, ``duplicates`` groups of photographs that are the same."""
-    findings = []
+    findings = _placeholder_findings(project, tags)
+    tags = without_zero_attitudes(tags)
     if len(project.photographs) - sum(len(group) - 1 for group in duplicates) < 2:
         text = "a survey needs at least two photographs"
         findings.append(Finding("error", "photographs", text, "give all photographs of the flight"))
