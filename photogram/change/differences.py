@@ -108,6 +108,12 @@ class Difference:
         return tuple(undeclared) if len(undeclared) == 1 else ()
 
     @property
+    def zeros_without_data(self) -> tuple[str, ...]:
+        """Return the names of the surfaces whose zeros stand for no data, which they do not declare."""
+        surfaces = (self.earlier, self.later)
+        return tuple(s.heights.path.name for s in surfaces if s.heights.zeros_are_none)
+
+    @property
     def correlation_m(self) -> tuple[float, float]:
         """Return the widths over which errors of the earlier and the later surface correlate."""
         return self.earlier.correlation_m, self.later.correlation_m

@@ -233,6 +233,7 @@ def _summary(
         columns=grid.columns,
         resampled=difference.resampled,
         undeclared_heights=() if bases else difference.undeclared_heights,
+        zeros_without_data=difference.zeros_without_data,
         registration=registration,
         registration_applied=applied,
         cells=int(counts.sum()),

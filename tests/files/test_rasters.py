@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.maps.cogs import NODATA
-from photogram.files.maps.rasters import read_raster, write_raster
+from photogram.files.maps.rasters import open_raster, read_raster, write_raster
+from photogram.grid import Window
 from photogram.survey import Raster
 
 CRS = "EPSG:25832"
@@ -151,3 +153,70 @@ def test_survey_surface_is_read(shared_data: SharedData) -> None:
     row = int((raster.north_map_m - 6_191_955.16) / raster.cell_m)
     column = int((719_970.70 - raster.west_map_m) / raster.cell_m)
     assert raster.values[row, column] == pytest.approx(69.59, abs=0.25)
+
+
+# ---- what strangers write ------------------------------------------------------------------------------------------
+
+
+def strange(
+    path: Path, values: Any, unit: str | None = None, nodata: float | None = None, kind: str = "float32"
+) -> None:
+    """Write a raster as other programs do, with no word on what stands for no data."""
+    transform = rasterio.transform.from_origin(500_000.0, 6_000_000.0, 1.0, 1.0)
+    shape = values.shape
+    with rasterio.open(path, "w", "GTiff", shape[1], shape[0], 1, CRS, transform, kind, nodata=nodata) as dataset:
+        dataset.write(values.astype(kind), 1)
+        if unit is not None:
+            dataset.units = [unit]
+
+
+def heights_with_rim(value: float, level_m: float = 100.0) -> Any:
+    values = level_m + np.random.default_rng(3).normal(0.0, 0.5, (40, 50))
+    values[:4] = values[-4:] = value
+    values[:, :4] = values[:, -4:] = value
+    return values
+
+
+@pytest.mark.parametrize("value", [-9999.0, -32767.0, -32768.0, -99999.0, 3.4e38, -3.4e38, 1e20, 99999.0, 0.0])
+def test_no_data_that_nobody_declares_is_none(tmp_path: Path, value: float) -> None:
+    path = tmp_path / "dsm.tif"
+    strange(path, heights_with_rim(value))
+    values = read_raster(path)[0].values
+    inner = np.zeros(values.shape, dtype=bool)
+    inner[4:-4, 4:-4] = True
+    np.testing.assert_array_equal(np.isfinite(values), inner)
+    assert open_raster(path).zeros_are_none == (value == 0.0)
+    window = open_raster(path).read(Window(0, 0, 10, 10))
+    np.testing.assert_array_equal(window, values[:10, :10])
+
+
+def test_no_data_of_whole_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "dsm.tif"
+    strange(path, np.round(heights_with_rim(-32768.0)), kind="int16")
+    assert np.isnan(read_raster(path)[0].values[0]).all()
+
+
+def test_zeros_among_heights_near_zero_are_heights(tmp_path: Path) -> None:
+    path = tmp_path / "beach.tif"
+    strange(path, heights_with_rim(0.0, 3.0))
+    assert not open_raster(path).zeros_are_none
+    assert np.isfinite(read_raster(path)[0].values).all()
+    strange(path, heights_with_rim(0.0, 100.0), nodata=-9999.0)  # what is declared is believed
+    assert np.isfinite(read_raster(path)[0].values).all()
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("ft", 0.3048), ("US survey foot", 1200.0 / 3937.0), ("metre", 1.0), ("", 1.0), ("cm", 0.01)]
+)
+def test_the_unit_that_a_band_states_is_that_of_its_heights(tmp_path: Path, unit: str, metres: float) -> None:
+    path = tmp_path / "dsm.tif"
+    values = heights_with_rim(90.0)
+    strange(path, values, unit)
+    np.testing.assert_allclose(read_raster(path)[0].values, values * metres, rtol=1e-6)
+
+
+def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "dsm.tif"
+    strange(path, heights_with_rim(90.0), "fathoms of old")
+    with pytest.raises(FrameError, match="its band is in 'fathoms of old', which is no unit of length"):
+        read_raster(path)

@@ -64,6 +64,8 @@ def show_surface_change(change: SurfaceChange) -> None:
         _say(f"Interpolated on cells of {change.cell_m:g} m: {', '.join(change.resampled)}.")
     for name in change.undeclared_heights:
         _say(f"Heights of {name}: no height system is stated; they are taken to count from that of the other surface.")
+    for name in change.zeros_without_data:
+        _say(f"Zeros of {name} lie at its rim, far from all other heights: they are taken for no data.")
     if change.interpolated_cells:
         _say(f"{change.interpolated_cells} cells are filled or without a sigma: they have no level of detection.")
     if change.registration is not None:

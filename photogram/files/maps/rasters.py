@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import rasterio
 import rasterio.windows
 from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
-from rasterio.enums import Resampling
+from rasterio.enums import MaskFlags, Resampling
 from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
@@ -21,15 +21,25 @@ from photogram.arrays import ByteArray, Float32Array
 from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import write_cog
 from photogram.files.reading import regular_file_size
+from photogram.files.tables.column_units import unit_m
 from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units
 from photogram.grid import MapGrid, Window
 from photogram.survey import Raster
+from photogram.wording import shortened
 
 # A drift of a thousandth of a cell over the whole raster is rounding, not rotation.
 _TOLERANCE_CELLS = 1e-3
 MOST_CELLS = 1_000_000_000
 LARGEST_RATIO = 5000
 LARGEST_COORDINATE_M = 1e9
+
+LOWEST_M, HIGHEST_M = -1000.0, 9000.0
+"""Heights beyond which no ground lies on land: what stands there stands for no data."""
+FAR_M = 10.0
+"""By how much zeros at the rim lie away from all other heights that stand for no data."""
+RIM_SHARE = 0.05
+"""Of the cells at the rim, that are zeros then."""
+_LOOKED_AT = 1024
 
 DAMAGE = (RasterioError, CPLE_BaseError, OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError)
 """What rasterio raises where a file is damaged."""
@@ -76,7 +86,7 @@ def read_raster(path: Path | str, *, local: bool = False) -> tuple[Raster, str]:
     with _opened(path) as dataset:
         band = dataset.read(1, masked=True)
         file = _described(path, dataset, local)
-    values = _scaled(band, file.scale, file.offset)
+    values = file.heights(band)
     return Raster(values, file.grid.west_map_m, file.grid.north_map_m, file.grid.cell_m), file.crs
 
 
@@ -93,6 +103,21 @@ class RasterFile:
     """What its numbers are multiplied by to be metres."""
     offset: float = 0.0
     """What is added then."""
+    declares_none: bool = True
+    """Whether the file declares what stands for no data."""
+    zeros_are_none: bool = False
+    """Whether zeros stand for no data, which the file does not declare."""
+
+    def heights(self, band: np.ma.MaskedArray[Any, Any]) -> Float32Array:
+        """Return the heights of cells of the file, m, NaN where they have none: masked, infinite, and where the file
+        declares nothing beyond all ground, or zeros that stand for it."""
+        values = _scaled(band, self.scale, self.offset)
+        if not self.declares_none:
+            with np.errstate(invalid="ignore"):
+                values[(values < LOWEST_M) | (values > HIGHEST_M)] = np.nan
+        if self.zeros_are_none:
+            values[np.asarray(band.data) == 0] = np.nan
+        return values
 
     def read(self, window: Window) -> Float32Array:
         """Return the values (rows, columns) of a window, which may reach beyond the grid: NaN there and where there is
@@ -104,7 +129,7 @@ class RasterFile:
             with _opened(self.path) as dataset:
                 at = rasterio.windows.Window(inner.column, inner.row, columns, rows)
                 band = dataset.read(1, window=at, masked=True)
-            values[inner.within(window)] = _scaled(band, self.scale, self.offset)
+            values[inner.within(window)] = self.heights(band)
         return values
 
 
@@ -146,7 +171,37 @@ def _described(path: Path, dataset: rasterio.DatasetReader, local: bool) -> Rast
     name, units = _crs_name(path, crs, local)
     west, north = float(transform.c * units.plan_m), float(transform.f * units.plan_m)
     grid = MapGrid(west, north, cell * units.plan_m, dataset.height, dataset.width)
-    return RasterFile(path, grid, name, float(scale) * units.height_m, float(offset) * units.height_m)
+    unit = _height_unit_m(path, dataset.units[0], units)
+    file = RasterFile(path, grid, name, float(scale) * unit, float(offset) * unit)
+    if dataset.nodata is not None or MaskFlags.all_valid not in dataset.mask_flag_enums[0]:
+        return file
+    file = replace(file, declares_none=False)
+    return replace(file, zeros_are_none=_zeros_are_none(dataset, file))
+
+
+def _height_unit_m(path: Path, stated: str | None, units: MapUnits) -> float:
+    """Return the unit of a band's heights in metres: the one that it states itself, else that of the CRS. Raises
+    FrameError where it states another."""
+    if not stated or stated.lower() in ("unknown", "none"):
+        return units.height_m
+    own = unit_m(stated)
+    if own is None:
+        raise FrameError(
+            f"raster {path}: its band is in {shortened(stated)!r}, which is no unit of length: write it in metres, or "
+            "correct its unit (gdal_edit.py -units m FILE)"
+        )
+    return own
+
+
+def _zeros_are_none(dataset: rasterio.DatasetReader, file: RasterFile) -> bool:
+    """Return whether zeros stand for no data: they fill a part of the rim, and all other heights lie far off."""
+    step = max(1, int(np.ceil(max(dataset.height, dataset.width) / _LOOKED_AT)))
+    shape = int(np.ceil(dataset.height / step)), int(np.ceil(dataset.width / step))
+    band = dataset.read(1, out_shape=shape, masked=True)
+    zero, heights = np.asarray(band.data) == 0, file.heights(band)
+    rim = np.concatenate([zero[0], zero[-1], zero[:, 0], zero[:, -1]])
+    others = heights[~zero & np.isfinite(heights)]
+    return bool(rim.mean() > RIM_SHARE and len(others) and np.abs(others - file.offset).min() > FAR_M)
 
 
 def _crs_name(path: Path, crs: CRS | None, local: bool) -> tuple[str, MapUnits]:

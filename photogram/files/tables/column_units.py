@@ -48,6 +48,11 @@ def unit_of(column: str) -> str | None:
     return next((word for word in map(_word, stated) if word in LENGTHS_M or word in OTHERS), None)
 
 
+def unit_m(text: str) -> float | None:
+    """Return a unit of length by its name alone, in metres, None where it is not known."""
+    return LENGTHS_M.get(_word(text))
+
+
 def length_unit_m(column: str) -> float | None:
     """Return the unit of length that the name of a column states, in metres, None where it states none."""
     unit = unit_of(column)
