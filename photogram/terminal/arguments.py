@@ -5,7 +5,21 @@ from typing import Annotated
 
 import typer
 
-ProjectFile = Annotated[Path, typer.Argument(help="Project file, usually project.yaml.", show_default=False)]
+PROJECT_FILE = Path("project.yaml")
+"""What a project file is called in a folder that is given in its place, or in the working one."""
+
+
+def _in_folder(given: Path) -> Path:
+    return given / PROJECT_FILE if given.is_dir() else given
+
+
+ProjectFile = Annotated[
+    Path,
+    typer.Argument(
+        help="Project file, or the folder of a project.yaml.", default_factory=lambda: PROJECT_FILE,
+        show_default="project.yaml", callback=_in_folder,
+    ),
+]  # fmt: skip
 Photographs = Annotated[
     Path | None,
     typer.Option("--photographs", help="Folder of the photographs; overrides photographs.folder of the project file."),

@@ -91,7 +91,6 @@ def test_help_shows_every_word_that_is_written_for_it(
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("adjust",),
         ("adjsut", "project.yaml"),
         ("adjust", "project.yaml", "--form", "surface"),
         ("adjust", "project.yaml", "another.yaml"),
@@ -109,6 +108,19 @@ def test_wrong_usage_ends_with_2(photogram: Run, arguments: tuple[str, ...]) -> 
     assert outcome.code == 2
     assert "Usage: photogram" in outcome.err + outcome.out
     assert "Traceback" not in outcome.err
+
+
+def test_the_project_of_a_folder_needs_no_name(
+    adjusted_survey: Path, photogram: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    named = photogram("check", adjusted_survey / "project.yaml")
+    assert photogram("check", adjusted_survey).out == named.out
+    monkeypatch.chdir(adjusted_survey)
+    assert photogram("check").code == named.code
+    monkeypatch.chdir(tmp_path)
+    outcome = photogram("adjust")
+    assert outcome.code == 1
+    assert "project.yaml: cannot be read (No such file or directory)" in outcome.err
 
 
 def test_a_stage_that_does_not_exist(photogram: Run, survey: Path) -> None:

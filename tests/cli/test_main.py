@@ -50,7 +50,7 @@ commands = ["adjust", "check", "compare", "demo", "init", "plan", "report", "sch
 for arguments in ([], ["study", "ransac"], *([c] for c in commands)):
     code, text = said(*arguments, "--help")
     assert code == 0 and "Usage: photogram" in text, (arguments, code, text)
-wrong = [["adjsut"], ["adjust"], ["adjust", "p.yaml", "--form", "dense"], ["adjust", "p.yaml", "--from", "denes"],
+wrong = [["adjsut"], ["adjust", "p.yaml", "--form", "dense"], ["adjust", "p.yaml", "--from", "denes"],
          ["adjust", "p.yaml", "--workers", "0"], ["adjust", "p.yaml", "--workers", "2", "--scheduler", "tcp://a:1"],
          ["plan", "--area", "20"], ["plan", "--gnss", "rkt"], ["init", "--heights", "msl", "."],
          ["view", ".", "--points", "1"],
