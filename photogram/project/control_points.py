@@ -7,7 +7,7 @@ Errors are noted in the document under the entry that names the file, and carry 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray, check_shape
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
+from photogram.files.photographs.names import joined_names
 from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.geodesy.height_systems import HeightSystem
@@ -354,10 +355,14 @@ def _marks_in_photographs(
     """
     names = [p.name for p in photographs if p.name is not None]
     taking_part = set(names)
-    marks = [_with_whole_names(own, names) for own in marks]
+    joined = [joined_names((mark.photograph for mark in own), names) for own in marks]
+    marks = [
+        [replace(mark, photograph=join.of.get(mark.photograph, mark.photograph)) for mark in own]
+        for own, join in zip(marks, joined, strict=True)
+    ]
     kept = [[mark for mark in own if mark.photograph in taking_part] for own in marks]
     nothing_left = not any(kept) and not marks_listed
-    for source, own in zip(sources, marks, strict=True):
+    for source, own, join in zip(sources, marks, joined, strict=True):
         missing = [mark for mark in own if mark.photograph not in taking_part]
         if not missing:
             continue
@@ -365,6 +370,9 @@ def _marks_in_photographs(
         listed = ", ".join(f"{name} ({count})" for name, count in list(counts.items())[:_MOST_NAMES])
         more = f" and {len(counts) - _MOST_NAMES} more" if len(counts) > _MOST_NAMES else ""
         near = suggestion(missing[0].photograph, names)
+        several = join.ambiguous.get(missing[0].photograph)
+        if several is not None:
+            near = f"did you mean {' or '.join(several[:3])}? Write the folder too"
         hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
         text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
         where = f"{source.marks_path}:{missing[0].source.line}: "
@@ -373,28 +381,6 @@ def _marks_in_photographs(
         else:
             document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
     return kept
-
-
-def _with_whole_names(marks: Sequence[Mark], names: Sequence[str]) -> list[Mark]:
-    """Return marks with the photographs' names of the project where another program names them otherwise: the longest
-    name that ends the path it gives, else the one whose file has its name when case and suffix are set aside."""
-    known = {name.lower(): name for name in names}
-    stems: dict[str, list[str]] = {}
-    for name in names:
-        stems.setdefault(PurePosixPath(name).stem.lower(), []).append(name)
-
-    def whole(given: str) -> str:
-        path = PurePosixPath(given)
-        ends = ("/".join(path.parts[i:]).lower() for i in range(len(path.parts)))
-        ending = next((known[end] for end in ends if end in known), None)
-        alike = stems.get(path.stem.lower()) or stems.get(path.name.lower(), [])
-        return ending or (alike[0] if len(alike) == 1 else given)
-
-    names_of = {mark.photograph: whole(mark.photograph) for mark in marks if mark.source.may_lack_suffix}
-    # two photographs of the file never become one of the project
-    count = Counter(names_of.values())
-    names_of = {given: name for given, name in names_of.items() if count[name] == 1 or given == name}
-    return [replace(mark, photograph=names_of.get(mark.photograph, mark.photograph)) for mark in marks]
 
 
 def _scale(

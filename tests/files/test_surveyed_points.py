@@ -32,5 +32,5 @@ def test_an_added_point_has_all_standard_deviations_or_none() -> None:
 
 def test_marks_are_equal_wherever_they_were_read() -> None:
     mark = Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), source=MarkSource(7))
-    assert mark == Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), source=MarkSource(9, may_lack_suffix=True))
+    assert mark == Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), source=MarkSource(9, is_of_photogram=True))
     assert mark != Mark("A", "a.jpg", (1.0, 2.0), (0.3, 0.4), rho=0.1)

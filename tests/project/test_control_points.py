@@ -242,16 +242,16 @@ def test_sheffield(tmp_path: Path, shared_data: SharedData) -> None:
 
 
 def test_marks_of_photographs_that_take_no_part_are_left_out_with_a_warning(folder: Path) -> None:
-    change(folder, "gcp_list.txt", ("a.jpg", "a.JPG"))
+    change(folder, "gcp_list.txt", ("a.jpg", "aa.JPG"))
     change(folder, "marks.csv", ("K1,b.jpg", "K1,IMG_9.png"))
     project = read(folder)
     assert [len(p.mark_photograph) for p in project.control_points] == [1, 1, 1, 1, 1, 1]
     first, second = project.warnings
     assert (first.severity, first.where) == ("warning", "project.yaml:19")
     assert first.text == (
-        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that are not in the project and are left out: a.JPG (1)"
+        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that are not in the project and are left out: aa.JPG (1)"
     )
-    assert first.remedy == "did you mean 'a.jpg'?"
+    assert first.remedy == "add the photographs to the project, or remove their marks"
     assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that are not in the project")
     assert second.text.endswith("IMG_9.png (1)")
     assert second.remedy == "add the photographs to the project, or remove their marks"
@@ -592,3 +592,26 @@ def test_metres_in_the_header_change_nothing(folder: Path) -> None:
     assert [str(w) for w in after.warnings] == [str(w) for w in before.warnings]
     for old, new in zip(before.control_points, after.control_points, strict=True):
         np.testing.assert_array_equal(old.position_map_m, new.position_map_m)
+
+
+# ---- names of photographs as others write them ---------------------------------------------------------------------
+
+
+def test_marks_are_joined_to_photographs_by_any_name_that_fits_one(folder: Path) -> None:
+    before = read(folder)
+    change(folder, "gcp_list.txt", ("a.jpg", "A.JPG"), ("c.jpg", "D:\\flight\\c.jpg"), ("b.jpg", "photographs/b"))
+    after = read(folder)
+    assert after.warnings == before.warnings
+    for old, new in zip(before.control_points, after.control_points, strict=True):
+        np.testing.assert_array_equal(old.mark_photograph, new.mark_photograph)
+
+
+def test_a_name_that_fits_two_photographs_is_not_guessed(folder: Path) -> None:
+    for name in ("east", "west"):
+        (folder / "images" / name).mkdir()
+        (folder / "images" / name / "d.jpg").touch()
+    listed = "    - {name: east/d.jpg}\n    - {name: west/d.jpg}\n    - {name: b.jpg}\n"
+    change(folder, "project.yaml", ("    - {name: b.jpg}\n", listed))
+    change(folder, "gcp_list.txt", ("a.jpg", "d.jpg"))
+    (said,) = [w for w in read(folder).warnings if "d.jpg" in w.text]
+    assert said.remedy == "did you mean east/d.jpg or west/d.jpg? Write the folder too"

@@ -185,7 +185,7 @@ def _mark(location: Element, point: str, photographs: Mapping[str, str], errors:
     if None in [errors.number(t, f"{axis} of {point}", location.line) for t, axis in zip(texts, "xy", strict=True)]:
         return None
     pixel = (from_corner(texts[0]), from_corner(texts[1]))
-    source = MarkSource(location.line, is_of_photogram=True, may_lack_suffix=True)
+    source = MarkSource(location.line, is_of_photogram=True)
     return mark_of((point, photographs[camera]), pixel, source, errors)
 
 

@@ -72,7 +72,7 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
         numbers = [errors.number(text, what, line) for text, what in zip(fields[2:4], "xy", strict=True)]
         if None not in numbers:
             pixel = (from_corner(fields[2]), from_corner(fields[3]))
-            source = MarkSource(line, is_of_photogram=True, may_lack_suffix=True)
+            source = MarkSource(line, is_of_photogram=True)
             read.append(mark_of((point, photograph), pixel, source, errors))
     marks = tuple(mark for mark in read if mark is not None)
     check_marks(marks, errors)

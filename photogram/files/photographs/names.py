@@ -1,6 +1,10 @@
-"""Files of photographs by their names: which can be photographs, and which show the same exposure."""
+"""Files of photographs by their names: which can be photographs, which show the same exposure, and which is meant by a
+name as another program writes it."""
 
-from collections.abc import Sequence
+import re
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 PNG = ".png"
@@ -30,3 +34,76 @@ def deep_twins(names: Sequence[str], bits: Sequence[int]) -> dict[str, str]:
         for name, own in zip(names, bits, strict=True)
         if own > 8 and _exposure(name) in shallow
     }
+
+
+@dataclass(frozen=True)
+class JoinedNames:
+    """The photographs of a project ``of`` names as other programs write them, and of ``ambiguous`` ones the photographs
+    that each may be. A name that is none is in neither."""
+
+    of: Mapping[str, str]
+    ambiguous: Mapping[str, tuple[str, ...]]
+
+
+def joined_names(given: Iterable[str], names: Sequence[str]) -> JoinedNames:
+    """Return which of the photographs ``names`` each name is: as it is, else the one whose path ends as it does or
+    that ends its path, whatever the case and the separators, else the one of its file's name without suffix, else
+    without leading zeros. Where several photographs fit alike, or several names fit one, nothing is guessed."""
+    whole, forms = set(names), [_forms_of(names, form) for form in (_parts, _stem, _unpadded)]
+    joined, ambiguous = dict[str, str](), dict[str, tuple[str, ...]]()
+    for name in dict.fromkeys(given):
+        if name in whole:
+            joined[name] = name
+            continue
+        for form, known in zip((_parts, _stem, _unpadded), forms, strict=True):
+            fitting = _longest(known, form(name))
+            if len(fitting) == 1:
+                joined[name] = fitting[0]
+            elif fitting:
+                ambiguous[name] = tuple(fitting)
+            if fitting:
+                break
+    count = Counter(joined.values())
+    several = {name: (own,) for name, own in joined.items() if count[own] > 1 and name != own}
+    return JoinedNames({n: own for n, own in joined.items() if n not in several}, ambiguous | several)
+
+
+_Form = tuple[str, ...]
+
+
+def _parts(name: str) -> _Form:
+    """Return folders and file name from the end, in one spelling."""
+    return tuple(
+        reversed([part for part in name.strip().replace("\\", "/").casefold().split("/") if part not in ("", ".")])
+    )
+
+
+def _stem(name: str) -> _Form:
+    parts = _parts(name)
+    return (str(PurePosixPath(parts[0]).with_suffix("")), *parts[1:]) if parts else ()
+
+
+def _unpadded(name: str) -> _Form:
+    return tuple(re.sub(r"(?<!\d)0+(?=\d)", "", part) for part in _stem(name))
+
+
+def _forms_of(names: Sequence[str], form: Callable[[str], _Form]) -> dict[str, list[tuple[_Form, str]]]:
+    """Return the photographs by the first part of their form, their file's name."""
+    known = defaultdict[str, list[tuple[_Form, str]]](list)
+    for name in names:
+        own = form(name)
+        known[own[0]].append((own, name))
+    return known
+
+
+def _longest(known: Mapping[str, Sequence[tuple[_Form, str]]], given: _Form) -> list[str]:
+    """Return the photographs of a file's name that have most folders in common with a name, from the end."""
+    if not given:
+        return []
+    alike = [(_common(form, given), name) for form, name in known.get(given[0], ())]
+    most = max((length for length, _ in alike), default=0)
+    return [name for length, name in alike if length == most]
+
+
+def _common(one: _Form, other: _Form) -> int:
+    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))

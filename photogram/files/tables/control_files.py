@@ -117,7 +117,7 @@ def check_marks(marks: Iterable[Mark], errors: Errors) -> None:
         line = mark.source.line
         if (before := first.setdefault(mark.key, line)) != line:
             text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
-            errors.note(line, f"{text}: keep one of the two")
+            errors.note(line, f"{text}: keep one of the two, or write the folders of two photographs of this name")
 
 
 # ---- gcp_list.txt --------------------------------------------------------------------------------------------------

@@ -99,8 +99,6 @@ class MarkSource:
     """Line of the file."""
     is_of_photogram: bool = False
     """Whether the pixel counts as photogram's whatever the project says, because the format defines it."""
-    may_lack_suffix: bool = False
-    """Whether the photograph is named as another program does, with folders or without its suffix."""
 
 
 @dataclass(frozen=True, slots=True)

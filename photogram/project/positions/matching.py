@@ -1,11 +1,11 @@
 """Which row of a file of positions belongs to which photograph: by name, by number in the name, or by order."""
 
 import re
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from photogram.files.photographs.names import joined_names
 from photogram.files.tables.position_files import PositionFile, PositionRow
 
 _AFTER_TIME = re.compile(r"_\d{14}_(\d{3,5})(?!\d)")
@@ -55,17 +55,12 @@ def _by_number(file: PositionFile, names: Sequence[str]) -> Matching:
 
 
 def _by_name(file: PositionFile, names: Sequence[str]) -> Matching:
-    """Match by the whole name, or by the file's name alone, its case and suffix set aside, where only one fits."""
-    whole = {name.lower(): name for name in names}
-    bare: defaultdict[str, list[str]] = defaultdict(list)
-    for name in names:
-        bare[PurePosixPath(name).stem.lower()].append(name)
+    """Match by the names as other programs write them, where only one photograph fits."""
+    joined = joined_names((str(row.photograph) for row in file.rows), names)
     matched: dict[str, PositionRow] = {}
     left, twice = [], []
     for row in file.rows:
-        given = PurePosixPath(str(row.photograph).replace("\\", "/"))
-        alike = bare.get(given.stem.lower(), bare.get(given.name.lower(), []))
-        name = whole.get(str(given).lower()) or (alike[0] if len(alike) == 1 else "")
+        name = joined.of.get(str(row.photograph), "")
         if not name:
             left.append(row)
         elif matched.setdefault(name, row) is not row:
