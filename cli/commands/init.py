@@ -1,6 +1,7 @@
 """photogram init: a project file from a folder of photographs. Arguments only."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -19,6 +20,26 @@ def _picture_size(text: str | None) -> tuple[int, int] | None:
     if sides is None:
         raise typer.BadParameter(f"{text!r} is not a size in pixels: write width x height, 4000x3000 for example")
     return int(sides[1]), int(sides[2])
+
+
+def _focal_lengths(given: Sequence[str]) -> tuple[float | None, dict[str, float]]:
+    """Return the focal length without a camera's name, px, None where none is given, and those by name."""
+    whole, named = None, dict[str, float]()
+    for text in given:
+        name, _, number = text.rpartition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            raise typer.BadParameter(
+                f"{text!r} is no focal length: give pixels, or CAMERA=pixels", param_hint="'--focal-px'"
+            ) from None
+        if not name and whole is not None:
+            raise typer.BadParameter("is given twice: name the cameras, CAMERA=pixels", param_hint="'--focal-px'")
+        if name:
+            named[name] = value
+        else:
+            whole = value
+    return whole, named
 
 
 def init(
@@ -60,14 +81,18 @@ def init(
         typer.Option("--geoid", help="Geoid of orthometric heights: EGM96, EPSG:5799 or a grid (.gtx, .tif)."),
     ] = None,
     focal_px: Annotated[
-        float | None,
-        typer.Option("--focal-px", min=1.0, metavar="PX", help="Focal length in px, if the tags do not give it."),
+        list[str] | None,
+        typer.Option(
+            "--focal-px",
+            metavar="[CAMERA=]PX",
+            help="Focal length in px, if the tags do not give it; of several cameras by name, repeated.",
+        ),
     ] = None,
     recursive: Annotated[bool, typer.Option("--recursive", help="Search subfolders too.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the project file.")] = False,
 ) -> None:
     """Write a project file for a folder of photographs: cameras, positions, flights and map grid from their tags."""
-    size = _picture_size(picture_size)
+    size, (focal, focal_of) = _picture_size(picture_size), _focal_lengths(focal_px or ())
     if heights == "orthometric" and geoid is None and "+" not in (crs or ""):
         raise typer.BadParameter("--heights orthometric needs --geoid: EGM96, EPSG:5799 or the path of a grid")
     check_tables([*(control or ()), *(check or ()), *([] if marks is None else [marks])])
@@ -87,8 +112,9 @@ def init(
             control_sigma_m=control_sigma,
             heights=heights,
             geoid=geoid,
-            focal_px=focal_px,
+            focal_px=focal,
             recursive=recursive,
             force=force,
+            focal_px_of=focal_of,
         )
     )

@@ -1,9 +1,9 @@
 """A project file from a folder of photographs: their tags, files of ground points, and the MRK files beside them."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path, PurePosixPath
 
@@ -59,6 +59,7 @@ class Request:
     focal_px: float | None
     recursive: bool
     force: bool
+    focal_px_of: Mapping[str, float] = field(default_factory=dict)
 
     def out_of_range(self) -> list[tuple[str, float, Within]]:
         """Return the figures that cannot be: the name of each, its value, and what it has to lie within."""
@@ -68,6 +69,7 @@ class Request:
             ("picture_size_px", height, PIXELS),
             ("control_sigma_m", self.control_sigma_m, SIGMA_M),
             ("focal_px", self.focal_px, FOCAL_PX),
+            *(("focal_px", value, FOCAL_PX) for value in self.focal_px_of.values()),
         ]
         return [
             (name, value, allowed) for name, value, allowed in given if value is not None and not allowed.holds(value)
@@ -276,7 +278,16 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
     tagged, duplicates = _without_duplicates(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
     masks = _masks(photographs, [p.name for p in tagged], project)
-    wishes = Wishes(wanted.crs, wanted.focal_px, files, wanted.heights, _geoid(wanted.geoid, project), positions, masks)
+    wishes = Wishes(
+        wanted.crs,
+        wanted.focal_px,
+        wanted.focal_px_of,
+        files,
+        wanted.heights,
+        _geoid(wanted.geoid, project),
+        positions,
+        masks,
+    )
     draft = draft_project(tagged, [*unreadable, *twins, *duplicates], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")

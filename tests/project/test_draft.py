@@ -672,6 +672,15 @@ def test_focal_length_of_several_cameras_must_be_wanted_by_one() -> None:
     assert cameras["dji_x_64x48"].focal_px == 50.0
     assert cameras["dji_fc300s_64x48"].focal_px != 50.0
     assert draft_project(PHOTOGRAPHS, [], Wishes(focal_px=50.0)).cameras[0].focal_px == 50.0
+    third = [*both, *(TaggedPhotograph(f"y{i}.jpg", replace(t, model="Y")) for i, t in enumerate(other))]
+    with pytest.raises(ProjectError, match=r"give --focal-px dji_x_64x48=… --focal-px dji_y_64x48=…"):
+        draft_project(third, [], Wishes(focal_px=50.0))
+    named = draft_project(third, [], Wishes(focal_px=50.0, focal_px_of={"dji_y_64x48": 20.0}))
+    assert {c.name: c.focal_px for c in named.cameras if c.name != "dji_fc300s_64x48"} == {
+        "dji_x_64x48": 50.0, "dji_y_64x48": 20.0,
+    }  # fmt: skip
+    with pytest.raises(ProjectError, match=r"--focal-px drone=…: no camera is called so; the cameras are dji_"):
+        draft_project(third, [], Wishes(focal_px_of={"drone": 20.0}))
     known = [replace(p, tags=replace(p.tags, focal_35mm_mm=20.0)) for p in both]
     with pytest.raises(ProjectError, match="--focal-px"):
         draft_project(known, [], Wishes(focal_px=50.0))

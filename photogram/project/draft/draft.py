@@ -121,11 +121,13 @@ class ControlFile:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user asks for beside the photographs, and what lies beside them; ``heights`` is the system of the ground
+    """What the user asks for beside the photographs, and what lies beside them; ``focal_px`` is the focal length of the
+    camera whose tags give none, ``focal_px_of`` that of cameras by their names, ``heights`` is the system of the ground
     points."""
 
     crs: str | None = None
     focal_px: float | None = None
+    focal_px_of: Mapping[str, float] = field(default_factory=dict)
     control: tuple[ControlFile, ...] = ()
     heights: HeightSystem | None = None
     geoid: str | None = None
@@ -323,7 +325,7 @@ def _depth(tags: PhotographTags) -> str:
 
 
 def _cameras(
-    photographs: Sequence[TaggedPhotograph], given_focal_px: float | None
+    photographs: Sequence[TaggedPhotograph], given_focal_px: float | None, focal_px_of: Mapping[str, float]
 ) -> tuple[dict[CameraKey, TaggedCamera], list[LeftOut]]:
     """Return the cameras by their keys, and the photographs of cameras that took next to none."""
     members: dict[CameraKey, list[TaggedPhotograph]] = {}
@@ -345,14 +347,25 @@ def _cameras(
     keys = sorted(members.keys() - rare, key=lambda key: (-len(members[key]), members[key][0].name))
     for key in keys[1:]:
         # damaged tags make a camera of their own, which must not end the draft of all others
-        if len(members[key]) < _RARE and tagged_camera("", [p.tags for p in members[key]], given_focal_px) is None:
+        any_px = next(iter(focal_px_of.values()), given_focal_px)
+        if len(members[key]) < _RARE and tagged_camera("", [p.tags for p in members[key]], any_px) is None:
             rare.add(key)
             reason = "its tags give no focal length, and its camera has too few photographs to estimate it"
             left_out += [LeftOut(p.name, reason) for p in members[key]]
     keys = [key for key in keys if key not in rare]
     names = camera_names(keys, [members[key][0].tags for key in keys])
     tags = [[p.tags for p in members[key]] for key in keys]
-    cameras = [tagged_camera(name, group, None) for name, group in zip(names, tags, strict=True)]
+    strange = sorted(focal_px_of.keys() - set(names))
+    if strange:
+        raise ProjectError(f"--focal-px {strange[0]}=…: no camera is called so; the cameras are {', '.join(names)}")
+    cameras = [tagged_camera(name, group, focal_px_of.get(name)) for name, group in zip(names, tags, strict=True)]
+    bare = [name for name, camera in zip(names, cameras, strict=True) if camera is None]
+    if given_focal_px is not None and len(bare) > 1:
+        each = " ".join(f"--focal-px {name}=…" for name in bare)
+        raise ProjectError(
+            f"--focal-px {given_focal_px:g}: the tags of {len(bare)} cameras give no focal length, which is hardly the "
+            f"same: give {each}"
+        )
     if given_focal_px is not None and (len(cameras) == 1 or None in cameras):
         wanted = [len(cameras) == 1 or camera is None for camera in cameras]
         cameras = [
@@ -472,7 +485,7 @@ def draft_project(
             f"none of the {len(left_out)} photographs can be used: {reasons}" + ("; …" if len(left_out) > 3 else "")
         )
     here, others, gap_m = _main_site(usable)
-    cameras, rare = _cameras(here, wishes.focal_px)
+    cameras, rare = _cameras(here, wishes.focal_px, wishes.focal_px_of)
     kept = [p for p in here if camera_key(p.tags) in cameras]
     positions = _used(wishes.positions, {p.name for p in kept})
     rows = {name: row for file in positions for name, row in file.rows.items()}
