@@ -1,5 +1,6 @@
 """Arguments and options that several commands share."""
 
+from os.path import isdir  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ PROJECT_FILE = Path("project.yaml")
 
 
 def _in_folder(given: Path) -> Path:
-    return given / PROJECT_FILE if given.is_dir() else given
+    return given / PROJECT_FILE if isdir(given) else given
 
 
 ProjectFile = Annotated[

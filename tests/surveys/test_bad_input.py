@@ -124,7 +124,7 @@ def test_project_file_is_not_yaml(tmp_path: Path, photogram: Run, content: str) 
 def test_no_project_file(tmp_path: Path, photogram: Run) -> None:
     remedy = "give the path of a project.yaml"
     check_fault(photogram("adjust", tmp_path / "none.yaml"), "none.yaml: cannot be read (No such file", remedy)
-    check_fault(photogram("adjust", tmp_path), f"{tmp_path}: cannot be read", remedy)
+    check_fault(photogram("adjust", tmp_path), f"{tmp_path}/project.yaml: cannot be read", remedy)
     check_fault(photogram("study", "ransac", tmp_path / "none.yaml"), "none.yaml: cannot be read (No such file", remedy)
 
 
