@@ -15,7 +15,14 @@ from photogram.files.marks.formats import read_points
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks, is_called_mask
-from photogram.files.photographs.names import PNG, SUFFIXES, deep_twins, without_raw_twins
+from photogram.files.photographs.names import (
+    PNG,
+    SUFFIXES,
+    UNREAD,
+    deep_twins,
+    unread_pictures,
+    without_raw_twins,
+)
 from photogram.files.tables.position_files import read_mrk
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
@@ -36,7 +43,7 @@ from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within
 from photogram.survey import Role
-from photogram.wording import Progress, html_table, silent, things
+from photogram.wording import Progress, html_table, silent, some, things
 
 MASKS_FOLDER = "masks"
 """Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
@@ -130,20 +137,38 @@ def _names(folder: Path, recursive: bool) -> list[str]:
     """Return the names of the photographs in the folder, relative to it."""
     if not isdir(folder):
         raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
-    try:
-        paths = [p.relative_to(folder) for p in _files(folder, recursive, SUFFIXES)]
-    except OSError as error:
-        raise ImageError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
-    usable = [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
+    usable = _pictures(folder, recursive, SUFFIXES)
     # PNG beside photographs of another kind are masks, overviews and screenshots
     others = [name for name in usable if not name.lower().endswith(PNG)]
     names = sorted(without_raw_twins(others or [name for name in usable if not is_called_mask(name)]))
     if not names:
         within = "" if recursive else "; --recursive searches subfolders"
+        unread = _passed_over(folder, recursive)
+        if unread:
+            raise ImageError(
+                f"{folder}: {things(len(unread), 'picture')} ({some([p.name for p in unread])}) of kinds that are not "
+                f"read: convert them to JPEG or TIFF, with their tags{within}"
+            )
         raise ImageError(
             f"{folder}: no photographs (JPEG, TIFF, DNG or PNG) found: give the folder of the photographs{within}"
         )
     return names
+
+
+def _pictures(folder: Path, recursive: bool, suffixes: Sequence[str]) -> list[str]:
+    """Return the names of pictures in the folder, relative to it, without hidden ones and masks."""
+    try:
+        paths = [p.relative_to(folder) for p in _files(folder, recursive, suffixes)]
+    except OSError as error:
+        raise ImageError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
+    return [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
+
+
+def _passed_over(folder: Path, recursive: bool) -> list[LeftOut]:
+    """Return the pictures of kinds that are not read."""
+    unread = unread_pictures(_pictures(folder, recursive, (*SUFFIXES, *UNREAD)))
+    reason = "pictures of its kind are not read: convert it to JPEG or TIFF, with its tags"
+    return [LeftOut(name, reason) for name in sorted(unread)]
 
 
 def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
@@ -288,7 +313,8 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
         positions,
         masks,
     )
-    draft = draft_project(tagged, [*unreadable, *twins, *duplicates], wishes)
+    unread = _passed_over(photographs, wanted.recursive)
+    draft = draft_project(tagged, [*unreadable, *twins, *duplicates, *unread], wishes)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     return draft

@@ -686,6 +686,25 @@ def test_focal_length_of_several_cameras_must_be_wanted_by_one() -> None:
         draft_project(known, [], Wishes(focal_px=50.0))
 
 
+def test_pictures_that_are_not_read_are_listed(folder: Path, photogram: Run) -> None:
+    photographed(folder, flown(4))
+    (folder / "IMG_1.HEIC").write_bytes(b"heic")
+    (folder / "DJI_0002.ARW").write_bytes(b"the raw picture of a photograph")
+    (folder / "IMG_2.webp").write_bytes(b"webp")
+    outcome = photogram("init", folder)
+    assert outcome.code == 0
+    said = squeezed(outcome.out)
+    assert "IMG_1.HEIC: pictures of its kind are not read: convert it to JPEG or TIFF, with its tags" in said
+    assert "IMG_2.webp: pictures of its kind" in said
+    assert "ARW" not in said
+    for path in folder.glob("*.JPG"):
+        path.unlink()
+    (folder / "DJI_0002.ARW").unlink()
+    outcome = photogram("init", folder, "--force")
+    assert outcome.code == 1
+    assert "2 pictures (IMG_1.HEIC, IMG_2.webp) of kinds that are not read" in " ".join(outcome.err.split())
+
+
 # ---- real photographs ------------------------------------------------------------------------------------------------
 
 

@@ -14,6 +14,13 @@ SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", PNG, _RAW)
 """Of files that can be photographs, in small letters."""
 
 
+UNREAD = (
+    ".heic", ".heif", ".hif", ".avif", ".webp", ".bmp", ".gif", ".jp2", ".insp", ".cr2", ".cr3", ".nef", ".arw",
+    ".raf", ".orf", ".rw2", ".pef", ".srw", ".iiq", ".3fr",
+)  # fmt: skip
+"""Of files that are pictures and are not read, in small letters."""
+
+
 def _exposure(name: str) -> str:
     """Return what the files of one exposure have in common: IMG_1.JPG, IMG_1.DNG."""
     return str(PurePosixPath(name).with_suffix("")).casefold()
@@ -24,6 +31,12 @@ def without_raw_twins(names: Sequence[str]) -> list[str]:
     both, and the picture is what a DNG file would give."""
     pictures = {_exposure(name) for name in names if not name.lower().endswith(_RAW)}
     return [name for name in names if not name.lower().endswith(_RAW) or _exposure(name) not in pictures]
+
+
+def unread_pictures(names: Sequence[str]) -> list[str]:
+    """Return the names of pictures that are not read, but for those of an exposure that another one shows."""
+    read = {_exposure(name) for name in names if name.lower().endswith(SUFFIXES)}
+    return [name for name in names if name.lower().endswith(UNREAD) and _exposure(name) not in read]
 
 
 def deep_twins(names: Sequence[str], bits: Sequence[int]) -> dict[str, str]:
