@@ -1,5 +1,6 @@
 """gcp_list.txt written: read again as it was, and refused where it cannot hold something."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -64,3 +65,39 @@ def test_what_it_cannot_hold(tmp_path: Path, crs: str, mark: Mark, expected: str
     with pytest.raises(ControlPointError, match=expected):
         write_gcp_list(tmp_path / "gcp_list.txt", crs, [point("A"), point("A # 1")], [mark])
     assert not list(tmp_path.iterdir())
+
+
+# ---- what strangers write ------------------------------------------------------------------------------------------
+
+ROW = ("602314.4768", "5794093.9147", "118.7493", "431", "614", "a.jpg", "G01")
+
+
+@pytest.mark.parametrize(
+    ("header", "crs"),
+    [
+        ("WGS84 UTM 32U", "EPSG:32632"),
+        ("WGS84 UTM32N", "EPSG:32632"),
+        ("WGS 84 / UTM zone 32N", "EPSG:32632"),
+        ("WGS84 UTM 33H", "EPSG:32733"),
+        ("WGS84 UTM 33S", "EPSG:32733"),
+        ("WGS84", "EPSG:4326"),
+        ("EPSG:25832", "EPSG:25832"),
+    ],
+)
+def test_first_lines_name_the_crs(tmp_path: Path, header: str, crs: str) -> None:
+    (tmp_path / "gcp_list.txt").write_text(f"{header}\n{' '.join(ROW)}\n")
+    assert read_points(tmp_path / "gcp_list.txt").crs == crs
+
+
+@pytest.mark.parametrize("join", ["\t".join, " ".join, ",".join, ", ".join, "; ".join])
+def test_separators_of_rows(tmp_path: Path, join: Callable[[Sequence[str]], str]) -> None:
+    (tmp_path / "gcp_list.txt").write_text(f"EPSG:25832\n{join(ROW)}\n")
+    file = read_points(tmp_path / "gcp_list.txt")
+    assert file.points[0].position == (602314.4768, 5794093.9147, 118.7493)
+    assert (file.marks[0].pixel, file.marks[0].photograph, file.marks[0].point) == ((431.0, 614.0), "a.jpg", "G01")
+
+
+def test_decimal_commas(tmp_path: Path) -> None:
+    row = " ".join(ROW).replace(".", ",").replace("a,jpg", "a.jpg")
+    (tmp_path / "gcp_list.txt").write_text(f"EPSG:25832\n{row}\n")
+    assert read_points(tmp_path / "gcp_list.txt").points[0].position == (602314.4768, 5794093.9147, 118.7493)

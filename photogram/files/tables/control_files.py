@@ -31,7 +31,10 @@ Row = dict[str, str]
 _SEPARATORS = (";", "\t", ",")
 _ROLES: tuple[Role, ...] = get_args(Role)
 _COMMENT = re.compile(r"(?:^|\s)#(?:\s.*)?$")
-_UTM = re.compile(r"'?WGS ?84\s+UTM\s+(?:zone\s+)?(\d{1,2})\s*([NS])'?", re.IGNORECASE)
+_UTM = re.compile(r"'?WGS ?84\s*/?\s*UTM\s*(?:zone\s*)?(\d{1,2})\s*([C-HJ-NP-X])'?", re.IGNORECASE)
+"""A zone with N or S of its half of the globe, or with the letter of a latitude band; S is taken for south."""
+_WGS84 = re.compile(r"'?WGS ?84'?", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _GCP_LIST = "x y z u v photograph [name]"
 
 _POINT_COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -135,7 +138,10 @@ class _Observation:
 def _header_crs(header: str) -> str:
     utm = _UTM.fullmatch(header)
     if utm and 1 <= int(utm[1]) <= 60:
-        return f"EPSG:{326 if utm[2].upper() == 'N' else 327}{int(utm[1]):02d}"
+        north = utm[2].upper() >= "N" and utm[2].upper() != "S"
+        return f"EPSG:{326 if north else 327}{int(utm[1]):02d}"
+    if _WGS84.fullmatch(header):
+        return "EPSG:4326"
     text = header.strip("'\"")
     return text.upper() if text.lower().startswith("epsg:") else text
 
@@ -143,10 +149,15 @@ def _header_crs(header: str) -> str:
 def _observation(line: int, text: str, errors: Errors) -> _Observation | None:
     text = _COMMENT.sub("", text).strip()
     fields = [field.strip() for field in text.split("\t")]
+    by_comma = [field.strip() for field in re.split("[,;]", text)]
+    if len(fields) < 6 and len(by_comma) >= 6 and all(NUMBER.fullmatch(field) for field in by_comma[:5]):
+        fields = by_comma
     if len(fields) < 6:
         fields = text.split()
+    if len(fields) >= 6 and all(map(_DECIMAL_COMMA.fullmatch, fields[:2])):
+        fields[:5] = [field.replace(",", ".") for field in fields[:5]]
     if len(fields) < 6:
-        errors.note(line, f"{len(fields)} fields, expected {_GCP_LIST}, separated by spaces or tabs")
+        errors.note(line, f"{len(fields)} fields, expected {_GCP_LIST}, separated by spaces, tabs or commas")
         return None
     numbers = _numbers(fields[:5], ("x", "y", "z", "u", "v"), line, errors)
     if numbers is None:
