@@ -14,10 +14,12 @@ import pytest
 import rasterio
 from makers import SharedData
 
+from photogram.amendments.undeclared_heights import WIDEST_M
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import read_headers
 from photogram.files.photographs.tags import PhotographTags
-from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_block import measured_block, photograph_note
 from photogram.project.measured.measured_positions import known_position
@@ -337,6 +339,8 @@ def test_an_undeclared_difference_is_estimated(finished_survey: Path, survey: Pa
     )
     assert any("differ by +4" in warning["sentence"] for warning in report["warnings"])
     assert report["blunders"] == []
+    with open_run(load_project(survey / "project.yaml")) as run:  # later stages see the block as it was adjusted
+        assert block_as_adjusted(run).gnss_offset_sigma_m[2] == WIDEST_M
     before = oriented(plain["photographs"])
     for name, photograph in oriented(report["photographs"]).items():
         moved = np.array(photograph["position_map_m"]) - before[name]["position_map_m"]

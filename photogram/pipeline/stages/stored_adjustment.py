@@ -17,6 +17,7 @@ from photogram.amendments.gross_errors.blunder_naming import Blunder
 from photogram.amendments.gross_errors.data_snooping import without
 from photogram.amendments.gross_errors.hypothesis import Hypothesis, Suspected, unmeasured
 from photogram.amendments.snooped_adjustment import Verdict
+from photogram.amendments.undeclared_heights import with_heights_open
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
 from photogram.constraints.rigs import RelativePose
@@ -72,7 +73,10 @@ class AdjustedBlock:
         )
 
     def applied_to(self, block: Block, tie_points: TiePoints, decisions: Decisions) -> Block:
-        """Return a measured block as it was adjusted, GNSS positions with the sigmas that were estimated."""
+        """Return a measured block as it was adjusted, GNSS positions with the sigmas that were estimated, and with an
+        unknown difference of heights where they were not found to be of one system."""
+        if decisions.heights is None or not decisions.heights.same:
+            block = with_heights_open(block)
         cameras = zip(block.cameras, self.fields, self.parameters, strict=True)
         rigs = zip(block.rigs, self.relative_poses, self.relative_change, strict=True)
         adjusted = replace(
