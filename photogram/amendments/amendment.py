@@ -68,31 +68,39 @@ class Amendment(Protocol):
 
 
 class Decisive:
-    """An amendment whose proposals are decided when they are made: they stand, or the error does."""
+    """An amendment whose proposals are decided when they are made: they stand wherever the block can be adjusted."""
 
-    def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:  # noqa: ARG002
-        """Return the solution with the change; raises the error where there is none."""
-        if isinstance(after, PhotogramError):
-            raise after
-        return after
+    about: str
+
+    def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
+        """Return the solution with the change, the one before with a warning where there is none."""
+        if not isinstance(after, PhotogramError):
+            return after
+        return before.warned(
+            f"{self.about}: not in the result, since the adjustment with what they ask for fails: {after}"
+        )
 
 
 def amended(solution: Solution, amendments: Sequence[Amendment], solutions: Solutions) -> Solution:
     """Return a solution to which no amendment proposes anything more.
 
     The first of the ``amendments`` that proposes a change is followed, and the others see the solution with it; each
-    change is adjusted with all rays, near the solution before it. Raises PhotogramError as the amendments' judgement.
+    change is adjusted with all rays, near the solution before it. One whose change cannot be adjusted is asked no more.
     """
+    asked = list(amendments)
     for _ in range(MOST_CHANGES):
-        for amendment in amendments:
+        for amendment in asked:
             with during(amendment.about, everything=True):
                 proposal = amendment.propose(solution)
                 if proposal is None:
                     continue
-                stands = amendment.judged(solution, _solved(proposal, solutions))
+                after = _solved(proposal, solutions)
+                stands = amendment.judged(solution, after)
                 if stands.result is solution.result:
                     solutions.stand_on(stands.result)
-                solution = stands
+            if isinstance(after, PhotogramError):
+                asked.remove(amendment)
+            solution = stands
             break
         else:
             return solution

@@ -6,9 +6,8 @@ neighbours: then the suspects of a robust adjustment, and those of a screening w
 well, and the explanation of least cost is taken.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import TypeVar
 
 import numpy as np
 
@@ -26,13 +25,11 @@ from photogram.amendments.gross_errors.data_snooping import (
 )
 from photogram.amendments.gross_errors.hypothesis import Hypothesis
 from photogram.amendments.gross_errors.screening import gross_blunders
-from photogram.amendments.solutions import Solutions
+from photogram.amendments.solutions import Solutions, attempted
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.results import Adjustment
 from photogram.survey import Block
 from photogram.wording import some
-
-T = TypeVar("T")
 
 BENT = 12.0
 """Sigmas of the largest contradiction from which a blunder may contaminate other tests."""
@@ -48,14 +45,6 @@ MOST_NAMED = 10
 
 MANY = 4
 """Gross blunders from which a second screening, without control points, is made."""
-
-
-def attempted(compute: Callable[[], T]) -> T | None:
-    """Return what ``compute`` returns, None where the block cannot be adjusted for it."""
-    try:
-        return compute()
-    except PhotogramError:
-        return None
 
 
 def _outvoted(block: Block, result: Adjustment) -> bool:

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from photogram.amendments.amendment import Proposal, Solution
 from photogram.amendments.focal_length import WRONG_BY, model_sigma_px, picture_parts, settled, without_prior
 from photogram.amendments.gross_errors.data_snooping import without
-from photogram.amendments.solutions import Solutions
+from photogram.amendments.solutions import Solutions, attempted
 from photogram.arrays import BoolArray
 from photogram.camera import Camera
 from photogram.errors import PhotogramError
@@ -117,13 +117,12 @@ class FocalLengths:
         self.decisions: dict[str, FocalDecision] = {}
         self._solutions = solutions
         self._readings_px = readings_px
-        self._given_up = False
 
     def propose(self, solution: Solution) -> Proposal | None:
         """Return the block with the focal lengths settled whose source was rejected, None where there are none, and
         where what the photographs say stands as it is."""
         rejected = {a.name for a in solution.rejected if a.kind == "focal length"} - self.decisions.keys()
-        if not rejected or self._given_up:
+        if not rejected:
             return None
         cameras, changed = list(solution.block.cameras), False
         for c, given in enumerate(solution.block.cameras):
@@ -138,14 +137,15 @@ class FocalLengths:
         sure = {name for name, decision in self.decisions.items() if decision.says.trustworthy}
         others = tuple(a for a in solution.rejected if a.kind != "focal length" or a.name in sure)
         block = replace(solution.block, cameras=tuple(cameras))
-        return Proposal(block, others, self._solutions.alternative(without(block, others)))
+        near = attempted(lambda: self._solutions.alternative(without(block, others)))
+        return Proposal(block, others, near or solution.result)
 
     def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
         """Return the solution with what was settled, and the one before with a warning where there is none."""
         if not isinstance(after, PhotogramError):
             return after
         warning = NOT_SETTLED.format(names=", ".join(self.decisions), error=after)
-        self.decisions, self._given_up = {}, True
+        self.decisions = {}
         return before.warned(warning)
 
     def decided(self, solution: Solution) -> Iterator[Decision]:  # noqa: ARG002

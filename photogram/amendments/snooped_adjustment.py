@@ -17,7 +17,7 @@ from photogram.amendments.amendment import amended
 from photogram.amendments.check_marks import CheckMarks
 from photogram.amendments.contradicted_measurements import ContradictedMeasurements
 from photogram.amendments.estimated_unknowns import decided_by_adjustment
-from photogram.amendments.first_explanation import attempted, first_solution
+from photogram.amendments.first_explanation import first_solution
 from photogram.amendments.focal_evidence import FocalLengths
 from photogram.amendments.gross_errors.blunder_naming import Blunder, name_blunders
 from photogram.amendments.gross_errors.data_snooping import without
@@ -26,7 +26,7 @@ from photogram.amendments.gross_errors.robust_start import Gross, gross_suspects
 from photogram.amendments.lens_fields import LensFields
 from photogram.amendments.picture_size import marks_of_another_size
 from photogram.amendments.repeated_positions import repeated_positions
-from photogram.amendments.solutions import Solutions
+from photogram.amendments.solutions import Solutions, attempted
 from photogram.amendments.undeclared_heights import HeightSystems, with_heights_open
 from photogram.arrays import FloatArray
 from photogram.errors import AdjustmentError, PhotogramError

@@ -1,19 +1,31 @@
 """The adjustments between which decisions are made: with all rays, and as alternatives to one of these."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.solutions.alternatives import Summarised, alternative, summarised, summarised_at
 from photogram.arrays import FloatArray
+from photogram.errors import PhotogramError
 from photogram.results import Adjustment, EstimatedSigmas
 from photogram.survey import Block
 from photogram.wording import Progress
 
+T = TypeVar("T")
+
 MOST_SUMMARIES, STAYS = 6, 0.2
 """Summaries of the tie points of a part of the pictures, each where the one before led; and the part of its standard
 deviation by which a focal length may still move."""
+
+
+def attempted(compute: Callable[[], T]) -> T | None:
+    """Return what ``compute`` returns, None where the block cannot be adjusted for it."""
+    try:
+        return compute()
+    except PhotogramError:
+        return None
 
 
 @dataclass(eq=False)

@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 from photogram.amendments.amendment import Decisive, Proposal, Solution
 from photogram.amendments.gross_errors.hypothesis import Hypothesis
+from photogram.errors import PhotogramError
 from photogram.results import DIFFERENT, Adjustment, Decision, HeightDecision
 from photogram.survey import Block
 
@@ -44,9 +45,9 @@ def height_decision(declared: Block, result: Adjustment, rejected: Sequence[Hypo
     """Return what an adjustment with an unknown difference says of it, of the flight that shows it best; None where
     ``declared``, the block as stated, has none, or heights of receivers that are off by tens of metres anyway. Of one
     that was ``rejected`` as a whole no height is sure."""
-    sigmas_m = [p.gnss_sigma_m[2] for p in declared.photographs if p.gnss_sigma_m is not None]
     if declared.undeclared_heights is None or not result.estimates.flights:
         return None
+    sigmas_m = [p.gnss_sigma_m[2] for p in declared.photographs if p.gnss_sigma_m is not None]
     if (
         result.block.gnss_offset_sigma_m[2] < WIDEST_M
         or declared.gnss_offset_sigma_m[2] > POOR_M
@@ -57,13 +58,11 @@ def height_decision(declared: Block, result: Adjustment, rejected: Sequence[Hypo
     higher_m = -result.estimates.offset_world_m @ up
     sigma_m = np.sqrt(np.einsum("i,fij,j->f", up, result.covariances.offset_m2, up))
     shown = int(np.argmax(np.abs(higher_m) / sigma_m))
-    p = min(1.0, len(higher_m) * 2.0 * float(norm.sf(abs(higher_m[shown]) / sigma_m[shown])))
     lowered_m = declared.undeclared_heights.lowered_m
+    difference_m, sigma = lowered_m + float(higher_m[shown]), float(sigma_m[shown])
+    p = min(1.0, len(higher_m) * 2.0 * float(norm.sf(abs(difference_m) / sigma)))
     whole = lowered_m == 0.0 and all(a.kind != "GNSS offset" for a in rejected)
-    same = whole and p >= DIFFERENT and bool(sigma_m.max() < SURE_M)
-    if lowered_m != 0.0:
-        p = min(p, 2.0 * float(norm.sf(abs(lowered_m + higher_m[shown]) / sigma_m[shown])))
-    return HeightDecision(float(lowered_m + higher_m[shown]), float(sigma_m[shown]), p, same)
+    return HeightDecision(difference_m, sigma, p, whole and p >= DIFFERENT and bool(sigma_m.max() < SURE_M))
 
 
 class HeightSystems(Decisive):
@@ -77,24 +76,28 @@ class HeightSystems(Decisive):
 
     def propose(self, solution: Solution) -> Proposal | None:
         """Return the block with heights of one system, None where they are not, or are already."""
-        decision = self._decision(solution)
+        decision = height_decision(self._declared, solution.result, solution.rejected)
         if self._same is not None or decision is None or not decision.same:
             return None
-        self._same = decision
         block = replace(solution.block, gnss_offset_sigma_m=self._declared.gnss_offset_sigma_m)
         return Proposal(block, solution.rejected, solution.result)
 
+    def judged(self, before: Solution, after: Solution | PhotogramError) -> Solution:
+        """Return the solution with heights of one system, the one before with a warning where there is none."""
+        if not isinstance(after, PhotogramError):
+            self._same = height_decision(self._declared, before.result, before.rejected)
+        return super().judged(before, after)
+
     def decision(self, solution: Solution) -> HeightDecision | None:
         """Return what was decided in the end, None where there was nothing to decide."""
-        return self._same or self._decision(solution)
-
-    def _decision(self, solution: Solution) -> HeightDecision | None:
-        return height_decision(self._declared, solution.result, solution.rejected)
+        if self._same is not None:
+            return self._same
+        decision = height_decision(self._declared, solution.result, solution.rejected)
+        return None if decision is None else replace(decision, same=False)
 
     def decided(self, solution: Solution) -> Iterator[Decision]:
         """Yield the decision on the height systems, if there was one to make."""
         decision = self.decision(solution)
         if decision is not None:
             statistic = (decision.difference_m / decision.sigma_m) ** 2
-            different = not decision.same
-            yield Decision(self.about, different, decision.sentence, statistic, 1, decision.p)
+            yield Decision(self.about, not decision.same, decision.sentence, statistic, 1, decision.p)

@@ -11,7 +11,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.amendments.amendment import MOST_CHANGES, Amendment, Decisive, Proposal, Solution, amended
 from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.amendments.solutions import Solutions
-from photogram.errors import AdjustmentError, PhotogramError
+from photogram.errors import PhotogramError
 from photogram.results import Adjustment, Decision
 from photogram.simulation.observations import simulate_block
 from photogram.simulation.survey_plan import SurveyPlan
@@ -92,10 +92,18 @@ def test_what_is_taken_back_leaves_the_solution_before_it() -> None:
     assert solutions.base.result is solution.result
 
 
-def test_what_cannot_be_adjusted_is_an_error_where_the_amendment_has_no_answer() -> None:
+def test_what_cannot_be_adjusted_is_said_and_ends_nothing() -> None:
     solution, solutions = solved()
-    with pytest.raises(AdjustmentError):
-        amended(solution, [Impossible(1, [], "a")], solutions)
+    asked: list[str] = []
+    end = amended(solution, [Impossible(5, asked, "a"), Shift(1, asked, "b")], solutions)
+    assert "".join(asked) == "abb"  # the first is asked no more
+    assert end.block.cameras[0].focal_px == pytest.approx(solution.block.cameras[0].focal_px + 0.01)
+    alone = amended(solution, [Impossible(5, [], "a")], solutions)
+    assert alone.block is solution.block
+    assert (
+        "focal length: not in the result, since the adjustment with what they ask for fails"
+        in alone.result.warnings[-1]
+    )
 
 
 def test_the_loop_ends() -> None:
