@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -178,6 +180,21 @@ class ExposureTests:
 SigmaKind = Literal[
     "key_points", "transferred", "photograph", "gnss_plan", "gnss_height", "control_plan", "control_height", "marks"
 ]
+
+
+SIGMA_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "key_points": "Key points",
+        "transferred": "Tie points by correlation",
+        "photograph": "Tie points of a photograph",
+        "gnss_plan": "GNSS positions in plan",
+        "gnss_height": "GNSS positions in height",
+        "control_plan": "Control points in plan",
+        "control_height": "Control points in height",
+        "marks": "Marks",
+    }
+)
+"""By the kind of an estimated standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,6 +57,11 @@ def is_number(text: str) -> bool:
     return True
 
 
+def uncapitalised(title: str) -> str:
+    """Return a title within a sentence: its first letter small, unless it begins with an abbreviation."""
+    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
+
+
 def some(names: Sequence[str], most: int = 5) -> str:
     """Return the first names of a list, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

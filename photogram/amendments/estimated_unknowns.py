@@ -5,13 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
-from photogram.results import Adjustment, Decision
-
-_KINDS = {
-    "key_points": "key points", "transferred": "transferred tie points", "photograph": "tie points of the photograph",
-    "gnss_plan": "GNSS positions in plan", "gnss_height": "GNSS positions in height",
-    "control_plan": "control points in plan", "control_height": "control points in height", "marks": "marks",
-}  # fmt: skip
+from photogram.results import SIGMA_TITLES, Adjustment, Decision
+from photogram.wording import uncapitalised
 
 
 def decided_by_adjustment(result: Adjustment) -> Iterator[Decision]:
@@ -24,11 +19,12 @@ def decided_by_adjustment(result: Adjustment) -> Iterator[Decision]:
         rivals = (common.as_well,) if common.as_well else ()
         sentence = f"{about}: estimated from {common.photographs} photographs, and removed"
         yield Decision(about, True, sentence, common.chi2, common.degrees, common.p, rivals)
-    for c, (camera, readout_s, sigma_s) in enumerate(
-        zip(result.block.cameras, decisions.readout_s, decisions.readout_sigma_s, strict=False)
+    # of a block without rolling shutters nothing was looked for, and there are none
+    for camera, readout_s, sigma_s in zip(
+        result.block.cameras, decisions.readout_s, decisions.readout_sigma_s, strict=False
     ):
         if np.isfinite(readout_s) and sigma_s > 0.0:
-            rolling = result.block.cameras[c].readout_s != 0.0
+            rolling = camera.readout_s != 0.0
             about, statistic = f"rolling shutter of {camera.name}", float((readout_s / sigma_s) ** 2)
             size = f"{1e3 * readout_s:.1f} ± {1e3 * sigma_s:.1f} ms"
             sentence = f"{about}: {f'a read-out time of {size}' if rolling else f'none, {size} are not significant'}"
@@ -39,7 +35,7 @@ def decided_by_adjustment(result: Adjustment) -> Iterator[Decision]:
         sigmas.factor.tolist(), strict=True,
     ):  # fmt: skip
         unit = "px" if kind in ("key_points", "transferred", "photograph", "marks") else "m"
-        about = f"standard deviation of {_KINDS.get(kind, kind)}, {of}"
+        about = f"standard deviation of {uncapitalised(SIGMA_TITLES[kind])}, {of}"
         changed = factor != 1.0
         after = f"{used:.3g} {unit} are used" if changed else "used as it is"
         yield Decision(about, changed, f"{about}: {stated:.3g} {unit} stated or assumed, {after}")

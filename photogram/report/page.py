@@ -26,7 +26,8 @@ from photogram.report.record.photographs import OrientedPhotograph
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
 from photogram.report.record.verdict import LightRecord
-from photogram.report.titles import CLOUD_TITLES, SIGMA_TITLES
+from photogram.report.titles import CLOUD_TITLES
+from photogram.results import SIGMA_TITLES
 
 Row = dict[str, object]
 """What a table of the page shows in one row, by the names that the template uses."""

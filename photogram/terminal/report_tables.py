@@ -9,7 +9,8 @@ from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.positions import GnssRecord
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import CloudRecord
-from photogram.report.titles import ASSUMED_SIGMAS, CLOUD_TITLES, SIGMA_TITLES
+from photogram.report.titles import ASSUMED_SIGMAS, CLOUD_TITLES
+from photogram.results import SIGMA_TITLES
 from photogram.terminal.console import console
 from photogram.terminal.surface_table import surface_table
 

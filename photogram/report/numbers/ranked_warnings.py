@@ -20,6 +20,7 @@ from photogram.report.record.ground import VarianceComponentRecord
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.verdict import AsprsRecord, Severity, WarningRecord
+from photogram.wording import uncapitalised
 
 SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
 
@@ -184,10 +185,8 @@ def best_remedy(diagnosis: DiagnosisRecord) -> str:
     if not helpful:
         return ""
     best = min(helpful, key=lambda r: r["sigma_height_after_m"])
-    title = best["title"]
-    title = title if title[1:2].isupper() else title[:1].lower() + title[1:]
     return (
-        f"{title} would reduce the sigma of heights from {best['sigma_height_before_m']:.3f} to "
+        f"{uncapitalised(best['title'])} would reduce the sigma of heights from {best['sigma_height_before_m']:.3f} to "
         f"{best['sigma_height_after_m']:.3f} m"
     )
 
