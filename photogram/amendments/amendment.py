@@ -77,7 +77,7 @@ class Decisive:
         if not isinstance(after, PhotogramError):
             return after
         return before.warned(
-            f"{self.about}: not in the result, since the adjustment with what they ask for fails: {after}"
+            f"A change ({self.about}) was not made, since the block cannot be adjusted with it: {after}"
         )
 
 

@@ -101,8 +101,7 @@ def test_what_cannot_be_adjusted_is_said_and_ends_nothing() -> None:
     alone = amended(solution, [Impossible(5, [], "a")], solutions)
     assert alone.block is solution.block
     assert (
-        "focal length: not in the result, since the adjustment with what they ask for fails"
-        in alone.result.warnings[-1]
+        "A change (focal length) was not made, since the block cannot be adjusted with it" in alone.result.warnings[-1]
     )
 
 

@@ -23,6 +23,7 @@ from photogram.files.tables.column_units import FOOT_M, SURVEY_FOOT_M, in_words,
         ("sigma_m", "sigma", 1.0),
         ("u_px", "u", None),
         ("name", "name", None),
+        ("Elevation (in feet)", "Elevation", FOOT_M),
         ("X (East)", "X", None),
     ],
 )

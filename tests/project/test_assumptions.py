@@ -32,7 +32,7 @@ def of(draft: ProjectDraft) -> dict[str, tuple[str, str]]:
 def test_everything_that_nothing_states_is_named_with_what_becomes_of_it() -> None:
     said = of(replace(DRAFT, control=(LIST,)))
     assert said["heights"][1].startswith("the photographs tell by how much")
-    assert said["focal length of drone"] == ("3000 ± 90 px, EXIF 24 mm", "estimated; said where photographs deny it")
+    assert said["focal length of drone"] == ("3000 ± 90 px, EXIF 24 mm", "estimated; a contradiction is reported")
     assert said["read-out time of drone"][0] == "33 ± 12 ms"
     assert said["GNSS positions"][0] == "2 m in plan, 3 m in height"
     assert said["what a flight's positions are off by together"] == ("3, 3, 30 m", "estimated by the control points")
@@ -55,7 +55,7 @@ def test_what_is_stated_is_not_assumed(role: Role) -> None:
 
 def test_without_control_nothing_tells_what_positions_have_in_common() -> None:
     said = of(DRAFT)
-    assert said["what a flight's positions are off by together"][1].startswith("nothing tells it")
+    assert said["what a flight's positions are off by together"][1].startswith("undetermined")
     assert said["heights"][1] == "the results name no height system"
     checks = of(replace(DRAFT, control=(replace(LIST, role="check"),)))
-    assert checks["points of gcp.csv"][1] == "in no figure of accuracy"
+    assert checks["points of gcp.csv"][1] == "not used for accuracy"

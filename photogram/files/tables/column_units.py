@@ -33,7 +33,9 @@ _ENDING = re.compile(r"(?<=[a-z0-9])[\s_,-]+(m|mm|cm|ft|feet|foot|usft|ftus|sft|
 
 
 def _word(text: str) -> str:
-    return re.sub(r"[^a-z°]", "", text.lower())
+    """Return the letters of a unit alone: ``in US feet`` is usfeet."""
+    word = re.sub(r"[^a-z°]", "", text.lower())
+    return word.removeprefix("in") if word not in LENGTHS_M else word
 
 
 def without_unit(column: str) -> str:

@@ -29,7 +29,7 @@ def assumptions(draft: ProjectDraft) -> Iterator[Assumption]:
     for camera in draft.cameras:
         if camera.sigmas[0] > 0.0:
             value = f"{camera.focal_px:.0f} ± {camera.sigmas[0]:.0f} px, {camera.source}"
-            yield Assumption(f"focal length of {camera.name}", value, "estimated; said where photographs deny it")
+            yield Assumption(f"focal length of {camera.name}", value, "estimated; a contradiction is reported")
         if camera.shutter is not None and camera.shutter.sigma_s > 0.0:
             size = f"{1e3 * camera.shutter.readout_s:.0f} ± {1e3 * camera.shutter.sigma_s:.0f} ms"
             becomes = "estimated where the photographs show it"
@@ -41,14 +41,14 @@ def assumptions(draft: ProjectDraft) -> Iterator[Assumption]:
     if positioned:
         value = ", ".join(f"{sigma:g}" for sigma in draft.offset_sigma_m) + " m"
         told = any(file.role == "control" for file in draft.control)
-        becomes = "estimated by the control points" if told else "nothing tells it: it is in the absolute accuracy"
+        becomes = "estimated by the control points" if told else "undetermined: included in the absolute accuracy"
         yield Assumption("what a flight's positions are off by together", value, becomes)
     if any(p.has_attitude for p in draft.photographs):
         yield Assumption("attitudes", f"{ATTITUDE_SIGMA_DEG:g}°", "what they are off by together is estimated")
     for file in draft.control:
         if not file.has_sigmas and file.sigma_m is None:
             value = ", ".join(f"{sigma:g}" for sigma in DEFAULT_CONTROL_SIGMA_M) + " m"
-            becomes = "estimated from what they scatter by" if file.role == "control" else "in no figure of accuracy"
+            becomes = "estimated from what they scatter by" if file.role == "control" else "not used for accuracy"
             yield Assumption(f"points of {PurePath(file.path).name}", value, becomes)
         if file.has_marks or file.marks is not None:
             becomes = "estimated from what they scatter by"
