@@ -27,7 +27,9 @@ from photogram.factors.elimination.state import State
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import ground_columns, parts_of, ray_covariances
+from photogram.factors.priors import known_rotation
 from photogram.factors.variables import POSE, key
+from photogram.measures.rough_place import rough_place
 from photogram.survey import Block
 
 OBJECT = 3.0
@@ -63,6 +65,14 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
 
     noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma[-1]))
     return fixed_pose, gtsam.CustomFactor(noise, [key(POSE, last)], error)
+
+
+def datum_conditions(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
+    """Return what makes the datum of a block regular whose measurements do not: the conditions of a free network, and
+    what holds a block upright whose positions scatter by more than its photographs stand apart."""
+    rough = rough_place(block)
+    upright = () if rough is None else (known_rotation(rough.photograph, rough.rotation, rough.sigma_rad),)
+    return (*minimal_datum(block), *upright)
 
 
 @dataclass(frozen=True, eq=False)

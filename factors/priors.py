@@ -52,6 +52,16 @@ def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m
     return np.hstack([R @ gtsam.Rot3.Hat(lever_arm_camera_m), R])
 
 
+def known_rotation(
+    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: FloatArray
+) -> gtsam.NonlinearFactor:
+    """Return the factor of a photograph's rotation (3, 3) that is known to ``sigma_rad`` (3,) about the world's
+    axes."""
+    into = rotation_world_from_camera.T
+    noise = gtsam.noiseModel.Gaussian.Covariance(into @ np.diag(sigma_rad**2) @ into.T)
+    return gtsam.PoseRotationPrior3D(key(POSE, photograph), gtsam.Rot3(rotation_world_from_camera), noise)
+
+
 def gnss_position(
     photograph: int,
     gnss_world_m: FloatArray,

@@ -18,7 +18,7 @@ from photogram.factors.constraints import is_scaled, taking_part, without_shape
 from photogram.factors.elimination.levenberg_marquardt import FIRST, FIRST_NEAR, Minimum
 from photogram.factors.elimination.reprojection import Observations, observed_marks
 from photogram.factors.elimination.state import State
-from photogram.factors.free_network import minimal_datum
+from photogram.factors.free_network import datum_conditions
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.minimisation import minimise_graph, minimise_problem
 from photogram.factors.rigs.exposures import rig_values
@@ -155,6 +155,7 @@ def with_sigmas_of(problem: Problem, block: Block) -> Problem:
         block=block,
         marks=observed_marks(control, np.isfinite(control.mark_sigma_px)),
         control_sigma_m=_control_sigma_m(control),
+        further=datum_conditions(block),
     )
 
 
@@ -190,5 +191,5 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
         flights,
         settings.robust_loss,
         settings.robust_threshold,
-        further=minimal_datum(block),
+        further=datum_conditions(block),
     )

@@ -29,12 +29,15 @@ from photogram.factors.variables import (
     TIE_POINT,
     WORDS,
 )
+from photogram.measures.rough_place import RoughPlace, rough_place
 from photogram.survey import Block
 
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
 WEAK_SCALE = 0.01
 POSITION_WEAK = "The position of the block is known to"
+ROUGHLY_PLACED = "The block is placed roughly, its GNSS positions being known to"
+OPEN_SCALE = 0.5  # of the scale, from which it is not determined
 ROTATION_WEAK = "The rotation of the block about"
 WEAK_CAMERA = 0.05  # of the focal length, and of the picture the same of the principal point
 MOST_NAMED = 5  # photographs, in sentences of their own
@@ -246,6 +249,32 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     return sentences
 
 
+def _rough_datum(rough: RoughPlace, covariance: FloatArray) -> str:
+    """Return how positions that scatter by more than tells the vertical place a block, of whose datum the covariance is
+    (7, 7)."""
+    shift_m, tilt, heading, scale = (
+        float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1]))
+        for part in (slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 7))
+    )
+    known = [f"position to {shift_m:.2g} m", f"tilt, by the way photographs are taken, to {np.rad2deg(tilt):.0f}°"]
+    lost = []
+    for name, value, is_open in (
+        ("heading", f"{np.rad2deg(heading):.0f}°", rough.open_heading),
+        ("scale", f"{scale:.1%}", scale > OPEN_SCALE),
+    ):
+        if is_open:
+            lost.append(f"its {name}")
+        else:
+            known.append(f"{name} to {value}")
+    not_known = f"; {' and '.join(lost)} {'are' if len(lost) > 1 else 'is'} not determined" if lost else ""
+    distances = "" if scale < WEAK_SCALE else ", and measured distances would give its scale"
+    return (
+        f"{ROUGHLY_PLACED} {rough.sigma_m:.2g} m while the photographs stand within {rough.width_m:.2g} m: "
+        f"{', '.join(known)} (1 sigma){not_known}; its shape is known better than its place: three control points "
+        f"would place it{distances}"
+    )
+
+
 def weak_parts(problem: Problem, state: State, covariances: Covariances) -> list[str]:
     """Return a sentence for what the measurements hold badly: the block as a whole, where its datum is weak; single
     photographs, beyond what they share with the block; focal lengths."""
@@ -255,7 +284,8 @@ def weak_parts(problem: Problem, state: State, covariances: Covariances) -> list
     whole = datum_of(covariances.layout, state, distance, weights_of(poses, distance))
     sentences = []
     if len(poses) > 1:
-        sentences += _weak_datum(covariances.between(whole.fit, whole.fit), axes, distance)
+        covariance, rough = covariances.between(whole.fit, whole.fit), rough_place(block)
+        sentences += _weak_datum(covariance, axes, distance) if rough is None else [_rough_datum(rough, covariance)]
     attitude = np.sqrt(np.einsum("naa->na", poses)[:, :3].max(axis=1, initial=0.0))
     position = np.sqrt(np.einsum("naa->na", poses)[:, 3:].max(axis=1, initial=0.0))
     ratio = np.maximum(attitude / WEAK_RAD, position / (WEAK_SHIFT * distance))

@@ -16,6 +16,7 @@ from photogram.constraints.between_points import (
     observations,
 )
 from photogram.constraints.rigs import give_scale
+from photogram.measures.vertical import Vertical, VerticalBy, vertical_by_view
 from photogram.report.record.local_frame import (
     ConstraintRecord,
     DistanceRecord,
@@ -25,7 +26,7 @@ from photogram.report.record.local_frame import (
 )
 from photogram.report.values import finite
 from photogram.results import Adjustment
-from photogram.sfm.local_frame import SPACING, Vertical, VerticalBy, vertical_by_view
+from photogram.sfm.local_frame import SPACING
 from photogram.survey import Block
 
 _EXTENT = (5.0, 95.0)  # percentiles of tie points, between which the object lies

@@ -14,12 +14,14 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, Similarity
+from photogram.constraints.between_points import gives_scale
 from photogram.errors import OrientationError, PhotogramError
+from photogram.measures.vertical import VERTICAL_SIGMA_RAD, Vertical, structure_up, turn_sigmas_rad
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
 from photogram.sfm.incremental import extend, grow
 from photogram.sfm.known_poses import KnownPoses, known_structure
-from photogram.sfm.local_frame import Vertical, local_similarity
+from photogram.sfm.local_frame import local_similarity, structure_scale
 from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, resect
@@ -29,6 +31,7 @@ from photogram.sfm.similarity import (
     open_turn_rad,
     robust_similarity,
     similarity_from_attitudes,
+    upright_similarity,
 )
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints
 from photogram.triangulation import consensus_intersections, ideal_observations
@@ -199,6 +202,22 @@ def _placed_by_control(source: FloatArray, points: ControlPoints, *, alone: bool
         return fit
 
 
+def _upright(structure: Structure, block: Block, index: IntArray, fit: Similarity, vertical: Vertical) -> Similarity:
+    """Return the similarity ``fit`` to the positions of the photographs ``index`` (K,), or, where these tell the
+    vertical worse than the way in which photographs are taken does, the upright one that fits them in plan."""
+    source = structure.position[index]
+    sigma_m = np.array([block.photographs[i].gnss_sigma_m for i in index])
+    if turn_sigmas_rad(fit.points(source), sigma_m)[0] <= VERTICAL_SIGMA_RAD:
+        return fit
+    scale = None
+    if gives_scale(block.constraints):
+        marked = intersected_control(structure, block.control_points)
+        scale = structure_scale(block, structure.position, structure.registered, marked)
+    up = structure_up(structure.rotation[structure.registered], vertical, fit.rotation[2])
+    target = np.array([block.photographs[i].gnss_world_m for i in index])
+    return upright_similarity(source, up, target, sigma_m, scale)
+
+
 def georeference(structure: Structure, block: Block, vertical: Vertical = "auto") -> Similarity:
     """Return the similarity that brings a structure into the world: by control points where three are intersected, not
     in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open; into a local frame
@@ -237,7 +256,8 @@ def georeference(structure: Structure, block: Block, vertical: Vertical = "auto"
             np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
         )
     if not (collinear(source) or collinear(target)):
-        return robust_similarity(source, target, sigma)[0]
+        fit, agree = robust_similarity(source, target, sigma)
+        return _upright(structure, block, np.array(index)[agree], fit, vertical)
     where = "its local system" if block.frame.is_local else block.frame.crs
     raise OrientationError(
         f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {where}: "

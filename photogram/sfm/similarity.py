@@ -15,8 +15,9 @@ TRIPLES = 500
 COLLINEAR = 0.02  # second over first principal extent of points that lie in one line
 AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
 LIMIT = 4.0  # sigmas, within which a pair agrees
-UNEXPLAINED = 0.25
-"""Squares that it leaves, over those about the mean: a shrunken one agrees with whatever lies close by."""
+UNEXPLAINED, NOISE = 0.25, 3.0
+"""Squares that it leaves, over those about the mean, and sigmas: a shrunken one agrees with whatever lies close by, but
+where positions scatter by more than the block is wide, by no more than their sigmas."""
 
 
 def collinear(points: FloatArray) -> bool:
@@ -59,6 +60,29 @@ def fit_similarity(source: FloatArray, target: FloatArray, weight: FloatArray | 
     return Similarity(scale, R, b - scale * R @ a)
 
 
+def upright_similarity(
+    source: FloatArray, up_source: FloatArray, target: FloatArray, sigma_m: FloatArray, scale: float | None = None
+) -> Similarity:
+    """Return the similarity that sets ``up_source`` (3,) upright and takes ``source`` (N, 3) to ``target`` (N, 3),
+    known to ``sigma_m`` (N, 3), with the least weighted squares in plan; at a ``scale`` that is known.
+
+    In plan a similarity is a number z = s exp(iθ) and a shift, in which positions are linear (Helmert's
+    transformation): the fit has one minimum, however much they scatter. A similarity of space has an upside-down one.
+    """
+    east = np.cross(up_source, np.eye(3)[np.argmin(np.abs(up_source))])
+    east = east / np.linalg.norm(east)
+    level = np.array([east, np.cross(up_source, east), up_source])
+    weight = 1.0 / sigma_m**2 / np.sum(1.0 / sigma_m**2, axis=0)
+    middle, wanted = np.sum(weight * (source @ level.T), axis=0), np.sum(weight * target, axis=0)
+    p, q = ((x - m)[:, :2] @ [1.0, 1.0j] for x, m in ((source @ level.T, middle), (target, wanted)))
+    own = weight[:, :2].mean(axis=1)
+    z = complex(np.sum(own * p.conj() * q) / np.sum(own * np.abs(p) ** 2))
+    c, s = z.real / abs(z), z.imag / abs(z)
+    heading = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    factor = abs(z) if scale is None else scale
+    return Similarity(factor, heading @ level, wanted - factor * heading @ middle)
+
+
 def _triples(count: int, seed: int) -> IntArray:
     rng = np.random.default_rng(seed)
     drawn = np.array([rng.permutation(count)[:3] for _ in range(TRIPLES)])
@@ -72,7 +96,8 @@ def robust_similarity(
 
     ``sigma_m`` (N,) is the standard deviation of a target; a pair agrees within LIMIT of them. The least-squares
     fit of the agreeing pairs is repeated until they stay the same. Raises OrientationError when no three pairs, not in
-    one line, agree, or no more than half of all, or hardly better than if all stood in one place.
+    one line, agree, or no more than half of all, or hardly better than if all stood in one place and by more than their
+    sigmas.
     """
     best = np.zeros(len(source), dtype=bool)
     best_cost = np.inf
@@ -98,12 +123,18 @@ def robust_similarity(
         if agrees.sum() < 3 or collinear(target[agrees]) or np.array_equal(agrees, best):
             break
         best = agrees
-    wanted = target[best]
-    left, whole = np.sum((fit.points(source[best]) - wanted) ** 2), np.sum((wanted - wanted.mean(axis=0)) ** 2)
-    if best.sum() <= AGREEING_SHARE * len(source) or left > UNEXPLAINED * whole:
+    wanted, left = target[best], np.sum((fit.points(source[best]) - target[best]) ** 2, axis=1)
+    share = float(left.sum() / np.sum((wanted - wanted.mean(axis=0)) ** 2))
+    scatter = float(np.sqrt(np.mean(left / sigma_m[best] ** 2)))
+    if best.sum() <= AGREEING_SHARE * len(source):
         raise OrientationError(
             f"no more than {int(best.sum())} of {len(source)} positions agree with the block's shape, to "
-            f"{np.sqrt(left / best.sum()):.1f} m: check that they belong to these photographs"
+            f"{np.sqrt(left.mean()):.1f} m: check that they belong to these photographs"
+        )
+    if share > UNEXPLAINED and scatter > NOISE:
+        raise OrientationError(
+            f"the positions scatter by {np.sqrt(left.mean()):.1f} m about the block's shape, {scatter:.1f} times what "
+            "their standard deviations say: check that they belong to these photographs, or enter larger ones"
         )
     return fit, best
 

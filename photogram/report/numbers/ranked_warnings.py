@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from photogram.adjustment.reliability import CRITICAL
-from photogram.adjustment.solvability import ROTATION_WEAK
+from photogram.adjustment.solvability import ROTATION_WEAK, ROUGHLY_PLACED
 from photogram.quality.asprs import MINIMUM_POINTS, STATE_SURVEY
 from photogram.quality.datum_precision import WHOLE_BLOCK
 from photogram.report.numbers.statistics import GROUPS
@@ -198,7 +198,7 @@ def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
     )
     sentences = [s for s in diagnosis["warnings"] if not (decided and s.startswith(decided))]
     # what the datum leaves open is what most else follows from
-    sentences.sort(key=lambda s: not s.startswith((WHOLE_BLOCK, ROTATION_WEAK)))
+    sentences.sort(key=lambda s: not s.startswith((ROUGHLY_PLACED, WHOLE_BLOCK, ROTATION_WEAK)))
     warnings = _several("geometry", sentences)
     if warnings:
         warnings[0]["remedy"] = best_remedy(diagnosis)
