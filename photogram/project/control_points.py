@@ -64,6 +64,10 @@ class ProjectControlPoint:
     """Whether a standard deviation of its position is only assumed, nobody having stated one."""
     mark_sigma_assumed: bool = False
     """The same of its marks."""
+    line: str = ""
+    """The file that it comes from and the line there, empty where that is the project file."""
+    crs: str = ""
+    """The CRS that its figures were given in, empty for the project's."""
 
     def __post_init__(self) -> None:
         marks = len(self.mark_photograph)
@@ -96,7 +100,7 @@ class ProjectControlPoint:
 @dataclass(frozen=True, eq=False)
 class _Source:
     """One entry of control_points.files and what its files hold; ``placed`` are its positions, None where unknown,
-    ``columns`` what the first two figures of a point are."""
+    ``columns`` what the first two figures of a point are, ``crs`` theirs, empty where unknown."""
 
     key: Key
     entry: ControlFileEntry
@@ -104,6 +108,7 @@ class _Source:
     marks: tuple[Mark, ...]
     placed: Placed | None
     columns: tuple[str, str]
+    crs: str
 
     @property
     def marks_path(self) -> str:
@@ -177,7 +182,7 @@ def _source(
     crs = _crs(document, file, key, entry, points)
     placed = None if crs is None else _placed(document, key, entry, points, crs, target)
     columns = ("easting", "northing") if crs is None or is_grid(crs) else ("longitude", "latitude")
-    return _Source(key, entry, points, marks or (), placed, columns)
+    return _Source(key, entry, points, marks or (), placed, columns, crs or "")
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -469,6 +474,8 @@ def _complete(
             tuple(marks[i].kind for i in own),
             assumed[0] and None in row.sigma_m,
             assumed[1] and all(marks[i].sigma_px is None for i in own),
+            f"{source.entry.path}:{row.line}" if row.line else str(source.entry.path),
+            source.crs,
         )
 
     return [point(number, row) for number, row in enumerate(source.points.points)]

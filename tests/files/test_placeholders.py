@@ -4,7 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from photogram.files.photographs.placeholders import without_zero_attitudes, zero_attitudes, zero_heights
+from photogram.files.photographs.placeholders import (
+    stray_zero_heights,
+    without_zero_attitudes,
+    zero_attitudes,
+    zero_heights,
+)
 from photogram.files.photographs.tags import PhotographTags
 
 ZEROS = PhotographTags(
@@ -36,3 +41,10 @@ def test_what_is_not_there_is_no_zero() -> None:
     bare = replace(ZEROS, longitude_deg=None, gimbal_roll_deg=None)
     assert not zero_heights([bare] * 4).any()
     assert not zero_attitudes([bare] * 4).any()
+
+
+def test_a_zero_among_heights_far_from_it_is_none() -> None:
+    at = [replace(ZEROS, height_m=h) for h in (0.0, 150.0, 153.0, None, 149.0)]
+    np.testing.assert_array_equal(stray_zero_heights([*at, None]), [True, *[False] * 5])
+    assert not stray_zero_heights([*at[:2], at[0], *at[2:4]]).any()  # as many zeros as others
+    assert not stray_zero_heights([at[0], *[replace(ZEROS, height_m=h) for h in (4.0, 150.0, -9.0)]]).any()

@@ -506,6 +506,7 @@ def test_twins_disk_and_memory() -> None:
         ("warning", "disk"),
         ("warning", "memory"),
     ]
+    assert "11 photographs, 1 camera, 11 with GNSS" in findings[-1].text
     assert found(survey, free_disk_bytes=10**12, memory=10**12)[0].severity == "note"
     nearly_full = found(survey, free_disk_bytes=int(1.2 * machine_needs(STAGES, *survey).disk_bytes))
     assert (nearly_full[0].severity, nearly_full[0].where) == ("warning", "disk")

@@ -286,6 +286,47 @@ def test_easting_and_northing_exchanged_in_a_file(tiny: Tiny) -> None:
     only(tiny.findings(), "error", "easting and northing look swapped in all 7", "give easting before northing")
 
 
+@pytest.mark.parametrize("zone", ["EPSG:25831", "EPSG:25833"])
+def test_control_whose_file_names_another_zone(tiny: Tiny, zone: str) -> None:
+    tiny.table(POINTS)
+    tiny.values["control_points"]["files"][0]["crs"] = zone
+    only(tiny.findings(), "error", "in EPSG:25832 they would lie among them", "give EPSG:25832 as their crs")
+
+
+def test_a_single_altitude_of_zero(tiny: Tiny) -> None:
+    tiny.tags[4] = replace(tiny.tags[4], height_m=0.0)
+    found = tiny.findings()
+    only(found, "warning", "04.JPG: a height of 0 in the tags, where the others have", "is not used")
+    assert not any("height systems" in str(finding) for finding in found)
+
+
+def test_several_points_with_one_position(tiny: Tiny) -> None:
+    points = POINTS.copy()
+    points[:] = points[0]
+    tiny.table(points)
+    found = tiny.findings()
+    only(found, "error", "points.csv:2: points G0, G1", "7 points of different names have one position")
+    assert not any("height systems" in str(finding) for finding in found)
+    points = POINTS.copy()
+    points[1] = points[0]
+    tiny.table(points)
+    only(tiny.findings(), "warning", "points.csv:2: points G0, G1: 2 points of different names have one position")
+
+
+@pytest.mark.parametrize("gnss", [True, False])
+def test_positions_of_cameras_as_control_points(tiny: Tiny, gnss: bool) -> None:
+    names = [f"p{i}" for i in range(len(CENTRES))]
+    tiny.values["control_points"]["list"] = [
+        {"name": n, "position_m": c, "marks": {f"{i:02d}.JPG": [WIDTH / 2, HEIGHT / 2]}}
+        for i, (n, c) in enumerate(zip(names, CENTRES.tolist(), strict=True))
+    ]
+    tiny.listed = False
+    if not gnss:
+        tiny.strip_gnss()
+    where = "points p0, p1, p2, p3, p4 and 7 more: 12 of 12 control points are positions of cameras"
+    only(tiny.findings(), "error", where, "give them under photographs.positions")
+
+
 @pytest.mark.parametrize("height_m", [9999.0, -9999.0, 1e5])
 def test_a_height_that_is_none(tiny: Tiny, height_m: float) -> None:
     tiny.points[3, 2] = height_m

@@ -1,4 +1,4 @@
-"""Figures in tags that stand for nothing: zeros in all photographs of a camera that moved.
+"""Figures in tags that stand for nothing: zeros in all photographs of a camera that moved, or in a few of them.
 
 A camera without a sensor of its attitude, or without a barometer, writes zeros where it has nothing to write.
 """
@@ -14,6 +14,9 @@ from photogram.files.photographs.tags import PhotographTags
 
 FEWEST = 3
 """Photographs of a camera from which zeros in all of them are none of its measurements."""
+
+FAR_FROM_ZERO_M = 20.0
+"""Height above or below 0 of all others, from which one of exactly 0 is none."""
 
 Tags = Sequence[PhotographTags | None]
 
@@ -39,6 +42,17 @@ def zero_attitudes(tags: Tags) -> BoolArray:
 def zero_heights(tags: Tags) -> BoolArray:
     """Return which photographs (F,) have a position with a height of 0 as all of their camera have."""
     return _zero_in_all(tags, lambda own: (own.height_m if own.longitude_deg is not None else None,))
+
+
+def stray_zero_heights(tags: Tags) -> BoolArray:
+    """Return which photographs (F,) have a position with a height of 0 while most of them lie far above or below."""
+    height_m = np.array(
+        [np.nan if t is None or t.height_m is None or t.longitude_deg is None else t.height_m for t in tags]
+    )
+    zero, other_m = height_m == 0.0, height_m[np.isfinite(height_m) & (height_m != 0.0)]
+    if len(other_m) < max(FEWEST, int(zero.sum()) + 1) or np.min(np.abs(other_m)) < FAR_FROM_ZERO_M:
+        return np.zeros(len(tags), dtype=bool)
+    return np.asarray(zero)
 
 
 def without_zero_attitudes(tags: Tags) -> list[PhotographTags | None]:

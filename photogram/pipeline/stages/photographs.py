@@ -14,7 +14,7 @@ from photogram.files.npz_json import file_fingerprint, fingerprint, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import check_photograph, read_tags
-from photogram.files.photographs.placeholders import zero_attitudes, zero_heights
+from photogram.files.photographs.placeholders import stray_zero_heights, zero_attitudes, zero_heights
 from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage, line_of
@@ -111,6 +111,9 @@ def _leave_out_zeros(project: Project, notes: Sequence[PhotographNote], tags: Se
     for note, zero, elsewhere in zip(notes, zero_heights(tags).tolist(), listed, strict=True):
         if zero and not elsewhere:
             note["gnss_height_is_none"] = True
+    for note, zero, elsewhere in zip(notes, stray_zero_heights(tags).tolist(), listed, strict=True):
+        if zero and not elsewhere:
+            _withdraw_position(note)
 
 
 def leave_out(

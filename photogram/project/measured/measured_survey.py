@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
+from photogram.files.photographs.placeholders import stray_zero_heights
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import LocalFrame
 from photogram.project.cross_checks import AreaOfUse
@@ -47,11 +48,16 @@ def frozen_photographs(tags: Sequence[PhotographTags | None], stated_map_m: Floa
     return frozen_positions(stated_map_m, [None if t is None else t.time for t in tags], captures)
 
 
+def of_tags(project: Project) -> BoolArray:
+    """Return the positions of which photographs (F,) can only come from their tags."""
+    return np.array([p.gnss_map_m is None and p.file_position is None for p in project.photographs], dtype=bool)
+
+
 def gnss_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
-    """Return the measured GNSS position (F, 3) of each photograph in the map, NaN where there is none, or where the
-    receiver has stopped. Raises FrameError where the tags' lie outside the CRS."""
+    """Return the measured GNSS position (F, 3) of each photograph in the map, NaN where there is none, where the
+    receiver has stopped, or the height is no measurement. Raises FrameError where the tags' lie outside the CRS."""
     position = stated_positions(project, tags)
-    position[frozen_photographs(tags, position)] = np.nan
+    position[frozen_photographs(tags, position) | (stray_zero_heights(tags) & of_tags(project))] = np.nan
     return position
 
 

@@ -13,10 +13,16 @@ import numpy as np
 
 from photogram.errors import ProjectError
 from photogram.files.photographs.headers import PhotographHeader
-from photogram.files.photographs.placeholders import without_zero_attitudes, zero_attitudes, zero_heights
+from photogram.files.photographs.placeholders import (
+    stray_zero_heights,
+    without_zero_attitudes,
+    zero_attitudes,
+    zero_heights,
+)
 from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
+from photogram.project.measured.measured_survey import of_tags
 from photogram.project.project import Project
 from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.geometry import geometry_findings
@@ -145,15 +151,21 @@ def _same_moment(
 # ---- all together --------------------------------------------------------------------------------------------------
 
 
-def _overview(project: Project, tags: Sequence[PhotographTags | None], needs: MachineNeeds) -> Finding:
-    positions = sum(t is not None and t.longitude_deg is not None for t in tags)
-    given = sum(p.gnss_map_m is not None or p.file_position is not None for p in project.photographs)
+def _overview(
+    project: Project, tags: Sequence[PhotographTags | None], needs: MachineNeeds, twins: Sequence[Sequence[int]]
+) -> Finding:
+    copies = {i for group in twins for i in group[1:]}
+    positions = [
+        p.gnss_map_m is not None or p.file_position is not None or (t is not None and t.longitude_deg is not None)
+        for i, (p, t) in enumerate(zip(project.photographs, tags, strict=True))
+        if i not in copies
+    ]
     roles = Counter(p.role for p in project.control_points)
     heights = [t.height_above_take_off_m for t in tags if t is not None and t.height_above_take_off_m]
     facts = [
-        things(len(project.photographs), "photograph"),
+        things(len(positions), "photograph"),
         things(len(project.cameras), "camera"),
-        f"{max(positions, given)} with GNSS",
+        f"{sum(positions)} with GNSS",
         things(roles["control"], "control point"),
         things(roles["check"], "check point"),
         f"{gigabytes(needs.disk_bytes)} of disk space",
@@ -173,13 +185,19 @@ def _placeholder_findings(project: Project, tags: Sequence[PhotographTags | None
         text = f"the tags of all {things(int(zero.sum()), 'photograph')} give an attitude of 0, 0, 0: it is not used"
         remedy = "nothing, if the camera has no sensor for it; else give the attitudes under photographs.list"
         findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
-    own = np.array([p.gnss_map_m is None and p.file_position is None for p in project.photographs], dtype=bool)
+    own = of_tags(project)
     zero = zero_heights(tags) & own
     if zero.any():
         text = f"the tags of all {things(int(zero.sum()), 'photograph')} give a height of 0: heights are known by "
         text += "control points alone, without them to a kilometre"
         remedy = "give control points, or positions with heights under photographs.positions"
         findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
+    stray = stray_zero_heights(tags) & own
+    if stray.any():
+        others = np.median([t.height_m for t, s in zip(tags, stray, strict=True) if t and t.height_m and not s])
+        text = f"a height of 0 in the tags, where the others have {others:.0f} m: this GNSS position is not used"
+        remedy = "nothing, or give the position under photographs.list"
+        findings.append(Finding("warning", some(names[stray].tolist()), text, remedy))
     return findings
 
 
@@ -225,7 +243,7 @@ def check_survey(
         *header_findings(headers, twins, [project.cameras[p.camera].model == "fisheye" for p in project.photographs]),
         *survey_findings(project, tags, twins),
         *machine_findings(project, needs, free_disk_bytes, memory),
-        _overview(project, tags, needs),
+        _overview(project, tags, needs, twins),
     ]
     return by_severity(findings)
 

@@ -25,6 +25,8 @@ from photogram.project.measured.measured_survey import (
 )
 from photogram.project.misplaced import other_reading
 from photogram.project.project import Project
+from photogram.project.validation.control_positions import control_position_findings
+from photogram.project.validation.foreign_control import foreign_control
 from photogram.sfm.similarity import collinear
 from photogram.wording import some, things
 
@@ -144,8 +146,11 @@ def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[
         return []
     distance_m, footprint_m = _distance_to_photographs(survey)
     limit_m = np.maximum(FAR_FOOTPRINTS * footprint_m, NEAR_M)
-    if distance_m.min() > max(FOREIGN_M, float(limit_m.min())):
-        return [_foreign_control(project, survey.gnss_map_m[known])]
+    far = distance_m > np.maximum(FOREIGN_M, limit_m)
+    foreign = [p for p, is_far in zip(project.control_points, far.tolist(), strict=True) if is_far]
+    finding = foreign_control(project, foreign, survey.gnss_map_m[known]) if foreign else None
+    if finding is not None:
+        return [finding]
     return [
         Finding(
             "warning",
@@ -155,21 +160,6 @@ def control_distance_findings(project: Project, survey: MeasuredSurvey) -> list[
         )
         for i in np.flatnonzero(distance_m > limit_m)
     ]
-
-
-def _foreign_control(project: Project, gnss_map_m: FloatArray) -> Finding:
-    """Return the finding for ground points that all lie far from all GNSS positions (F, 3)."""
-    control_map_m = control_positions(project)
-    distance_m = float(np.min(cKDTree(gnss_map_m[:, :2]).query(control_map_m[:, :2])[0]))
-    text = f"they lie {distance_m / 1000:.3g} km or more from the GNSS positions of the photographs"
-    for points, others, who in ((control_map_m, gnss_map_m, ""), (gnss_map_m, control_map_m, "the GNSS positions: ")):
-        reading = other_reading(project.crs, points, others)
-        if reading is not None:
-            lie = "the control points" if who else "them"
-            text += f"; {who}{reading[0]} they would lie among {lie}"
-            return Finding("error", "control_points", text, reading[1])
-    remedy = "check crs, the points' own CRS, and that both are from the same site"
-    return Finding("error", "control_points", text, remedy)
 
 
 def frozen_findings(
@@ -403,6 +393,10 @@ def geometry_findings(project: Project, tags: Sequence[PhotographTags | None]) -
         text = "neither control points nor GNSS positions: the survey cannot be georeferenced"
         remedy = "give control_points, or photographs with GNSS tags"
         return [*frozen_findings(project, tags, None), Finding("error", "the block", text, remedy)]
+    impossible = control_position_findings(project, survey)
+    findings += impossible
+    if any(finding.severity == "error" for finding in impossible):
+        return findings  # what they say of heights and directions means nothing
     distance = control_distance_findings(project, survey)
     findings += [
         *frozen_findings(project, tags, survey),
