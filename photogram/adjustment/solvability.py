@@ -190,7 +190,7 @@ def check_in_front(problem: Problem, state: State) -> None:
     photographs = np.unique(problem.tie.photograph[~np.isfinite(tie).all(axis=1)])
     seen = [f"tie points lie behind {block.photographs[p].name}" for p in photographs]
     message = (
-        "points lie behind the cameras after the adjustment (poses flipped): "
+        "points lie behind the cameras after the adjustment: "
         f"{'; '.join([*marked.values(), *seen])}: check the marks, and the "
         "GNSS position and attitude of these photographs"
     )
@@ -199,10 +199,7 @@ def check_in_front(problem: Problem, state: State) -> None:
         raise UndeterminedPartError(message, marks={number: f"{marked[int(lost[0])]}: check the mark"})
     turned = np.union1d(photographs, problem.marks.photograph[lost])
     if len(turned) == 1:
-        why = (
-            "points lie behind it after the adjustment (pose flipped): check its marks, its GNSS position and "
-            "its attitude"
-        )
+        why = "points lie behind it after the adjustment: check its marks, its GNSS position and its attitude"
         raise UndeterminedPartError(message, photographs={int(turned[0]): why})
     raise AdjustmentError(message)
 

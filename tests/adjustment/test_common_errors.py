@@ -154,6 +154,16 @@ def test_an_arm_ignored_is_estimated_and_removed(made: SimulatedBlock) -> None:
     report = gnss_of(found)
     assert report["lever_arm_left"] is None
     assert report["warnings"] == []
+    left = replace(
+        found.tests,
+        residual_lever_arm_m=np.array([0.1, 0.2, np.nan]),
+        residual_lever_arm_sigma_m=np.array([0.01, 0.01, np.nan]),
+        residual_lever_arm_p=1e-9,
+    )
+    beside = gnss_of(replace(found, tests=left))["warnings"]
+    assert len(beside) == 1
+    assert beside[0].startswith("Beside the lever arm that is estimated and removed")
+    assert "not applied" not in beside[0]
     common = report["common_errors"][1]
     assert common["estimate"][2] is None
     assert "m forward, +0.0" in common["sentence"]

@@ -8,8 +8,8 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.amendments.gross_errors.blunder_naming import Blunder
-from photogram.amendments.gross_errors.data_snooping import contradictions, search, without
+from photogram.amendments.gross_errors.blunder_naming import Blunder, name_blunders
+from photogram.amendments.gross_errors.data_snooping import Search, contradictions, search, without
 from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.amendments.snooped_adjustment import Verdict, adjust_with_snooping
 from photogram.arrays import FloatArray
@@ -205,3 +205,19 @@ def test_no_statement_is_made_where_only_the_point_itself_determines() -> None:
     )
     assert sentence is not None
     assert sentence.startswith("no statement possible in height: this point alone determines it; agrees with")
+
+
+def test_a_mark_that_no_lens_can_have_is_told_in_words() -> None:
+    block = survey()
+    result = adjusted(block)
+    points = result.block.control_points
+    g, i = int(points.mark_point[0]), int(points.mark_photograph[0])
+    pose = result.block.poses[i]
+    assert pose is not None
+    place = result.estimates.ground_world_m.copy()
+    place[g] = pose.position_world_m - 5.0 * pose.rotation_world_from_camera[:, 2]
+    behind = replace(result, estimates=replace(result.estimates, ground_world_m=place))
+    suspect = unmeasured("mark", points.name[g], block.photographs[i].name)
+    (blunder,) = name_blunders(block, Search((suspect,), behind))
+    assert "nan" not in blunder.sentence
+    assert "beyond the edge of its lens" in blunder.sentence

@@ -25,7 +25,7 @@ from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.draft import ControlFile, LeftOut, TaggedPhotograph, Wishes, draft_project
 from photogram.project.draft.positions import Gnss, gnss_of, offset_prior
-from photogram.project.draft.text import project_text
+from photogram.project.draft.text import flights_comment, project_text
 
 Run = Callable[..., Any]
 NOON = datetime(2024, 5, 1, 12, 0, 0)
@@ -814,3 +814,9 @@ def test_photographs_without_positions_and_control_become_a_free_network() -> No
         assert values["crs"] == "none"
         assert not {"gnss", "heights", "control_points"} & set(values)
         assert "# distances:" in text
+
+
+def test_what_begins_a_flight_is_said_of_cameras_that_fire_at_once() -> None:
+    said = " ".join(line.strip(" #") for line in flights_comment(2))
+    assert said.startswith("2 flights: another camera body, a pause of more than ten minutes or a gap in the positions")
+    assert flights_comment(1) == []

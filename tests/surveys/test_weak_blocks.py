@@ -227,7 +227,7 @@ def test_a_photograph_or_mark_turned_over_alone_is_named_for_being_left_out() ->
     check_in_front(problem, state)
     over = state.rotation.copy()
     over[1] = over[1] @ np.diag([1.0, -1.0, -1.0])
-    with pytest.raises(UndeterminedPartError, match="poses flipped") as fault:
+    with pytest.raises(UndeterminedPartError, match="points lie behind the cameras") as fault:
         check_in_front(problem, replace(state, cameras=state.cameras._replace(rotation=over)))
     assert list(fault.value.photographs) == [1]
     assert not fault.value.marks

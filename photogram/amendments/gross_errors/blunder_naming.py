@@ -169,6 +169,12 @@ def _of_mark(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Blunde
         if distance[nearest] <= ON_TARGET_PX + SURE * points.mark_sigma_px[m]:
             text = f"mark of {hypothesis.name} in {hypothesis.photograph} is on the target of {points.name[nearest]}"
             return Blunder("wrong target", (hypothesis.name, points.name[nearest]), hypothesis.photograph, text)
+    if not np.isfinite([u, v]).all():
+        text = (
+            f"mark of {hypothesis.name} in {hypothesis.photograph} cannot be right: all other observations put the "
+            "point behind the camera, or beyond the edge of its lens"
+        )
+        return Blunder("mark", (hypothesis.name,), hypothesis.photograph, text)
     text = (
         f"mark of {hypothesis.name} in {hypothesis.photograph} is {np.hypot(u, v):.1f} px off: all other observations "
         "predict it "

@@ -33,7 +33,10 @@ CONTROL_EXAMPLE = [
 
 def flights_comment(flights: int) -> list[str]:
     """Return the comment on the flights of a list of photographs, nothing for one."""
-    text = f"{flights} flights, separated by pauses of more than ten minutes; each has its own GNSS offset."
+    text = (
+        f"{flights} flights: another camera body, a pause of more than ten minutes or a gap in the positions begins "
+        "one; each has its own GNSS offset."
+    )
     return comment(text, 2) if flights > 1 else []
 
 

@@ -210,6 +210,11 @@ def _left_arm(result: Adjustment) -> tuple[LeverArmLeftRecord | None, str]:
     }
     if not arm.significant:
         return numbers, ""
+    if any(common.error.kind == "lever_arm" for common in result.decisions.common_errors):
+        return numbers, (
+            f"Beside the lever arm that is estimated and removed, {_arm_words(body, spread)} (nadir view; {_p(arm.p)}) "
+            "are left, which differ between flights or cameras: give each its own gnss.lever_arm_m."
+        )
     return numbers, (
         f"The GNSS positions have errors that rotate with the camera ({_p(arm.p)}): a lever arm from "
         f"antenna to camera of {_arm_words(body, spread)} (nadir view) is not applied: give gnss.lever_arm_m, or "
