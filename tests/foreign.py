@@ -237,3 +237,10 @@ def assert_refuses(read: Callable[[], object], words: str) -> None:
     """Assert an ExchangeError whose message holds these words."""
     with pytest.raises(ExchangeError, match=words):
         read()
+
+
+def without_observations(solution: ForeignSolution) -> ForeignSolution:
+    """Return a solution of poses and points alone, as programs export it without their key points."""
+    ties, none = solution.tie_points, np.zeros(0, dtype=np.int64)
+    bare = replace(ties, photograph=none, point=none, feature=none, pixel=np.zeros((0, 2)), sigma_px=np.zeros(0))
+    return replace(solution, tie_points=bare)

@@ -46,6 +46,8 @@ class ImportedDraft:
 
     program: str
     """The program that made it."""
+    contents: str
+    """What the solution holds, in words."""
     crs: str
     """Map grid."""
     crs_name: str
@@ -127,6 +129,7 @@ def draft_import(
     )
     return ImportedDraft(
         program=solution.program,
+        contents=solution.contents,
         crs=grid,
         crs_name=grid_name,
         crs_reason=reason,
@@ -141,7 +144,7 @@ def draft_import(
         offset_reason=offset_reason,
         points=points,
         marks=marks,
-        tie_points="theirs" if len(solution.tie_points) else "own",
+        tie_points="theirs" if len(solution.tie_points.point) else "own",
         poses="theirs" if any(p.pose is not None for p in solution.photographs) else "own",
         left_out=tuple(left_out),
         notes=tuple(notes),

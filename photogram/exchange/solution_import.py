@@ -51,7 +51,7 @@ class ImportedProject:
     def _facts(self) -> list[tuple[str, str]]:
         draft = self.draft
         return [
-            ("solution", draft.program),
+            ("solution", f"{draft.program}: {draft.contents}"),
             ("photographs", f"{len(draft.photographs)}, {len(draft.left_out)} not there"),
             ("tie points", draft.tie_points),
             ("poses", draft.poses),

@@ -27,6 +27,7 @@ from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
+from photogram.project.start import start_findings
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.wording import some
@@ -121,7 +122,9 @@ def checked_project(project: Project) -> CheckedProject:
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     needs = machine_needs(STAGES, project, [header.tags for header in headers], cores())
     survey = check_survey(project, headers, needs, duplicates, free_disk_bytes, free_memory_bytes())
-    findings = Findings(by_severity([*folder_findings(project), *given_mask_findings(project), *survey]))
+    findings = Findings(
+        by_severity([*folder_findings(project), *given_mask_findings(project), *start_findings(project.start), *survey])
+    )
     return CheckedProject(findings, tuple(header.tags for header in headers))
 
 

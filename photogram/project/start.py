@@ -14,6 +14,7 @@ from photogram.errors import ExchangeError, ProjectError
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.files.solutions.stored_solutions import read_stored
 from photogram.project.document import Document
+from photogram.project.findings import Finding
 from photogram.project.schema import ProjectFile, Whose
 from photogram.survey import TiePoints
 from photogram.wording import some
@@ -76,8 +77,9 @@ def read_start(document: Document, file: ProjectFile) -> ForeignSolution | None:
     except ExchangeError as error:
         document.add_error(key, str(error))
         return None
-    if start.tie_points == "theirs" and not len(solution.tie_points):
-        document.add_error(("start", "tie_points"), f"{start.solution.name} has no tie points: write tie_points: own")
+    if start.tie_points == "theirs" and not len(solution.tie_points.point):
+        text = f"{start.solution.name} holds {solution.contents}: write tie_points: own, and photogram matches them"
+        document.add_error(("start", "tie_points"), text)
     if start.poses == "theirs" and all(p.pose is None for p in solution.photographs):
         document.add_error(("start", "poses"), f"{start.solution.name} has no poses: write poses: own")
     return solution
@@ -87,6 +89,20 @@ def known_observations(start: InitialSolutionFile | None) -> int | None:
     """Return the number of observations of the tie points that a project starts from, None where it measures its own.
     Raises ExchangeError where the solution cannot be read."""
     return None if start is None or start.tie_points == "own" else len(read_stored(start.solution).tie_points.point)
+
+
+_WHOSE_TIES: dict[Whose, str] = {"theirs": "tie points are those of the solution", "own": "tie points are matched anew"}
+_WHOSE_POSES: dict[Whose, str] = {"theirs": "its poses are initial values", "own": "its poses are not used"}
+
+
+def start_findings(start: InitialSolutionFile | None) -> list[Finding]:
+    """Return what the solution holds that a project starts from, and what of it is used. Raises ExchangeError where it
+    cannot be read."""
+    if start is None:
+        return []
+    solution = read_stored(start.solution)
+    text = f"the solution of {solution.program} holds {solution.contents}"
+    return [Finding("note", "start", text, f"{_WHOSE_POSES[start.poses]}, {_WHOSE_TIES[start.tie_points]}")]
 
 
 def check_start(

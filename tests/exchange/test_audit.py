@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from audited_solutions import Fault, solution_with
+from foreign import without_observations
 
 from photogram.adjustment.adjustment import adjust
 from photogram.errors import ExchangeError
@@ -153,6 +154,15 @@ def test_a_free_network_is_compared_in_its_own_unit() -> None:
     assert contradictions(audit) == ()
     assert audit.bend is None
     assert "free network" in tables(audit).about
+
+
+def test_a_solution_without_image_observations_is_refused() -> None:
+    solution = replace(without_observations(audit_of("none").solution), ground_points=None)
+    with pytest.raises(
+        ExchangeError, match=r"poses, \d+ points and no image observations, so there is nothing"
+    ) as fault:
+        foreign_block(solution)
+    assert "\n" not in str(fault.value)
 
 
 def test_a_solution_without_a_pose_is_refused() -> None:

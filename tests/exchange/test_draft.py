@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from foreign import small_solution
+from foreign import small_solution, without_observations
 
 from photogram.camera import Camera
 from photogram.errors import ExchangeError, ProjectError
@@ -40,6 +40,14 @@ def placed(solution: ForeignSolution, crs: str | None = UTM) -> ForeignSolution:
     assert points is not None
     where = np.array([500000.0, 5600000.0, 100.0])
     return replace(solution, ground_points=replace(points, position_world_m=points.position_world_m + where), crs=crs)
+
+
+def test_points_without_image_observations_are_no_tie_points_to_start_from() -> None:
+    """Their poses are: tie points are matched by photogram."""
+    solution = without_observations(placed(small_solution()))
+    draft = draft_import(solution, there(solution), [])
+    assert values(draft)["start"] == {"solution": "solution.npz", "tie_points": "own", "poses": "theirs"}
+    assert draft.contents == f"4 poses, {len(solution.tie_points)} points and no image observations"
 
 
 def test_terms_that_the_program_used_are_freed() -> None:

@@ -22,7 +22,7 @@ def test_a_solution_becomes_a_project(adjusted_survey: Path, tmp_path: Path, pho
     said = " ".join(found.out.split())
     for words in (
         "tie points │ those of the solution",
-        "poses │ those of the solution",
+        "poses │ those of the solution, as initial values",
         "Next: photogram check",
     ):
         assert words in said

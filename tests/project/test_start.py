@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from foreign import small_solution
+from foreign import small_solution, without_observations
 from makers import no_matlab
 
 from photogram.camera import Camera
 from photogram.errors import ProjectError
 from photogram.files.solutions.stored_solutions import write_stored
 from photogram.project.project import Project, read_project
-from photogram.project.start import start_of
+from photogram.project.start import start_findings, start_of
 
 NAMES = ["a/IMG_002.JPG", "b/IMG_000.JPG", "b/other.JPG", "b/IMG_003.JPG", "IMG_001.JPG"]
 CAMERA_OF = [0, 0, 0, 1, 1]
@@ -98,6 +98,16 @@ def test_a_project_knows_its_start(tmp_path: Path) -> None:
     assert (start.solution, start.tie_points, start.poses) == (tmp_path / "s.npz", "theirs", "own")
 
 
+def test_a_check_says_what_the_solution_holds_and_what_is_used(tmp_path: Path) -> None:
+    write_stored(tmp_path / "s.npz", without_observations(small_solution()))
+    (note,) = start_findings(project(tmp_path, {"solution": "s.npz", "tie_points": "own"}).start)
+    assert "points and no image observations" in note.text
+    assert note.remedy == "its poses are initial values, tie points are matched anew"
+    with pytest.raises(ProjectError, match=r"start.tie_points: s.npz holds .*: write tie_points: own"):
+        project(tmp_path, {"solution": "s.npz"})
+    assert start_findings(None) == []
+
+
 def test_faults_stand_at_their_line(tmp_path: Path) -> None:
     with pytest.raises(ProjectError, match=r"project.yaml:\d+: start.solution: file .*absent.npz not found"):
         project(tmp_path, {"solution": "absent.npz"})
@@ -111,8 +121,9 @@ def test_faults_stand_at_their_line(tmp_path: Path) -> None:
         photographs=tuple(replace(p, pose=None) for p in solution.photographs),
     )
     write_stored(tmp_path / "bare.npz", bare)
-    with pytest.raises(ProjectError, match=r"start.tie_points: bare.npz has no tie points") as fault:
+    with pytest.raises(ProjectError, match=r"start.tie_points: bare.npz holds") as fault:
         project(tmp_path, {"solution": "bare.npz"})
+    assert "bare.npz holds 0 poses, 0 points and no image observations: write tie_points: own" in str(fault.value)
     assert "start.poses: bare.npz has no poses: write poses: own" in str(fault.value)
     other = tuple(replace(p, name=f"x{p.name}") for p in solution.photographs)
     write_stored(tmp_path / "other.npz", replace(solution, photographs=other))

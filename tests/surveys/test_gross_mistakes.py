@@ -485,7 +485,11 @@ def test_photographs_that_cannot_be_matched(
         tiny.pixels = [np.full((HEIGHT, WIDTH, 3), (40, 70, 90), np.uint8) for _ in tiny.pixels]
     outcome = photogram("adjust", tiny.write())
     assert outcome.code == 1
-    words = "only 0 key points" if kind == "water" else "no two of the 12 photographs have"
+    words = (
+        "no features, or too few to match, were detected in 12 of 12"
+        if kind == "water"
+        else "no two of the 12 photographs have"
+    )
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
 

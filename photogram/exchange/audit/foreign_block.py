@@ -61,10 +61,17 @@ def foreign_block(solution: ForeignSolution, crs: str | None = None) -> ForeignB
     """Return the block of a foreign solution.
 
     ``crs`` is that of its ground points and measured positions, in place of what the files say. Raises ExchangeError
-    where nothing was oriented, the coordinates do not fit the CRS, or do not determine where the solution lies.
+    where nothing was oriented or observed, the coordinates do not fit the CRS, or do not determine where the
+    solution lies.
     """
     if all(photograph.pose is None for photograph in solution.photographs):
         raise ExchangeError(f"{solution.program}: no photograph is oriented, so there is no solution to audit")
+    marks = 0 if solution.ground_points is None else len(solution.ground_points.mark_point)
+    if not len(solution.tie_points.point) and not marks:
+        raise ExchangeError(
+            f"{solution.program}: the solution holds {solution.contents}, so there is nothing to adjust again: "
+            "photogram import starts a project from its poses"
+        )
     try:
         return _placed(_measured(solution, crs or solution.crs), solution)
     except FrameError as error:

@@ -9,7 +9,8 @@ from photogram.exchange.solution_import import ImportedProject, import_solution
 from photogram.terminal.console import console, steps
 from photogram.wording import things
 
-_WHOSE = {"theirs": "those of the solution", "own": "photogram's own, which it has to find"}
+_TIE_POINTS = {"theirs": "those of the solution", "own": "matched by photogram"}
+_POSES = {"theirs": "those of the solution, as initial values", "own": "found by photogram"}
 
 
 def run(
@@ -32,11 +33,12 @@ def _show(imported: ImportedProject) -> None:
     draft = imported.draft
     table = Table(title=escape(str(imported.path)), show_header=False)
     missing = f", {things(len(draft.left_out), 'photograph')} of the solution left out" if draft.left_out else ""
+    table.add_row("solution", escape(f"{draft.program}: {draft.contents}"))
     table.add_row("photographs", f"{len(draft.photographs)} in {things(draft.flights, 'flight')}{missing}")
     for camera, reason in zip(draft.cameras, draft.camera_reasons, strict=True):
         table.add_row(escape(camera.name), escape(f"f {camera.focal_px:.1f} px: {reason}"))
-    table.add_row("tie points", _WHOSE[draft.tie_points])
-    table.add_row("poses", _WHOSE[draft.poses])
+    table.add_row("tie points", _TIE_POINTS[draft.tie_points])
+    table.add_row("poses", _POSES[draft.poses])
     kinds = [g.kind for g in draft.gnss if g is not None]
     table.add_row("positions", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))

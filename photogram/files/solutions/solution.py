@@ -133,6 +133,14 @@ class ForeignSolution:
         counts = f"{oriented} of {things(len(self.photographs), 'photograph')} oriented, {self.tie_points!r}"
         return f"<ForeignSolution of {self.program}: {counts}>"
 
+    @property
+    def contents(self) -> str:
+        """Return in words what a project can start from: poses, points, and image observations of these."""
+        poses = sum(photograph.pose is not None for photograph in self.photographs)
+        points, observations = len(self.tie_points), len(self.tie_points.point)
+        seen = things(observations, "image observation") if observations else "no image observations"
+        return f"{things(poses, 'pose')}, {things(points, 'point')} and {seen}"
+
     def oriented_cameras(self) -> OrientedCameras:
         """Return the photographs as compiled code takes them; NaN for those that have no pose."""
         camera_of = np.array([photograph.camera for photograph in self.photographs], dtype=np.int64)

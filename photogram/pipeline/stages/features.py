@@ -21,7 +21,7 @@ from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import coarseness, find_features, search_bytes
 from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.survey import Features
-from photogram.wording import Progress, things
+from photogram.wording import Progress, some, things
 
 NOT_NEEDED = "the tie points are those of the solution that the project starts from"
 """Why such a project has neither key points nor matches of its own."""
@@ -85,16 +85,28 @@ def detect_features(run: Run, folder: Path, progress: Progress) -> FeaturesSumma
     """Find key points, one file per photograph; photographs that an interrupted run has finished are kept. None are
     needed where the project starts from tie points.
 
-    As many photographs at once as there are workers and as the memory holds.
+    As many photographs at once as there are workers and as the memory holds. Raises ImageError that names every
+    photograph without enough of them.
     """
     masked = masked_shares(run, folder)
     given = starts_from_tie_points(run.project)
     at_once = within_half_of_memory(_bytes_of_one(run.project))
-    counts = []
+    counts, errors = list[int](), dict[str, str]()
     photographs = range(0 if given else len(run.names))
     for index, count in enumerate(run_pieces(run, folder, _DETECTED, photographs, at_once=at_once)):
-        counts.append(count)
+        if isinstance(count, str):
+            errors[run.names[index]] = count
+        else:
+            counts.append(count)
         progress(index + 1, len(photographs), run.names[index])
+    if len(errors) > 1:
+        raise ImageError(
+            f"no features, or too few to match, were detected in {len(errors)} of {len(photographs)} photographs "
+            f"({some(list(errors))}): they are blank, blurred or black; remove them, or lower "
+            "features.contrast_threshold"
+        )
+    if errors:
+        raise ImageError(*errors.values())
     summary: FeaturesSummary = {"not_needed": NOT_NEEDED} if given else {"key_points": counts}
     if masked is not None:
         write_json(folder / MASKED, masked)
@@ -127,14 +139,18 @@ def masked_shares(run: Run, folder: Path) -> dict[str, float] | None:
     return {run.names[i]: share for i, share in zip(masked, shares, strict=True) if not isinstance(share, str)}
 
 
-def _detect(work: StageWork, index: int) -> int:
-    """Find the key points of a photograph, unless that is done; returns their number."""
+def _detect(work: StageWork, index: int) -> int | str:
+    """Find the key points of a photograph, unless that is done; returns their number, or why it has too few."""
     run, folder = work
     path = folder / f"{index:05d}.npz"
     if not path.is_file():
         settings, reduction = run.project.features, REDUCTIONS[run.project.quality]
         pixels, used = run.pixels(index), run.given_mask(index)
-        write_record(path, find_features(run.names[index], pixels, settings, reduction, used))
+        try:
+            features = find_features(run.names[index], pixels, settings, reduction, used)
+        except ImageError as error:
+            return str(error)
+        write_record(path, features)
     return len(read_record(path, Features))
 
 

@@ -26,7 +26,7 @@ from photogram.sfm.tie_points.tracks import (
     without_conflicts,
 )
 from photogram.survey import Features, Matches, TiePoints
-from photogram.wording import Progress, things
+from photogram.wording import Progress, some, things
 
 
 class TiePointsSummary(TypedDict):
@@ -50,10 +50,15 @@ def _key_point_sigmas_px(project: Project, photograph: int, features: Features) 
 
 def _given_tie_points(run: Run, given: TiePoints, progress: Progress) -> Joined:
     """Return tie points that the project starts from as if they were its own: as precise as key points of the best
-    size, in the colours of its photographs."""
+    size, in the colours of its photographs. Raises ImageError where none of them joins two photographs."""
     best_px = run.project.adjustment.tie_point_sigma_px
     sigma_px = np.array([best_px * coarseness_of(run.project, i) for i in range(len(run.names))])
     joined = without_conflicts(replace(given, sigma_px=sigma_px[given.photograph]))
+    if not len(joined.tie_points):
+        raise ImageError(
+            "no tie point of the solution that the project starts from was observed in two of its photographs: write "
+            "start: {tie_points: own}, and photogram matches them"
+        )
     tie_points = joined.tie_points
     for done, photograph in enumerate(np.unique(tie_points.photograph[tie_points.first_observation[:-1]]).tolist(), 1):
         tie_points = coloured(tie_points, photograph, run.pixels(photograph))
@@ -68,8 +73,17 @@ def _joined_matches(run: Run) -> Joined:
     sigmas_px = [_key_point_sigmas_px(run.project, i, f) for i, f in enumerate(features)]
     joined = join_matches(features, matches, sigmas_px)
     if not len(joined.tie_points):
+        without = [name for name, own in zip(run.names, features, strict=True) if not len(own)]
+        bare = f"no features were detected in {len(without)} of {things(len(features), 'photograph')} ({some(without)})"
+        if len(features) - len(without) < 2:
+            raise ImageError(
+                f"{bare}: give photographs of textured ground, sharp and neither dark nor overexposed, and check that "
+                "no mask covers them whole"
+            )
         raise ImageError(
-            f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
+            f"{bare}; "
+            * bool(without)
+            + f"no two of the {len(features)} photographs have {run.project.matching.minimum_inliers} verified matches "
             "in common: give photographs of one site that overlap by 60 % or more"
         )
     return joined
