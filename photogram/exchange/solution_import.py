@@ -20,6 +20,7 @@ from photogram.exchange.formats.recognition import read_solution
 from photogram.files.atomic import unwritable, write_whole
 from photogram.files.marks.mark_table import write_marks
 from photogram.files.photographs.images import inspect_photograph
+from photogram.files.photographs.names import SUFFIXES, JoinedNames, joined_names
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.solutions.stored_solutions import write_stored
 from photogram.files.tables.point_tables import write_point_table
@@ -166,24 +167,34 @@ def _photographs(source: Path, solution: ForeignSolution, given: Path | None) ->
     if given is not None:
         if not isdir(given):
             raise ImageError(f"{given}: folder not found: give the folder of the photographs")
-        names = _within(given, solution)
-        if not names:
+        joined = _joined(given, solution, given.rglob("*"))
+        if not (joined.of or joined.ambiguous):
             raise ImageError(
                 f"{given}: has none of the photographs of the solution: these are "
                 f"{some([p.name for p in solution.photographs])}"
             )
-        return given, names
-    counted = [
-        (folder, {p.name: p.name for p in solution.photographs if isfile(folder / p.name)})
-        for folder in _folders(source, solution)
-    ]
-    best = max(counted, key=lambda each: len(each[1]), default=None)
-    if best is None or not best[1]:
+        folder = given
+    else:
+        counted = [(each, _joined(each, solution, each.iterdir())) for each in _folders(source, solution)]
+        folder, joined = max(counted, key=lambda each: len(each[1].of), default=(source, JoinedNames({}, {})))
+        if not joined.of:
+            raise ImageError(
+                f"{source}: its photographs are neither where the solution names them nor near it: give their folder "
+                "with --photographs DIR"
+            )
+    if joined.ambiguous:
         raise ImageError(
-            f"{source}: its photographs are neither where the solution names them nor near it: give their folder with "
-            "--photographs DIR"
+            f"{folder}: names of the solution fit several files, {joined.ambiguities}: give the folder of the right "
+            "ones"
         )
-    return best
+    return folder, {p.name: joined.of[p.path] for p in solution.photographs if p.path in joined.of}
+
+
+def _joined(folder: Path, solution: ForeignSolution, files: Iterable[Path]) -> JoinedNames:
+    """Return which of the pictures of a folder the photographs of a solution are."""
+    wanted = {p.name for p in solution.photographs}
+    there = [f for f in files if (f.name in wanted or f.suffix.lower() in SUFFIXES) and isfile(f)]
+    return joined_names((p.path for p in solution.photographs), sorted(f.relative_to(folder).as_posix() for f in there))
 
 
 def _folders(source: Path, solution: ForeignSolution) -> Iterable[Path]:
@@ -194,21 +205,6 @@ def _folders(source: Path, solution: ForeignSolution) -> Iterable[Path]:
         folder = base / place
         if isdir(folder):
             yield folder.resolve()
-
-
-def _within(folder: Path, solution: ForeignSolution) -> dict[str, str]:
-    """Return the photographs of a folder and those within."""
-    wanted, names = {p.name for p in solution.photographs}, dict[str, str]()
-    for path in sorted(folder.rglob("*")):
-        if path.name not in wanted or not path.is_file():
-            continue
-        name = path.relative_to(folder).as_posix()
-        if path.name in names:
-            raise ImageError(
-                f"{folder}: {names[path.name]} and {name} have the same file name: give the folder of the right one"
-            )
-        names[path.name] = name
-    return names
 
 
 def _inspected(

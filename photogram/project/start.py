@@ -4,13 +4,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os.path import isfile  # false, not an exception, for a name that cannot be
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, Pose
 from photogram.errors import ExchangeError, ProjectError
+from photogram.files.photographs.names import joined_names
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.files.solutions.stored_solutions import read_stored
 from photogram.project.document import Document
@@ -127,12 +128,16 @@ def start_of(
 ) -> InitialSolution:
     """Return what a solution says of photographs (F) of these names, whose cameras are of these numbers.
 
-    Photographs are found by their file names without folders. Raises ProjectError where two have the same, where none
-    is in the solution, and where the sizes of pictures contradict each other.
+    Photographs are found by their names as other programs write them. Raises ProjectError where a name fits several,
+    where none is in the solution, and where the sizes of pictures contradict each other.
     """
-    own = _by_file_name(names)
-    there = {p.name: i for i, p in enumerate(solution.photographs)}
-    theirs = {own[name]: i for name, i in there.items() if name in own}
+    joined, own = joined_names((p.path for p in solution.photographs), names), {name: i for i, name in enumerate(names)}
+    theirs = {own[joined.of[p.path]]: i for i, p in enumerate(solution.photographs) if p.path in joined.of}
+    if joined.ambiguous:
+        raise ProjectError(
+            f"names photographs that fit several of the project: {joined.ambiguities}: leave them in the folders that "
+            "the solution has them in, or give each a name of its own"
+        )
     if not theirs:
         raise ProjectError(
             f"has none of the photographs of the project: its are {some([p.name for p in solution.photographs])}"
@@ -144,19 +149,6 @@ def start_of(
     return InitialSolution(
         _renumbered(solution.tie_points, number), poses, _parameters(camera_of, len(cameras), solution, theirs)
     )
-
-
-def _by_file_name(names: Sequence[str]) -> dict[str, int]:
-    numbers: dict[str, int] = {}
-    for i, name in enumerate(names):
-        file = PurePosixPath(name).name
-        if file in numbers:
-            raise ProjectError(
-                f"names photographs without folders, and {names[numbers[file]]} and {name} have the same file name: "
-                "give each its own"
-            )
-        numbers[file] = i
-    return numbers
 
 
 def _check_sizes(

@@ -56,6 +56,17 @@ def test_masks_of_folders_within_and_of_photographs_in_folders(tmp_path: Path) -
     ]  # fmt: skip
 
 
+def test_masks_are_joined_as_other_programs_write_names(tmp_path: Path) -> None:
+    names = ["survey/west/DJI_0001.JPG", "survey/east/DJI_0001.JPG", "survey/east/DJI_0012.JPG"]
+    files = ["west/dji_0001_mask.png", "east/DJI_1.png", "masks/DJI_12.JPG.png"]
+    folder = touch(tmp_path, *files, "DJI_0012.JPG_depth.png")
+    found = find_masks(folder, names)
+    assert [found.of_photograph[name].relative_to(folder).as_posix() for name in names] == files
+    assert found.others == ("DJI_0012.JPG_depth.png",)
+    with pytest.raises(ImageError, match=r"DJI_1.png fits several photographs, survey/west/\S*, survey/east"):
+        find_masks(touch(tmp_path, "DJI_1.png"), names)
+
+
 def test_what_fits_no_photograph_is_named_and_hidden_files_are_not_looked_at(tmp_path: Path) -> None:
     found = find_masks(touch(tmp_path, "a.png", "b.png", ".c.png", "notes.txt"), ["a.jpg"])
     assert found.others == ("b.png",)

@@ -29,6 +29,7 @@ NAMES = ["east/DJI_0001.JPG", "west/DJI_0001.JPG", "west/DJI_0002.JPG", "IMG_000
         ("DJI_0002.JPG", "west/DJI_0002.JPG"),
         ("dji_0002.jpg", "west/DJI_0002.JPG"),
         ("DJI_0002", "west/DJI_0002.JPG"),
+        ("IMG_0007", "IMG_0007.tif"),
         ("DJI_2.JPG", "west/DJI_0002.JPG"),
         ("C:\\flights\\west\\DJI_0001.JPG", "west/DJI_0001.JPG"),
         ("/home/me/east/dji_1", "east/DJI_0001.JPG"),

@@ -1,7 +1,7 @@
 """Further solutions of the same photographs by other programs: what they share with the one that is audited.
 
-Photographs are the same where their file names are, ground points where their surveyed coordinates are: programs number
-them in their own ways.
+Photographs are the same where their names are, as other programs write them, ground points where their surveyed
+coordinates are: programs number them in their own ways.
 """
 
 from collections.abc import Sequence
@@ -23,6 +23,7 @@ from photogram.exchange.audit.differences import (
 )
 from photogram.exchange.audit.fits import Fit, fit_of_solution
 from photogram.exchange.audit.foreign_block import ForeignBlock, map_points
+from photogram.files.photographs.names import joined_names
 from photogram.files.solutions.solution import ForeignSolution
 from photogram.results import Adjustment
 from photogram.survey import Block
@@ -66,15 +67,11 @@ def check_shared(solution: ForeignSolution, other: ForeignSolution) -> None:
 
 
 def shared_photographs(solution: ForeignSolution, other: ForeignSolution) -> IntArray:
-    """Return the photographs of ``other`` that those of a solution (N,) are, −1 for those that it has not: file names
-    count, upper and lower case do not where that leaves one."""
-    exact = {photograph.name: i for i, photograph in enumerate(other.photographs)}
-    folded: dict[str, int] = {}
-    for i, photograph in enumerate(other.photographs):
-        key = photograph.name.casefold()
-        folded[key] = -1 if key in folded else i
-    names = [photograph.name for photograph in solution.photographs]
-    return np.array([exact.get(name, folded.get(name.casefold(), -1)) for name in names], dtype=np.int64)
+    """Return the photographs of ``other`` that those of a solution (N,) are, −1 for those that it has not; names are
+    joined as other programs write them, where one fits."""
+    number = {photograph.path: i for i, photograph in enumerate(other.photographs)}
+    of = joined_names((photograph.path for photograph in solution.photographs), list(number)).of
+    return np.array([number.get(of.get(p.path, ""), -1) for p in solution.photographs], dtype=np.int64)
 
 
 def same_points(points_m: FloatArray, others_m: FloatArray) -> IntArray:

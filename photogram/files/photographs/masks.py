@@ -21,6 +21,7 @@ from photogram.arrays import BoolArray
 from photogram.errors import ImageError
 from photogram.files.atomic import replacing
 from photogram.files.photographs.identification import FORMATS, JPEGS, LARGEST_PIXELS, MOST_BYTES, jpeg_is_whole
+from photogram.files.photographs.names import JoinedNames, joined_names
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 from photogram.files.reading import read_whole
 from photogram.wording import some
@@ -31,7 +32,7 @@ SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 JPEG_BLACK = 128
 """Grey value below which a JPEG is black: its compression moves black by some values beside white."""
 
-_MARKED = re.compile(r"[._\- ]?mas[kq]\Z")
+_MARKED = re.compile(r"[._\- ]?mas[kq]\Z", re.IGNORECASE)
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "I;16", "I;16B", "I")
 
 
@@ -48,21 +49,24 @@ def find_masks(folder: Path, photographs: Sequence[str]) -> MaskFiles:
     """Return which files of a folder, or of folders within, are the masks of photographs, given by their names.
 
     A mask in a folder within belongs to the photograph in the folder of that name, or else to the one that is called
-    so; that of `100MEDIA/IMG_1.JPG` may be called `100MEDIA_IMG_1_mask.png` too. Raises ImageError, a line for each
+    so, as other programs write names (``joined_names``); that of `100MEDIA/IMG_1.JPG` may be called
+    `100MEDIA_IMG_1_mask.png` too. Raises ImageError, a line for each
     error, where the folder cannot be read, no name fits, one fits several photographs, or several fit one.
     """
     try:
         paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
     except OSError as error:
         raise ImageError(f"the folder {folder} cannot be read ({error.strerror})") from error
-    named, called = _photographs_by_key(photographs), _photographs_by_key([PurePosixPath(n).name for n in photographs])
+    names = [path.relative_to(folder).as_posix() for path in paths]
+    named, number = _photographs_by_key(photographs), {name: i for i, name in enumerate(photographs)}
+    joined = joined_names((called for name in names for called in _photographs_called(name)), photographs)
     masks = defaultdict[int, list[str]](list)
     others, errors = list[str](), list[str]()
-    for path in paths:
-        name = path.relative_to(folder).as_posix()
+    for name in names:
         if any(part.startswith(".") for part in PurePosixPath(name).parts):
             continue
-        fits = _fitting(name, named) or _fitting(PurePosixPath(name).name, called)
+        fits = next((fit for called in _photographs_called(name) if (fit := named.get(called.casefold()))), [])
+        fits = fits or [number[own] for own in _joined(_photographs_called(name), joined)]
         if len(fits) > 1:
             several = some([photographs[i] for i in fits])
             errors.append(f"{name} fits several photographs, {several}: call it {name_of_mask(photographs[fits[0]])}")
@@ -106,11 +110,17 @@ def name_of_mask(photograph: str) -> str:
     return f"{photograph.replace('/', '_')}.png"
 
 
-def _fitting(mask: str, photographs: dict[str, list[int]]) -> list[int]:
-    """Return the photographs that a mask may belong to by its name: the whole name counts before the one without
-    `_mask`."""
-    whole = str(PurePosixPath(mask).with_suffix("")).casefold()
-    return photographs.get(whole) or photographs.get(_MARKED.sub("", whole)) or []
+def _photographs_called(mask: str) -> tuple[str, str]:
+    """Return what the photograph of a mask may be called: the whole name counts before the one without `_mask`."""
+    whole = str(PurePosixPath(mask).with_suffix(""))
+    return whole, _MARKED.sub("", whole)
+
+
+def _joined(called: Sequence[str], joined: JoinedNames) -> tuple[str, ...]:
+    """Return the photographs that the first of the names fits that fits any."""
+    return next(
+        (fit for name in called if (fit := (joined.of[name],) if name in joined.of else joined.ambiguous.get(name))), ()
+    )
 
 
 def _opened(path: Path, size_px: tuple[int, int] | None, sha256: str | None) -> Image.Image:

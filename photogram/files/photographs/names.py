@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from photogram.wording import some
+
 PNG = ".png"
 _RAW = ".dng"
 
@@ -57,11 +59,17 @@ class JoinedNames:
     of: Mapping[str, str]
     ambiguous: Mapping[str, tuple[str, ...]]
 
+    @property
+    def ambiguities(self) -> str:
+        """Return in words which names fit several photographs, with these, or one that another name fits too."""
+        return some([f"{name} ({' or '.join(fitting[:3])})" for name, fitting in self.ambiguous.items()])
+
 
 def joined_names(given: Iterable[str], names: Sequence[str]) -> JoinedNames:
     """Return which of the photographs ``names`` each name is: as it is, else the one whose path ends as it does or
     that ends its path, whatever the case and the separators, else the one of its file's name without suffix, else
-    without leading zeros. Where several photographs fit alike, or several names fit one, nothing is guessed."""
+    without leading zeros; of several the one that spells the file's name alike. Where several photographs fit alike, or
+    several names fit one, nothing is guessed."""
     whole, forms = set(names), [_forms_of(names, form) for form in (_parts, _stem, _unpadded)]
     joined, ambiguous = dict[str, str](), dict[str, tuple[str, ...]]()
     for name in dict.fromkeys(given):
@@ -70,6 +78,8 @@ def joined_names(given: Iterable[str], names: Sequence[str]) -> JoinedNames:
             continue
         for form, known in zip((_parts, _stem, _unpadded), forms, strict=True):
             fitting = _longest(known, form(name))
+            alike = [own for own in fitting if _file_name(own) == _file_name(name)]
+            fitting = alike if len(alike) == 1 else fitting
             if len(fitting) == 1:
                 joined[name] = fitting[0]
             elif fitting:
@@ -84,6 +94,10 @@ def joined_names(given: Iterable[str], names: Sequence[str]) -> JoinedNames:
 _Form = tuple[str, ...]
 
 
+def _file_name(name: str) -> str:
+    return name.strip().replace("\\", "/").rpartition("/")[2]
+
+
 def _parts(name: str) -> _Form:
     """Return folders and file name from the end, in one spelling."""
     return tuple(
@@ -93,7 +107,8 @@ def _parts(name: str) -> _Form:
 
 def _stem(name: str) -> _Form:
     parts = _parts(name)
-    return (str(PurePosixPath(parts[0]).with_suffix("")), *parts[1:]) if parts else ()
+    suffix = PurePosixPath(parts[0]).suffix if parts else ""
+    return (parts[0].removesuffix(suffix), *parts[1:]) if suffix in (*SUFFIXES, *UNREAD) else parts
 
 
 def _unpadded(name: str) -> _Form:

@@ -44,6 +44,11 @@ class ForeignPhotograph:
     measured_sigma_m: FloatArray | None = None
     """Its standard deviations (3,)."""
 
+    @property
+    def path(self) -> str:
+        """Return its name with the folders that the program has it in."""
+        return str(self.file.parent / self.name)
+
 
 @dataclass(frozen=True, eq=False)
 class StatedAdjustment:
