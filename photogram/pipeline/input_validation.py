@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
+import numpy as np
+
 from photogram.arrays import BoolArray
-from photogram.errors import ImageError, ProjectError
+from photogram.errors import FrameError, ImageError, ProjectError
 from photogram.files.atomic import unwritable
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.headers import PhotographHeader, read_headers
@@ -24,12 +26,16 @@ from photogram.pipeline.costs.forecast import Forecast, compiled_share, forecast
 from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
+from photogram.pipeline.stages.comparison import reference_extent
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
+from photogram.project.measured.measured_survey import control_positions, usable_survey
 from photogram.project.project import Project, photograph_paths
 from photogram.project.start import start_findings
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
+from photogram.quality.cloud_comparison import FAR_M
+from photogram.quality.far_references import above, beside, extent_of
 from photogram.wording import some
 
 WORTH_TESTING_S = 20.0
@@ -102,6 +108,36 @@ def given_mask_findings(project: Project) -> list[Finding]:
     return mask_findings(list(dict.fromkeys(errors)), marks)
 
 
+def reference_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
+    """Return what is wrong with where the reference lies, from its header: beside the survey, or far off in height."""
+    where = "comparison.reference"
+    try:
+        reference = reference_extent(project)
+        survey = usable_survey(project, tags) if reference is not None else None
+    except (FrameError, ProjectError) as error:
+        return [Finding("error", where, str(error))]
+    if reference is None or survey is None:
+        return []
+    control_m = control_positions(project)
+    centres_m = survey.gnss_map_m[survey.positioned]
+    shown_m = float(np.nanmax(survey.footprint_m, initial=0.0)) if len(centres_m) else 0.0
+    places_m = np.concatenate([control_m[:, :2], centres_m[:, :2] - shown_m, centres_m[:, :2] + shown_m])
+    if not len(places_m):
+        return []
+    apart = beside(reference, extent_of(places_m))
+    if apart:
+        text, _, remedy = apart.partition(": ")
+        return [Finding("error", where, f"{project.reference} does not overlap the survey; {text}", remedy)]
+    if not len(control_m):
+        return []
+    low, high = reference[:, 2] - extent_of(control_m)[::-1, 2]
+    off_m = low if low > 0 else min(high, 0.0)
+    if not abs(off_m) > FAR_M:
+        return []
+    text, _, remedy = above(off_m).partition(": ")
+    return [Finding("warning", where, f"{project.reference}: {text}", remedy)]
+
+
 @dataclass(frozen=True)
 class CheckedProject:
     """What the check of a project has found, and the tags of its photographs, None where one cannot be read."""
@@ -122,10 +158,20 @@ def checked_project(project: Project) -> CheckedProject:
     free_disk_bytes = _free_disk_bytes(project.work.absolute())
     needs = machine_needs(STAGES, project, [header.tags for header in headers], cores())
     survey = check_survey(project, headers, needs, duplicates, free_disk_bytes, free_memory_bytes())
+    tags = tuple(header.tags for header in headers)
+    reference = reference_findings(project, tags)
     findings = Findings(
-        by_severity([*folder_findings(project), *given_mask_findings(project), *start_findings(project.start), *survey])
+        by_severity(
+            [
+                *folder_findings(project),
+                *reference,
+                *given_mask_findings(project),
+                *start_findings(project.start),
+                *survey,
+            ]
+        )
     )
-    return CheckedProject(findings, tuple(header.tags for header in headers))
+    return CheckedProject(findings, tags)
 
 
 def tags_of(project: Project) -> tuple[PhotographTags | None, ...]:

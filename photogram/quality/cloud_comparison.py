@@ -14,7 +14,11 @@ from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.errors import SettingError, SurfaceError
+from photogram.quality.far_references import FAR_SPACINGS, above, beside, extent_of, is_far, spacing_of, thinned
 from photogram.survey import PointCloud, Raster
+
+FAR_M = 5.0
+"""In height, beyond which a reference is doubted: no two height systems of one site are nearer by chance."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,14 @@ class Comparison:
     """Statistics of the distances."""
     removed: int
     """Points removed by the SOR filter."""
+
+    @property
+    def doubt(self) -> str:
+        """Return in words that the reference lies far off in height, where it does beyond FAR_M and what heights
+        scatter by, and what to check."""
+        heights = self.cloud_to_surface
+        far = is_far(heights.median_m, heights.nmad_m, FAR_M / FAR_SPACINGS)
+        return f"the reference: {above(-heights.median_m)}" if far else ""
 
     def __repr__(self) -> str:
         heights = self.cloud_to_surface
@@ -177,17 +189,28 @@ def compare_to_reference(cloud: PointCloud, reference: Reference, sor: bool = Tr
     """Compare a cloud with a reference in the same CRS, by height and by nearest distance.
 
     ``sor`` first filters the cloud with sor_filter's defaults. The points of a raster, for the nearest distances, are
-    its cell centres. For several clouds give a reference cloud as ``triangulate`` returns it. Raises SurfaceError
-    when the cloud is empty or does not overlap the reference.
+    its cell centres. For several clouds give a reference cloud as ``triangulate`` returns it. Nearest distances from a
+    reference that lies far off in height are measured to its thinned points. Raises SurfaceError when the cloud is
+    empty or does not overlap the reference.
     """
     if len(cloud) == 0:
         raise SurfaceError("comparison: the cloud contains no points")
+    apart = beside(_extent(reference), extent_of(cloud.position_map_m))
+    if apart:
+        raise SurfaceError(f"comparison: the reference does not overlap the cloud; {apart}")
     surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
     keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
     kept = PointCloud(cloud.position_map_m[keep])
     difference = cloud_to_surface(kept, surface)
     overlap = statistics(difference)
-    if isinstance(surface, Raster):
+    spacing_m = surface.cell_m if isinstance(surface, Raster) else spacing_of(surface.points.position_map_m)
+    far = is_far(overlap.median_m, overlap.nmad_m, spacing_m)
+    if far:
+        around_m = abs(overlap.median_m)
+        place_m = kept.position_map_m
+        there = _cell_centres(surface, place_m, around_m) if isinstance(surface, Raster) else surface.points
+        distance = cloud_to_cloud(kept, thinned(there, overlap.median_m))
+    elif isinstance(surface, Raster):
         distance = _distance_to_cells(kept, surface)
     else:
         distance = cloud_to_cloud(kept, surface.points)
@@ -222,6 +245,16 @@ def _distance_to_cells(cloud: PointCloud, raster: Raster) -> FloatArray:
             break
         margin_m = float(distance.max())
     return distance
+
+
+def _extent(reference: Reference) -> FloatArray:
+    """Return the lowest and highest easting and northing (2, 2) of a reference."""
+    if isinstance(reference, Raster):
+        rows, columns = reference.values.shape
+        west, north, cell = reference.west_map_m, reference.north_map_m, reference.cell_m
+        return np.array([[west, north - rows * cell], [west + columns * cell, north]])
+    points = reference.points if isinstance(reference, TriangulatedCloud) else reference
+    return extent_of(points.position_map_m[:, :2])
 
 
 def _cell_centres(raster: Raster, points_map_m: FloatArray, margin_m: float) -> PointCloud:

@@ -124,5 +124,8 @@ def _against_reference(clouds: list[Path], reference: Path, output: Path, sor: b
     for title, figure in FIGURES.items():
         table.add_row(title, *(figure(result) for result in results.values()))
     console.print(table)
+    for name, result in results.items():
+        if result.doubt:
+            console.print(f"[yellow]warning[/yellow] {escape(f'{name} against {result.doubt}')}", soft_wrap=True)
     written = ", ".join(map(str, write_comparison(output, results)))
     console.print(f"Written: {escape(written)}", soft_wrap=True)

@@ -246,6 +246,22 @@ def read_las(path: Path) -> laspy.LasData:
     return points
 
 
+def las_extent(path: Path, crs: str = NO_CRS) -> FloatArray:
+    """Return the lowest and highest coordinates (2, 3) in m that the header of a LAS or LAZ file states, in the units
+    of its CRS, else of ``crs``. Raises ProjectError where the file is missing or damaged."""
+    if not isfile(path):
+        raise ProjectError(f"point cloud {path}: file not found: check its path")
+    try:
+        check_las(path)
+        with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
+            header = reader.header
+            return np.stack([header.mins, header.maxs]) * las_units(header, crs).factors
+    except OSError as error:
+        raise ProjectError(f"point cloud {path}: cannot be read ({error.strerror or error}): copy it again") from error
+    except _LAS_DAMAGE as error:
+        raise ProjectError(f"point cloud {path}: cannot be read ({error}): copy or export it again") from error
+
+
 def _all_points(reader: laspy.LasReader) -> laspy.LasData:
     """Return all points; memory grows with what has been decoded, whatever the header claims."""
     count = reader.header.point_count

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NotRequired
 
 import numpy as np
 from typing_extensions import TypedDict
 
-from photogram.files.clouds.points import read_cloud
-from photogram.files.maps.rasters import read_raster
+from photogram.arrays import FloatArray
+from photogram.files.clouds.points import TEXT_SUFFIXES, las_extent, read_cloud
+from photogram.files.maps.rasters import open_raster, read_raster
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.files.records import read_record, write_record
 from photogram.geodesy.crs import NO_CRS
@@ -21,18 +23,22 @@ from photogram.quality.cloud_comparison import Comparison, compare_to_reference,
 from photogram.survey import PointCloud, Raster
 from photogram.wording import Progress, things
 
+RASTER_SUFFIXES = (".tif", ".tiff")
+
 
 class ComparisonSummary(TypedDict):
     """What the stage says of itself."""
 
     clouds: int
     """Number of clouds compared."""
+    doubt: NotRequired[str]
+    """That the reference lies far off, in words, if it does."""
 
 
 def read_reference(path: Path, crs: str = NO_CRS) -> Raster | PointCloud:
     """Read a reference surface: a GeoTIFF, or a cloud as text, LAS or LAZ, whose units are those of ``crs`` where it
     names no CRS itself. Raises ProjectError when it cannot be read."""
-    return read_raster(path)[0] if path.suffix.lower() in {".tif", ".tiff"} else read_cloud(path, crs)
+    return read_raster(path)[0] if path.suffix.lower() in RASTER_SUFFIXES else read_cloud(path, crs)
 
 
 def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raster | PointCloud:
@@ -51,9 +57,25 @@ def _with_map_heights(project: Project, reference: Raster | PointCloud) -> Raste
     return replace(reference, values=values)
 
 
+def reference_extent(project: Project) -> FloatArray | None:
+    """Return the lowest and highest coordinates (2, 3) of the reference in the map, m, from its header; of a raster the
+    heights are NaN. None without a reference, and for text, which has no header. Raises ProjectError, FrameError where
+    the file cannot be used."""
+    path = project.reference
+    if path is None or path.suffix.lower() in TEXT_SUFFIXES:
+        return None
+    if path.suffix.lower() in RASTER_SUFFIXES:
+        grid = open_raster(path).grid
+        south, east = grid.north_map_m - grid.rows * grid.cell_m, grid.west_map_m + grid.columns * grid.cell_m
+        return np.array([[grid.west_map_m, south, np.nan], [east, grid.north_map_m, np.nan]])
+    corners = PointCloud(las_extent(path, project.product_crs))
+    return _with_map_heights(project, corners).position_map_m  # type: ignore[union-attr]
+
+
 def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSummary:
     """Compare the clouds with the reference, when the project names one."""
     statistics: dict[str, object] = {}
+    doubts = list[str]()
     if run.project.reference is not None:
         given = _with_map_heights(run.project, read_reference(run.project.reference, run.project.product_crs))
         reference = triangulate(given) if isinstance(given, PointCloud) else given
@@ -62,11 +84,13 @@ def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSumm
             if len(cloud) >= 3:
                 comparison = compare_to_reference(cloud, reference)
                 write_record(folder / f"{name}.npz", comparison)
+                doubts += filter(None, [comparison.doubt])
                 by_kind = {"cloud_to_surface": comparison.cloud_to_surface, "cloud_to_cloud": comparison.cloud_to_cloud}
                 statistics[name] = {"removed": comparison.removed, **by_kind}
             progress(len(statistics), 3, name)
     write_json(folder / "statistics.json", statistics)
-    return {"clouds": len(statistics)}
+    summary: ComparisonSummary = {"clouds": len(statistics)}
+    return {**summary, "doubt": doubts[-1]} if doubts else summary
 
 
 def stored_comparisons(run: Run) -> dict[str, Comparison]:
@@ -79,8 +103,9 @@ def stored_comparisons(run: Run) -> dict[str, Comparison]:
 
 
 def _words(summary: ComparisonSummary) -> str:
-    clouds = summary["clouds"]
-    return f"{things(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
+    clouds, doubt = summary["clouds"], summary.get("doubt")
+    text = f"{things(clouds, 'cloud')} compared with the reference" if clouds else "no reference given"
+    return f"{text}; {doubt}" if doubt else text
 
 
 def _settings(run: Run) -> object:
