@@ -3,6 +3,7 @@ import io
 import json
 import tracemalloc
 import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -627,6 +628,23 @@ def test_light_sensor_and_missing_sensor_are_no_attitude(tmp_path: Path) -> None
         tmp_path / "b.jpg", {"Camera": PIX4D}, 'Camera:Yaw="0/100" Camera:Pitch="0/100" Camera:Roll="0/100"'
     )
     assert camera_angles(read_tags(light)) == camera_angles(read_tags(zeros)) == (None, None, None)
+
+
+@pytest.mark.parametrize("written", [str.lower, str.upper, str.title])
+def test_the_case_of_xmp_names_and_name_spaces_does_not_count(tmp_path: Path, written: Callable[[str], str]) -> None:
+    def named(values: dict[str, str]) -> str:
+        return " ".join(f'{space}:{written(name)}="{value}"' for (space, _, name), value in pairs(values))
+
+    def pairs(values: dict[str, str]) -> Iterator[tuple[tuple[str, str, str], str]]:
+        return ((name.partition(":"), value) for name, value in values.items())
+
+    attributes = named({
+        "d:GimbalYawDegree": "+12.5", "d:GimbalPitchDegree": "-90.0", "d:GimbalRollDegree": "0.0", "d:RtkFlag": "50",
+        "d:RelativeAltitude": "+61.25", "d:ImageSource": "InfraredCamera", "c:BandName": "LWIR", "c:CaptureUUID": "x7",
+    })  # fmt: skip
+    tags = read_tags(with_xmp(tmp_path / "a.jpg", {"d": written(AUTEL), "c": written(PIX4D)}, attributes))
+    assert (tags.gimbal_yaw_deg, tags.gimbal_pitch_deg, tags.height_above_take_off_m) == (12.5, -90.0, 61.25)
+    assert (tags.rtk_flag, tags.kind, tags.band, tags.capture) == (50, "thermal", "LWIR", "x7")
 
 
 def test_xmp_that_gdal_has_copied_is_read(tmp_path: Path) -> None:

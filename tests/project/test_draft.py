@@ -199,7 +199,7 @@ def test_every_printable_name_is_read_back(name: str) -> None:
         ([DRONE], ("--crs", "EPSG:4326"), "not a projected CRS"),
         ([DRONE], ("--crs", "EPSG:1"), "not a CRS known to PROJ"),
         ([DRONE], ("--crs", "EPSG:32615"), "EPSG:32632 for example"),
-        ([replace(DRONE, kind="thermal")], (), "thermal"),
+        ([replace(DRONE, kind="panorama")], (), "panorama"),
         ([DRONE], ("--control", "none.txt"), "none.txt"),
     ],
 )
@@ -220,6 +220,13 @@ def test_wrong_usage_is_exit_code_2(folder: Path, photogram: Run) -> None:
     assert photogram("init", folder, "--picture-size", "4000").code == 2
     assert photogram("init", folder, "--control-sigma", "0").code == 2
     assert photogram("init").code == 2
+
+
+def test_thermal_pictures_alone_are_a_survey_as_any_other(folder: Path, photogram: Run) -> None:
+    photographed(folder, [replace(tags, kind="thermal") for tags in flown(12)])
+    assert photogram("init", folder).code == 0
+    assert len(load_project(Path("project.yaml")).photographs) == 12
+    assert "of the kind thermal" not in photogram("check", Path("project.yaml")).out
 
 
 def test_photographs_that_cannot_be_used_are_named_with_the_reason(folder: Path, photogram: Run) -> None:

@@ -4,7 +4,7 @@ import re
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from threading import Lock
 from xml.etree.ElementTree import Element, ParseError
@@ -40,6 +40,32 @@ _NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
 _RECORDING = Lock()
 
 
+class Properties(Mapping[str, str]):
+    """XMP properties by their names, in whatever case these are written; of several of a name the first counts."""
+
+    def __init__(self, named: Iterable[tuple[str, str]]) -> None:
+        """Take names and values."""
+        self._values: dict[str, str] = {}
+        for name, value in named:
+            self._values.setdefault(name.casefold(), value)
+
+    def __getitem__(self, name: str) -> str:
+        """Return a value."""
+        return self._values[name.casefold()]
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names in small letters."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return the number of properties."""
+        return len(self._values)
+
+    def without(self, name: str) -> "Properties":
+        """Return all but one."""
+        return Properties((own, value) for own, value in self.items() if own != name.casefold())
+
+
 def _properties(root: Element) -> Iterator[tuple[str, str]]:
     for element in root.iter():
         yield from element.attrib.items()
@@ -47,7 +73,7 @@ def _properties(root: Element) -> Iterator[tuple[str, str]]:
         yield element.tag, (element.text or "") if not items else ",".join(items)
 
 
-def xmp_of(picture: Image.Image) -> tuple[dict[str, str], str]:
+def xmp_of(picture: Image.Image) -> tuple[Properties, str]:
     """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
 
     Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
@@ -55,21 +81,21 @@ def xmp_of(picture: Image.Image) -> tuple[dict[str, str], str]:
     """
     packet = picture.info.get("xmp")
     if not isinstance(packet, bytes) or b"<" not in packet:
-        return {}, ""
+        return Properties(()), ""
     if len(packet) > LARGEST_XMP:
-        return {}, f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
+        return Properties(()), f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
     try:
         root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
     except (ParseError, DefusedXmlException, LookupError, ValueError) as error:
-        return {}, f"the XMP tags are not valid XML ({printable(shortened(str(error)))}), only EXIF is used"
-    values: dict[str, str] = {}
+        return Properties(()), f"the XMP tags are not valid XML ({printable(shortened(str(error)))}), only EXIF is used"
+    values = list[tuple[str, str]]()
     for qualified, text in _properties(root):
         match = _NAME.fullmatch(qualified)
         space, name = (match[1] or "", match[2]) if match else ("", qualified)
         if space != _RDF and text.strip():
-            key = f"Camera:{name}" if "/camera/" in space.lower() else name
-            values.setdefault(key, printable(text.strip()))
-    return values, ""
+            key = f"Camera:{name}" if "/camera/" in f"{space.casefold()}/" else name
+            values.append((key, printable(text.strip())))
+    return Properties(values), ""
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from photogram.camera import gimbal_from_rotation, rotation_from_gimbal
 from photogram.errors import ImageError, PhotogramError
-from photogram.files.photographs.tag_packets import DAMAGE, exif_of, xmp_of
+from photogram.files.photographs.tag_packets import DAMAGE, Properties, exif_of, xmp_of
 from photogram.files.photographs.velocities import velocity_of
 from photogram.wording import printable, shortened
 
@@ -299,9 +299,9 @@ def _unusable(path: Path, name: str, text: str, why: str) -> ImageError:
     return ImageError(f"photograph {path}: the XMP tag {name} is {shortened(text)!r}, {why}")
 
 
-def _readable(xmp: Mapping[str, str], path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+def _readable(xmp: Properties, path: Path) -> tuple[Properties, tuple[str, ...]]:
     """Return the tags without those that cannot be read, which are others' of the same name, and in words which."""
-    kept, damage = dict(xmp), list[str]()
+    kept, damage = xmp, list[str]()
     readers: list[tuple[str, Callable[[str], object]]] = [
         *((name, lambda name: _xmp_number(kept, name, path)) for name in (*DJI_NUMBERS.values(), *_OTHER_NUMBERS)),
         ("DewarpData", lambda _: _dewarp(kept, path)),
@@ -311,7 +311,7 @@ def _readable(xmp: Mapping[str, str], path: Path) -> tuple[dict[str, str], tuple
         try:
             read(name)
         except ImageError as error:
-            del kept[name]
+            kept = kept.without(name)
             damage.append(f"{str(error).removeprefix(f'photograph {path}: ')}; it is not used")
     return kept, tuple(damage)
 

@@ -273,12 +273,14 @@ _KINDS = {"thermal": "a thermal picture", "panorama": "a panorama", "fisheye": "
 
 
 def _usable(photographs: Sequence[TaggedPhotograph]) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    """Return the photographs that are processed, thermal ones where there are no others, and those that are not."""
+    kind = "frame" if any(p.tags.kind == "frame" for p in photographs) else "thermal"
     left_out = [
         LeftOut(p.name, f"{_KINDS[p.tags.kind]}, photogram processes frame photographs only")
         for p in photographs
-        if p.tags.kind != "frame"
+        if p.tags.kind not in ("frame", kind)
     ]
-    return [p for p in photographs if p.tags.kind == "frame"], left_out
+    return [p for p in photographs if p.tags.kind in ("frame", kind)], left_out
 
 
 def _degrees(photographs: Sequence[TaggedPhotograph]) -> FloatArray:

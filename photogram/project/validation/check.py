@@ -69,8 +69,9 @@ def header_findings(
         findings.append(Finding("warning", names, text, "remove the copies"))
     findings += _damage_findings(headers)
     kinds: defaultdict[str, list[str]] = defaultdict(list)
+    is_thermal = all(header.tags is None or header.tags.kind == "thermal" for header in headers)
     for number, header in enumerate(headers):
-        if header.tags is not None and header.tags.kind != "frame":
+        if header.tags is not None and header.tags.kind != "frame" and not is_thermal:
             if header.tags.kind == "fisheye" and fisheye and fisheye[number]:
                 continue
             kinds[header.tags.kind].append(header.name)
