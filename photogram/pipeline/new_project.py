@@ -347,6 +347,7 @@ def init(
     heights: HeightSystem | None = None,
     geoid: str | None = None,
     focal_px: float | None = None,
+    focal_px_of: Mapping[str, float] | None = None,
     recursive: bool = False,
     force: bool = False,
     progress: Progress = silent,
@@ -357,8 +358,9 @@ def init(
     marks where those files hold none, measured in pictures of ``picture_size_px`` (width, height) where that is not the
     photographs' own. ``crs`` is the map grid, such as EPSG:25832; ``control_sigma_m`` the standard deviation of ground
     points that state none; ``heights`` says what the heights of the ground points are above, ``geoid`` which geoid.
-    ``focal_px`` is the focal length where the tags give none. ``recursive`` searches the folders within, ``force``
-    overwrites the project file, ``progress`` is told of each photograph that is read.
+    ``focal_px`` is the focal length where the tags give none, ``focal_px_of`` that of cameras by their names.
+    ``recursive`` searches the folders within, ``force`` overwrites the project file, ``progress`` is told of each
+    photograph that is read.
 
     Raises ProjectError where a figure cannot be, the project file exists already, the map grid or a focal length is not
     known, or what was written has to be completed by hand; ImageError where there are no photographs; FrameError where
@@ -383,6 +385,7 @@ def init(
             focal_px=focal_px,
             recursive=recursive,
             force=force,
+            focal_px_of=focal_px_of or {},
         ),
         progress,
     )

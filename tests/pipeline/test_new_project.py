@@ -69,6 +69,18 @@ def test_the_function_writes_what_the_command_writes(survey: Path, control: Path
         assert str(finding).split(":")[0] in outcome.out
 
 
+def test_focal_lengths_are_given_by_camera_as_to_the_command(survey: Path, photogram: Run) -> None:
+    folder, options = survey / "photographs", ("--crs", "EPSG:25832", "--project")
+    assert photogram("init", folder, "--focal-px", 600, *options, survey / "a.yaml").code == 0
+    (camera,) = load_project(survey / "a.yaml").cameras
+    assert photogram("init", folder, "--focal-px", f"{camera.name}=610", *options, survey / "b.yaml").code == 0
+    init(folder, focal_px_of={camera.name: 610.0}, crs="EPSG:25832", project=survey / "c.yaml")
+    assert (survey / "c.yaml").read_text(encoding="utf-8") == (survey / "b.yaml").read_text(encoding="utf-8")
+    assert load_project(survey / "c.yaml").cameras[0].focal_px == 610.0
+    with pytest.raises(ProjectError, match="no camera is called so"):
+        init(folder, focal_px_of={"drone": 610.0}, crs="EPSG:25832", project=survey / "d.yaml")
+
+
 def test_what_cannot_be_is_refused_before_a_photograph_is_read(survey: Path) -> None:
     folder, project = survey / "photographs", survey / "new.yaml"
     with pytest.raises(ProjectError, match=r"focal_px: -5 must be"):
