@@ -43,8 +43,8 @@ from them, and those of one kind."""
 FOUND = 95.0
 SNAP_S, PROPOSE_S = 0.2, 0.3
 KINDS = {
-    "quartered disc": ("quartered", "chequered"),
-    "quartered square": ("quartered", "chequered"),
+    "checker disc": ("checker", "chequered"),
+    "checker square": ("checker", "chequered"),
     "april": ("coded",),
     "aruco": ("coded",),
 }
@@ -99,7 +99,7 @@ def open_cv(picture: Picture, click: np.ndarray) -> tuple[np.ndarray, np.ndarray
         family = cv2.aruco.DICT_APRILTAG_36h11 if picture.shape == "april" else cv2.aruco.DICT_4X4_50
         detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(family), options)
         centres = [np.asarray(c, np.float64).reshape(4, 2).mean(axis=0) for c in detector.detectMarkers(grey)[0]]
-    elif picture.shape in ("quartered disc", "quartered square", "chequered"):
+    elif picture.shape in ("checker disc", "checker square", "chequered"):
         points = cv2.goodFeaturesToTrack(grey, 30, 0.05, 3)
         near = [] if points is None else [p for p in points.reshape(-1, 2) if np.hypot(*(p - click)) < 8.0]
         start = np.array(near or [click], np.float32).reshape(-1, 1, 2)

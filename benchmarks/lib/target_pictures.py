@@ -14,7 +14,7 @@ from photogram.arrays import FloatArray
 FOCAL_PX = 4000.0
 FINER = 8
 """Points along the side of a pixel."""
-SHAPES = ("quartered disc", "quartered square", "chequered", "cross", "corner", "circle", "ring", "april", "aruco")
+SHAPES = ("checker disc", "checker square", "chequered", "cross", "corner", "circle", "ring", "april", "aruco")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def _tag(shape: str, number: int) -> np.ndarray:
 def pattern(shape: str, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return brightness from 0 to 1 of points of a target of half width 1, and which of them belong to it."""
     inverted = rng.random() < 0.5
-    if shape.startswith("quartered"):
+    if shape.startswith("checker"):
         value = (x * y > 0).astype(np.float32)
         inside = np.hypot(x, y) < 1 if shape.endswith("disc") else np.maximum(abs(x), abs(y)) < 1
     elif shape == "chequered":

@@ -76,16 +76,22 @@ def test_marks_are_no_proposals(tmp_path: Path) -> None:
         read_proposals(tmp_path / "marks.csv")
 
 
+def test_what_earlier_versions_called_quartered_is_a_checker_target(tmp_path: Path) -> None:
+    path = tmp_path / "marks.csv"
+    path.write_text(HEADER + "A,1.jpg,1.5,2.0,0.03,0.04,-0.25,quartered,,1.0,2.0,\n", encoding="utf-8")
+    assert [mark.kind for mark in read_marks(path)] == ["checker"]
+    assert [mark.kind for mark in control_files.read_marks(path)] == ["checker"]
+
+
 def test_what_a_table_looks_like(tmp_path: Path) -> None:
     time = "2026-05-01T10:20:30Z"
     marks = [
         Mark("B, north", "1.jpg", (10.25, 20.5)),
-        Mark("A", "1.jpg", (1.5, 2.0), (0.03, 0.04), -0.25, "quartered", time, (1.0, 2.0), True),
+        Mark("A", "1.jpg", (1.5, 2.0), (0.03, 0.04), -0.25, "checker", time, (1.0, 2.0), True),
     ]
     write_marks(tmp_path / "marks.csv", marks)
     assert (tmp_path / "marks.csv").read_text() == (
-        HEADER + f"A,1.jpg,1.5,2.0,0.03,0.04,-0.25,quartered,{time},1.0,2.0,yes\n"
-        '"B, north",1.jpg,10.25,20.5,,,,raw,,,,\n'
+        HEADER + f'A,1.jpg,1.5,2.0,0.03,0.04,-0.25,checker,{time},1.0,2.0,yes\n"B, north",1.jpg,10.25,20.5,,,,raw,,,,\n'
     )
     first, second = control_files.read_marks(tmp_path / "marks.csv")
     assert (first.sigma_px, first.rho) == ((0.03, 0.04), -0.25)

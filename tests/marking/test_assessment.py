@@ -184,7 +184,7 @@ def test_a_click_off_a_target_has_no_other_mark_accused(whole: Block, numbers: d
     """With five marks in a photograph that tags place to 2 m, another explains 5 px of one nearly as well."""
     marks, place = marks_of_points(whole, range(16)), ("G10", "sim_0018.JPG")
     assert sum(photograph == place[1] for _, photograph in marks) == 5
-    meant = {place: Snapped(marks[place].pixel, 0.01 * np.eye(2), "quartered")}
+    meant = {place: Snapped(marks[place].pixel, 0.01 * np.eye(2), "checker")}
     accused = []
     for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False).tolist():
         u, v = marks[place].pixel + 5.0 * np.array([np.cos(angle), np.sin(angle)])

@@ -37,7 +37,7 @@ def patches(tmp_path_factory: pytest.TempPathFactory) -> PatchReader:
 
 
 def proposed(point: str, photograph: str, pixel: tuple[float, float], score: float = 1.0) -> Proposal:
-    return Proposal(Mark(point, photograph, pixel, (0.12, 0.15), 0.0, "quartered"), score)
+    return Proposal(Mark(point, photograph, pixel, (0.12, 0.15), 0.0, "checker"), score)
 
 
 def sheet(path: Path) -> ByteArray:

@@ -86,7 +86,7 @@ def test_fields_keep_their_size_and_end_before_their_neighbours() -> None:
 
 
 def test_rough_ground_counts_less_where_it_is_not_the_target() -> None:
-    """Stones beside a quartered disc leave squares that no picture of it explains."""
+    """Stones beside a checker disc leave squares that no picture of it explains."""
     theta, pattern = parameters(), Pattern.DISC_OF_QUADRANTS
     theta[2:6] = 0.13, 0.0, 0.0, 0.13
     rng = np.random.default_rng(5)

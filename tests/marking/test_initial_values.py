@@ -16,7 +16,7 @@ from photogram.marking.targets.picture import Pattern
 
 @pytest.mark.parametrize("tilt", [0.0, 50.0])
 def test_a_saddle_is_found_with_the_directions_of_its_edges(tilt: float) -> None:
-    picture = render(np.random.default_rng(5), "quartered disc", 24.0, tilt, 0.6, ground="asphalt")
+    picture = render(np.random.default_rng(5), "checker disc", 24.0, tilt, 0.6, ground="asphalt")
     grey = picture.grey.astype(np.float64)
     near = [s for s in saddles(grey, 30) if np.hypot(*(s[0] - picture.centre_px)) < 1.5]
     starts = [start for centre, normals in near for start in saddle_initial_values(grey, centre, normals, (0.7,))]

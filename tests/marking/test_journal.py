@@ -49,7 +49,7 @@ marks = st.builds(
     pixels,
     st.none() | st.tuples(sigmas, sigmas),
     st.floats(-0.99, 0.99),
-    st.sampled_from(["raw", "quartered", "circle", "matched", "coded", "imported"]),
+    st.sampled_from(["raw", "checker", "circle", "matched", "coded", "imported"]),
     st.sampled_from(["", "2026-05-01T10:20:30Z", "2026-05-01T10:20:30.125Z"]),
     st.none() | pixels,
     st.booleans(),
@@ -101,7 +101,7 @@ SOME: list[Action] = [
 
 
 def test_what_each_action_does() -> None:
-    mark, other = Mark("A", "1.jpg", (1.0, 2.0)), Mark("A", "1.jpg", (5.0, 6.0), (0.2, 0.3), 0.1, "quartered")
+    mark, other = Mark("A", "1.jpg", (1.0, 2.0)), Mark("A", "1.jpg", (5.0, 6.0), (0.2, 0.3), 0.1, "checker")
     assert dict(state_of([PlaceMarks((mark,)), PlaceMarks((other,))]).marks) == {("A", "1.jpg"): other}
     assert not state_of([PlaceMarks((mark,)), RemoveMarks((mark.key,))]).marks
     hidden = state_of([PlaceMarks((mark,)), SetNotVisible("A", "1.jpg")])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photogram.marking.targets.kinds import Kind, MeasuredCentre
+from photogram.marking.targets.kinds import TITLES, Kind, MeasuredCentre, title_of
 
 
 def test_sigmas_are_the_roots_of_the_variances() -> None:
@@ -16,3 +16,9 @@ def test_wrong_shapes_are_refused() -> None:
         MeasuredCentre(Kind.CROSS, np.zeros(3), np.eye(2), 0.9, 20.0, 100.0)
     with pytest.raises(ValueError, match="covariance_px2"):
         MeasuredCentre(Kind.CROSS, np.zeros(2), np.eye(3), 0.9, 20.0, 100.0)
+
+
+def test_every_kind_has_a_title_and_other_words_are_their_own() -> None:
+    assert set(TITLES) == set(Kind)
+    assert title_of("checker") == "checker target"
+    assert (title_of("raw"), title_of("imported")) == ("raw", "imported")

@@ -8,8 +8,8 @@ from photogram.marking.targets.kinds import Kind
 from photogram.marking.targets.measurement import propose, snap
 
 KINDS = {
-    "quartered disc": Kind.QUARTERED,
-    "quartered square": Kind.QUARTERED,
+    "checker disc": Kind.CHECKER,
+    "checker square": Kind.CHECKER,
     "chequered": Kind.CHEQUERED,
     "cross": Kind.CROSS,
     "corner": Kind.CORNER,
@@ -32,7 +32,7 @@ def test_a_target_is_measured_from_a_rough_place(shape: str) -> None:
         assert (np.abs(error) < 5.0 * found.sigma_px).all()
 
 
-@pytest.mark.parametrize("shape", ["quartered disc", "cross", "ring"])
+@pytest.mark.parametrize("shape", ["checker disc", "cross", "ring"])
 def test_a_target_is_proposed_where_it_is(shape: str) -> None:
     shown = render(np.random.default_rng(12), shape, 30.0, 20.0, 0.6, ground="asphalt")
     found = propose(shown.grey)

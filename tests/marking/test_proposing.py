@@ -59,7 +59,7 @@ class Shown:
 
 
 def target(grey: FloatArray, centre: FloatArray, turn: float) -> None:
-    """Draw a quartered disc into grey values, as far as they reach."""
+    """Draw a checker disc into grey values, as far as they reach."""
     low = np.floor(centre).astype(int) - round(RADIUS_PX) - 2
     side = 2 * round(RADIUS_PX) + 6
     step = (np.arange(side * FINER) + 0.5) / FINER - 0.5
@@ -148,7 +148,7 @@ def test_all_targets_are_proposed_at_their_places_and_no_decoy_is(
     for place, proposal in found.items():
         mark = proposal.mark
         assert np.hypot(*(mark.pixel - shown.places[place])) < 0.15
-        assert mark.kind == "quartered"
+        assert mark.kind == "checker"
         assert mark.raw_pixel is None
         assert mark.sigma_px is not None
         assert LENS_PX <= min(mark.sigma_px) <= max(mark.sigma_px) < 0.2

@@ -28,7 +28,7 @@ CELL_M, EXTENT_M, FINER = 0.05, 36.0, 3
 SIGMA_PX = 0.08
 """Of the marks in the other photographs."""
 PLACES_M = [(0.0, 0.0), (3.0, -2.0), (-4.0, 3.5), (1.5, 5.0)]
-SHAPES = ("quartered disc", "quartered square", "circle")
+SHAPES = ("checker disc", "checker square", "circle")
 
 
 def pose(east: float, north: float, up: float, heading_deg: float, tilt_deg: float) -> Pose:

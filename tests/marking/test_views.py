@@ -85,8 +85,8 @@ def test_who_owns_the_target_that_a_mark_is_on_is_innocent() -> None:
 
 def test_words_of_a_click_off_a_target() -> None:
     mark = Mark("P1", "a.JPG", (100.0, 50.0))
-    target = Snapped((103.0, 54.0), np.eye(2), "quartered")
-    assert off_target_words(mark, target) == "5.0 px off the centre of a target (quartered)"
+    target = Snapped((103.0, 54.0), np.eye(2), "checker")
+    assert off_target_words(mark, target) == "5.0 px off the centre of a checker target"
     matched = Snapped((100.0, 45.0), np.eye(2), "matched")
     assert off_target_words(mark, matched) == "5.0 px off what the other marks show"
 

@@ -146,15 +146,15 @@ def with_tables(survey: Path, edit: Edit, kinds: Callable[[int], str]) -> int:
 
 @pytest.mark.usefixtures("undrawn")
 def test_kinds_come_from_the_table_of_marks_to_the_report(adjusted_survey: Path, edit: Edit) -> None:
-    kinds = ("circle", "quartered", "")
+    kinds = ("circle", "checker", "")
     total = with_tables(adjusted_survey, edit, lambda n: kinds[n % 3])
     project = adjusted_survey / "project.yaml"
     run_pipeline(load_project(project))
     report = read_json(adjusted_survey / "results/report.json")
     found = {record["kind"]: record["marks"] for record in report["marks"]["kinds"]}
-    assert found == {name: len(range(n, total, 3)) for n, name in enumerate(("circle", "quartered", "raw"))}
+    assert found == {name: len(range(n, total, 3)) for n, name in enumerate(("circle", "checker", "raw"))}
     table = adjusted_survey / "marks.csv"
-    table.write_text(table.read_text().replace("quartered", "ring"))
+    table.write_text(table.read_text().replace("checker", "ring"))
     made = run_pipeline(load_project(project))
     assert made is not None
     report = read_json(adjusted_survey / "results/report.json")

@@ -537,7 +537,7 @@ def test_two_photographs_of_a_file_are_never_one_of_the_project(folder: Path) ->
 
 def test_the_table_of_marking_brings_its_sigmas_and_its_pixels(folder: Path) -> None:
     marks = [
-        Mark("C1", "a.jpg", (10.25, 20.0), (0.3, 0.4), 0.1, "quartered"),
+        Mark("C1", "a.jpg", (10.25, 20.0), (0.3, 0.4), 0.1, "checker"),
         Mark("C2", "c.jpg", (1.0, 2.0)),
         Mark("K1", "b.jpg", (50.0, 60.0), (0.2, 0.2)),
     ]

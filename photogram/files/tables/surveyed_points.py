@@ -27,6 +27,9 @@ MarkKey = tuple[str, str]
 IMPORTED, RAW = "imported", "raw"
 """Kinds of a mark whose file does not say how it was measured, and of a click as it is."""
 
+FORMER_KINDS = {"quartered": "checker"}
+"""Kinds as earlier versions wrote them, and what they are called now."""
+
 _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?Z")
 _LOW, _HIGH = -1e9, 1e9
 
@@ -116,7 +119,7 @@ class Mark:
     rho: float = 0.0
     """Correlation of u and v."""
     kind: str = RAW
-    """How it was measured, a word: raw for a click as it is, else quartered, circle, matched, coded, imported …"""
+    """How it was measured, a word: raw for a click as it is, else checker, circle, matched, coded, imported …"""
     time: str = ""
     """When, UTC as 2026-05-01T10:20:30Z; empty where it is not known."""
     raw_pixel: tuple[float, float] | None = None
@@ -127,6 +130,7 @@ class Mark:
     """Where it was read."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", FORMER_KINDS.get(self.kind, self.kind))
         check_key(self.point, self.photograph)
         try:
             self._check()

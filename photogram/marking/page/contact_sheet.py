@@ -6,6 +6,7 @@ from pathlib import Path
 
 from photogram.files.tables.surveyed_points import Proposal
 from photogram.marking.page.patches import PatchReader, Window
+from photogram.marking.targets.kinds import title_of
 from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
 from photogram.report.figures.style import save_picture
 
@@ -43,7 +44,7 @@ def _patches(proposals: Sequence[Proposal], numbers: Mapping[str, int], patches:
         sigma = "" if mark.sigma_px is None else f", ± {max(mark.sigma_px):.2f} px"
         pixels = patches.pixels(numbers[mark.photograph], wanted)
         patch = PhotographPatch(pixels, cut.left, cut.upper, half_px=HALF_PX)
-        made.append(MarkPatch(mark.photograph, patch, mark.pixel, "proposed", f"{mark.kind}{sigma}"))
+        made.append(MarkPatch(mark.photograph, patch, mark.pixel, "proposed", f"{title_of(mark.kind)}{sigma}"))
     return made
 
 

@@ -43,7 +43,7 @@ class Snapped:
     covariance_px2: FloatArray
     """Its covariance (2, 2)."""
     kind: str
-    """How it was measured: quartered, circle, matched …"""
+    """How it was measured: checker, circle, matched …"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, i
 from photogram.marking.page.session import MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
 from photogram.marking.predictions import SURE, PredictedPlaces
-from photogram.marking.targets.kinds import Kind
+from photogram.marking.targets.kinds import Kind, title_of
 from photogram.survey import Block
 from photogram.wording import things
 
@@ -173,7 +173,12 @@ def _ellipse(covariance_px2: FloatArray) -> EllipseRecord:
 
 def _measured(mark: Mark) -> MeasuredRecord:
     u, v = mark.pixel
-    return {"u": u, "v": v, "sigma_px": None if mark.sigma_px is None else isotropic_px(mark), "kind": mark.kind}
+    return {
+        "u": u,
+        "v": v,
+        "sigma_px": None if mark.sigma_px is None else isotropic_px(mark),
+        "kind": title_of(mark.kind),
+    }
 
 
 def _proposal(snapshot: Snapshot, key: MarkKey) -> ProposalRecord | None:
@@ -189,9 +194,8 @@ def accused(blunder: Blunder) -> tuple[str, ...]:
 def off_target_words(mark: Mark, target: Snapped) -> str:
     """Return what is said of a click that was taken as it is and missed a target."""
     distance = float(np.hypot(*np.subtract(mark.pixel, target.pixel)))
-    what = (
-        "what the other marks show" if target.kind == Kind.MATCHED.value else f"the centre of a target ({target.kind})"
-    )
+    matched = target.kind == Kind.MATCHED.value
+    what = "what the other marks show" if matched else f"the centre of a {title_of(target.kind)}"
     return f"{distance:.1f} px off {what}"
 
 

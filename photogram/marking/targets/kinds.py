@@ -11,11 +11,11 @@ from photogram.arrays import FloatArray, check_shape
 class Kind(Enum):
     """Kinds of target, and what is their centre.
 
-    A board of two by two fields is a quartered square; where the fields go on beyond these four, or are too large for
+    A board of two by two fields is a checker target; where the fields go on beyond these four, or are too large for
     their outer edges to be seen, their common corner is chequered.
     """
 
-    QUARTERED = "quartered"  # a disc or square with two opposite dark quadrants: where the four meet
+    CHECKER = "checker"  # a disc or square with two opposite dark quadrants: where the four meet
     CHEQUERED = "chequered"  # a chequered board: the corner that four fields share
     CROSS = "cross"  # two bars across each other, + or ×: where their axes meet
     CORNER = "corner"  # two bars that form an L: the corner on its outside, where surveyors set the rod
@@ -23,6 +23,24 @@ class Kind(Enum):
     RING = "ring"  # a ring, or concentric circles of two levels: the centre of its ellipses
     CODED = "coded"  # an AprilTag or ArUco tag: the image of its centre, where the diagonals meet
     MATCHED = "matched"  # no kind of its own: a place marked in other photographs
+
+
+TITLES = {
+    Kind.CHECKER: "checker target",
+    Kind.CHEQUERED: "chequered board",
+    Kind.CROSS: "cross",
+    Kind.CORNER: "corner of two bars",
+    Kind.CIRCLE: "circle",
+    Kind.RING: "ring",
+    Kind.CODED: "coded target",
+    Kind.MATCHED: "matched",
+}
+"""What people read of a kind."""
+
+
+def title_of(kind: str) -> str:
+    """Return what people read of the kind of a mark: its title, or the word itself where it is of no target."""
+    return next((title for known, title in TITLES.items() if known.value == kind), kind)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,8 +48,8 @@ PERSPECTIVE = {
 """What share of the eccentricity of its outer edge the fitted centre has: where lines cross in it, they hold it."""
 _KINDS = {
     Pattern.FIELDS: Kind.CHEQUERED,
-    Pattern.DISC_OF_QUADRANTS: Kind.QUARTERED,
-    Pattern.SQUARE_OF_QUADRANTS: Kind.QUARTERED,
+    Pattern.DISC_OF_QUADRANTS: Kind.CHECKER,
+    Pattern.SQUARE_OF_QUADRANTS: Kind.CHECKER,
     Pattern.CIRCLE: Kind.CIRCLE,
     Pattern.RING: Kind.RING,
     Pattern.CROSS: Kind.CROSS,
