@@ -27,20 +27,19 @@ class DetectedTargets:
     """The table of proposals."""
     pictures: Path | None
     """The folder of their pictures, None where there are none."""
-    set_aside: Path | None
-    """Where a table of marks lies that was not written by a session."""
 
 
 @contextmanager
-def marking_session(survey: MarkingSurvey) -> Iterator[tuple[MarkingSession, PatchReader]]:
-    """Open the session of a survey, and the reader of its patches, while the block runs."""
+def marking_session(survey: MarkingSurvey, *, only_looks: bool = False) -> Iterator[tuple[MarkingSession, PatchReader]]:
+    """Open the session of a survey, and the reader of its patches, while the block runs; one that ``only_looks``
+    changes nothing but the proposals."""
     block = survey.block
     sizes = [(block.cameras[p.camera].width_px, block.cameras[p.camera].height_px) for p in block.photographs]
     patches = PatchReader([p.path for p in survey.project.photographs], sizes, stretches=survey.stretches)
     session = MarkingSession(
         block,
         survey.journal,
-        survey.marks,
+        None if only_looks else survey.marks,
         Snapper(patches).centre,
         better=lambda: adjusted_block(survey),
         propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),
@@ -57,16 +56,16 @@ def detect_targets(
 ) -> DetectedTargets:
     """Look for targets in the photographs of a project, and write proposals and a sheet of pictures for each point.
 
-    Proposals count once they are confirmed, on the page of `photogram mark`. ``photographs`` is the folder of the
-    photographs in place of the project's. Raises ProjectError where the project file is wrong, ImageError where a
-    photograph cannot be read.
+    Nothing else is written: journal and table of marks stay as they are. Proposals count once they are confirmed, on
+    the page of `photogram mark`. ``photographs`` is the folder of the photographs in place of the project's. Raises
+    ProjectError where the project file is wrong, ImageError where a photograph cannot be read.
     """
     survey = open_marking(project, photographs, progress)
-    with marking_session(survey) as (session, patches):
+    with marking_session(survey, only_looks=True) as (session, patches):
         session.ask_for_better()
         session.look(progress)
         snapshot = session.snapshot()
         folder = survey.journal.parent / CONTACT_SHEETS
         sheets = write_contact_sheets(folder, snapshot.proposals.values(), session.numbers, patches)
         counts = {point: sum(name == point for name, _ in snapshot.proposals) for point in snapshot.roles}
-        return DetectedTargets(counts, session.proposed_in, folder if sheets else None, session.set_aside)
+        return DetectedTargets(counts, session.proposed_in, folder if sheets else None)

@@ -55,7 +55,6 @@ def detect(project: Path, photographs: Path | None) -> None:
     """Look for targets, and write proposals and a sheet of pictures for each point."""
     with steps("Targets") as progress:
         result = detect_targets(project, photographs=photographs, progress=progress)
-    _warn_of(result.set_aside)
     for point, count in result.proposals.items():
         console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
     if result.pictures is not None:

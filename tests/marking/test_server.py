@@ -116,11 +116,13 @@ def test_a_patch_says_its_window(server: MarkServer) -> None:
 
 def test_what_is_done_is_done_and_what_cannot_be_says_why(server: MarkServer) -> None:
     point, photograph = server.session.block.control_points.name[0], next(iter(server.session.numbers))
+    table = server.session._table
+    assert table is not None
     before = json.loads(asked(server, "state")[2])["version"]
     status, answer = act(server, do="mark", point=point, photograph=photograph, u=12.25, v=7)
     assert status == 200
     assert answer["version"] > before
-    assert [m.pixel for m in read_marks(server.session._table)] == [(12.25, 7.0)]
+    assert [m.pixel for m in read_marks(table)] == [(12.25, 7.0)]
     told = json.loads(asked(server, f"point/{point}")[2])
     assert told["photographs"][0]["mark"] == {"u": 12.25, "v": 7.0, "sigma_px": 1.0, "kind": "raw", "doubtful": False}
     assert act(server, do="undo")[0] == 200
@@ -137,7 +139,7 @@ def test_what_is_done_is_done_and_what_cannot_be_says_why(server: MarkServer) ->
         status, answer = act(server, **wrong)
         assert status == 400
         assert word in answer["error"]
-    assert read_marks(server.session._table) == ()
+    assert read_marks(table) == ()
 
 
 def test_requests_of_other_pages_and_far_too_large_ones_are_refused(server: MarkServer) -> None:

@@ -110,6 +110,33 @@ def test_a_table_of_somebody_else_is_kept_under_another_name(whole: Block, tmp_p
     assert read_marks(table)[0].pixel == (3.0, 4.0)
 
 
+def test_a_table_of_an_earlier_version_is_the_sessions_own(whole: Block, tmp_path: Path) -> None:
+    journal, table, own = tmp_path / "journal.sqlite", tmp_path / "marks.csv", without_marks(whole)
+    first = MarkingSession(own, journal, table, lambda click: Snapped(click.pixel, np.eye(2), "checker"))
+    first.mark(own.control_points.name[0], own.photographs[0].name, (100.0, 50.0))
+    first.close()
+    table.write_text(table.read_text().replace(",checker,", ",quartered,"))
+    again = MarkingSession(own, journal, table)
+    again.close()
+    assert again.set_aside is None
+    assert ",checker," in table.read_text()
+
+
+def test_a_session_that_only_looks_changes_neither_table_nor_journal(whole: Block, tmp_path: Path) -> None:
+    journal, table = tmp_path / "journal.sqlite", tmp_path / "marks.csv"
+    table.write_text("point,photograph,u,v\nmine,a.jpg,1,2\n")
+    before = table.read_bytes(), table.stat().st_mtime_ns
+    looking = MarkingSession(whole, journal, None)
+    assert len(looking.snapshot().state.marks) == len(whole.control_points.mark_point)
+    looking.set_proposals(())
+    with pytest.raises(ControlPointError, match="only looks"):
+        looking.remove(*marks_of(whole, 0)[0][:2])
+    looking.close()
+    assert (table.read_bytes(), table.stat().st_mtime_ns) == before
+    assert read_journal(journal) == ()
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".csv") == ["marks.csv", "proposals.csv"]
+
+
 def test_what_cannot_be_is_refused_and_not_kept(session: MarkingSession, tmp_path: Path) -> None:
     name, photograph = session.block.control_points.name[0], session.block.photographs[0].name
     for wrong in (("?", photograph, (1.0, 1.0)), (name, "?", (1.0, 1.0)), (name, photograph, (-1.0, 1.0))):
@@ -169,7 +196,7 @@ def test_a_click_is_snapped_where_there_is_something_to_snap_to(whole: Block, tm
 
     def snap(click: Click) -> Snapped | None:
         u, v = click.pixel
-        return Snapped((u + 0.5, v - 0.25), covariance, "quartered") if click.photograph else None
+        return Snapped((u + 0.5, v - 0.25), covariance, "checker") if click.photograph else None
 
     session = MarkingSession(without_marks(whole), tmp_path / "j", tmp_path / "marks.csv", snap)
     name, photographs = session.block.control_points.name[0], session.block.photographs
@@ -177,7 +204,7 @@ def test_a_click_is_snapped_where_there_is_something_to_snap_to(whole: Block, tm
     assert mark.pixel == pytest.approx((200.8, 89.85))
     assert mark.sigma_px == pytest.approx((0.2, 0.3))
     assert mark.rho == pytest.approx(0.01 / 0.06)
-    assert (mark.kind, mark.raw_pixel) == ("quartered", (200.3, 90.1))
+    assert (mark.kind, mark.raw_pixel) == ("checker", (200.3, 90.1))
     assert session.mark(name, photographs[1].name, (200.3, 90.1), raw=True).kind == "raw"
     assert session.mark(name, photographs[0].name, (200.3, 90.1)).kind == "raw", "nothing was found"
     session.close()

@@ -15,7 +15,16 @@ import numpy as np
 from photogram.errors import ControlPointError, ImageError, PhotogramError, WorkspaceError
 from photogram.files.atomic import remove_leftovers
 from photogram.files.marks.mark_table import read_proposals, write_marks, write_proposals
-from photogram.files.tables.surveyed_points import IMPORTED, RAW, Mark, MarkKey, PointRole, Proposal, SurveyedPoint
+from photogram.files.tables.surveyed_points import (
+    FORMER_KINDS,
+    IMPORTED,
+    RAW,
+    Mark,
+    MarkKey,
+    PointRole,
+    Proposal,
+    SurveyedPoint,
+)
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -108,6 +117,8 @@ def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path 
     if not table.exists():
         return None
     present, own = table.read_bytes(), scratch / f"{table.stem}.own{table.suffix}"
+    for former, now in FORMER_KINDS.items():
+        present = present.replace(f",{former},".encode(), f",{now},".encode())
     for made in (actions, actions[:-1]):
         write_marks(own, state_of(made).marks.values())
         is_own = own.read_bytes() == present
@@ -125,7 +136,8 @@ class MarkingSession:
     """The marks of a survey while they are made; threads may use it at the same time.
 
     Opening takes over the marks of ``block`` that the journal has not seen. A table that is not the journal's own is
-    kept under another name, ``set_aside``. ``better`` is asked once, in the
+    kept under another name, ``set_aside``. Without a table, ``marks`` None, the session only looks: it may propose, and
+    neither table nor journal changes. ``better`` is asked once, in the
     background, for a block that knows more, an adjusted one, and says why there is none. Raises WorkspaceError where
     the journal or the table cannot be written or another process has the journal open.
     """
@@ -134,7 +146,7 @@ class MarkingSession:
         self,
         block: Block,
         journal: Path,
-        marks: Path,
+        marks: Path | None,
         snap: Snap | None = None,
         better: Callable[[], Block | None] | None = None,
         propose: Propose | None = None,
@@ -149,10 +161,11 @@ class MarkingSession:
         seen = self._journal.earlier
         touched = touched_keys(seen)
         self._floor = _steps_until_import(seen)
-        for folder in (journal.parent, marks.parent):  # of sessions that were killed: no other one has the journal
-            remove_leftovers(folder)
+        for place in (journal, marks):  # of sessions that were killed: no other one has the journal
+            if place is not None:
+                remove_leftovers(place.parent)
         new = tuple(mark for mark in _given_marks(block) if mark.key not in touched)
-        if new:
+        if new and marks is not None:
             self._journal.append(PlaceMarks(new))
             self._floor = self._journal.state.undoable
         self.proposed_in = journal.with_name(PROPOSALS)
@@ -167,8 +180,8 @@ class MarkingSession:
         self._meant: dict[Mark, Snapped | None] = {}
         self._ended = False
         self._acting = threading.Lock()
-        self._state = self._journal.state
-        self.set_aside = _set_aside(marks, journal.parent, seen)
+        self._state = self._journal.state if marks is not None else state_of((*seen, PlaceMarks(new)))
+        self.set_aside = None if marks is None else _set_aside(marks, journal.parent, seen)
         self._write()
         self._assessor = threading.Thread(target=self._assess_always, name="marks", daemon=True)
 
@@ -409,6 +422,8 @@ class MarkingSession:
         return self.numbers[photograph]
 
     def _do(self, action: Action) -> None:
+        if self._table is None:
+            raise ControlPointError("this session only looks for targets: mark on the page of photogram mark")
         with self._acting:
             self._journal.append(action)
             state = self._journal.state
@@ -418,7 +433,8 @@ class MarkingSession:
             self._write()
 
     def _write(self) -> None:
-        write_marks(self._table, self._state.marks.values())
+        if self._table is not None:
+            write_marks(self._table, self._state.marks.values())
 
     # ---- what follows --------------------------------------------------------------------------------------------
 
