@@ -45,6 +45,15 @@ def find_browser() -> str | None:
     return next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
+def _looked_for() -> str:
+    """Return where a browser was looked for in vain."""
+    named = os.environ.get("CHROME")
+    if named:
+        return f"CHROME names {named}, which cannot be run"
+    programs = [name for name in BROWSERS if not name.startswith("/")]
+    return f"looked for {', '.join(programs[:-1])} and {programs[-1]}"
+
+
 def browser_version(browser: str) -> int:
     """Return the main version of a browser, 0 where it does not say."""
     try:
@@ -67,7 +76,11 @@ def print_pdf(page: Path, target: Path) -> None:
     browser = find_browser()
     remedy = f"open {page} in a browser and print it there, or set CHROME to a Chromium, Chrome or Edge"
     if browser is None:
-        raise ReportError(f"no browser found to print the report with: {remedy}")
+        raise ReportError(
+            f"report.pdf was not printed, since no browser is installed ({_looked_for()}); the report itself is "
+            f"written, {page}: install Chromium, Chrome or Edge, version {OLDEST} or newer, and run photogram report "
+            "--pdf, or print the page from any other browser"
+        )
     if 0 < (version := browser_version(browser)) < OLDEST:
         raise ReportError(
             f"{browser} is version {version}: headers and page numbers need Chromium {OLDEST} or newer: {remedy}"

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import os
 import re
 import shutil
 import xml.etree.ElementTree as ET
@@ -511,12 +512,20 @@ def test_wrong_block_of_the_project_file_is_named(
 def test_without_a_browser_printing_says_how_to_print(
     monkeypatch: pytest.MonkeyPatch, adjusted_survey: Path, photogram: Callable[..., Any]
 ) -> None:
-    monkeypatch.setenv("CHROME", "/nowhere/chromium")
-    assert find_browser() is None
-    said = photogram("report", adjusted_survey / "project.yaml", "--pdf")
-    assert said.code == 1
-    assert "no browser found to print the report with: open" in said.err
-    assert not (adjusted_survey / "results/report.pdf").exists()
+    results = adjusted_survey / "results"
+    for named, path, looked in (
+        ("/nowhere/chromium", os.environ["PATH"], "(CHROME names /nowhere/chromium, which cannot be run)"),
+        ("", "/nowhere", "(looked for chromium, chromium-browser, google-chrome, google-chrome-stable, chrome, "),
+    ):
+        monkeypatch.setenv("CHROME", named)
+        monkeypatch.setenv("PATH", path)
+        assert find_browser() is None
+        said = photogram("report", adjusted_survey / "project.yaml", "--pdf")
+        assert (said.code, said.err.count("\n")) == (1, 1)
+        assert f"report.pdf was not printed, since no browser is installed {looked}" in said.err
+        assert f"the report itself is written, {results / 'report.html'}: install Chromium, Chrome or Edge" in said.err
+        assert (results / "report.html").is_file()
+        assert not (results / "report.pdf").exists()
 
 
 def test_browser_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
