@@ -44,11 +44,9 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
     for file in draft.control:
         table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
-        if not file.has_marks and file.marks is None:
-            table.add_row(
-                "",
-                f"no marks in photographs for {escape(file.path)}: photogram mark makes them, --marks FILE gives them",
-            )
+        if file.lacks_marks:
+            text = f"no marks for {escape(file.path)} yet: photogram mark makes them, --marks FILE gives them"
+            table.add_row("", text)
     for site in draft.other_sites:
         where = f"{site.distance_m / 1000:.1f} km away at {site.longitude_deg:.4f}, {site.latitude_deg:.4f}"
         table.add_row(
@@ -83,7 +81,7 @@ def run(wanted: Request) -> None:
     for finding in read_back(project):
         console.print(f"[yellow]warning[/yellow] {escape(str(finding))}")
     name = escape(str(project))
-    if any(not file.has_marks and file.marks is None for file in draft.control):
+    if any(file.lacks_marks for file in draft.control):
         console.print(f"Next: photogram mark {name}, to mark the points in the photographs")
         console.print(f"Then: photogram check {name}, then photogram adjust {name}")
     else:

@@ -14,7 +14,7 @@ from photogram.files.tables.surveyed_points import Mark, MarkKey, PointRole, Sur
 from photogram.geodesy.crs import crs_in_words, map_units, plan_of, product_crs, written_crs
 from photogram.geodesy.frames import map_from_crs
 from photogram.geodesy.height_systems import first_wkt
-from photogram.marking.files.actions import MarkState, state_of, touched_keys
+from photogram.marking.files.actions import MarkState, state_of, table_of, touched_keys
 from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL
 from photogram.measures.mark_covariances import stated_pairs
@@ -118,7 +118,7 @@ def _known(survey: Project) -> _Known:
     actions = read_journal(survey.work / FOLDER / JOURNAL)
     state, touched = state_of(actions), touched_keys(actions)
     table = survey.path.parent / MARKS
-    if actions and table.is_file() and table.read_bytes() != text_of_marks(state.marks.values()).encode():
+    if actions and table.is_file() and table.read_bytes() != text_of_marks(table_of(actions)).encode():
         notes.append(f"{table} was changed since it was marked: the marks of the journal are exported, not the changes")
     points, bare = _points(survey, state)
     given = [mark for mark in _given_marks(survey) if mark.key not in touched]

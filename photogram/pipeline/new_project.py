@@ -12,6 +12,7 @@ import numpy as np
 from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.marks.formats import read_points
+from photogram.files.marks.mark_table import MARKS, has_rows
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks, is_called_mask
@@ -227,6 +228,7 @@ def _control_file(
     path: Path, role: Role, marks: Path | None, project: Path, size: tuple[int, int] | None, sigma_m: float | None
 ) -> ControlFile:
     file = read_points(path)
+    table = project.absolute().parent / MARKS if marks is None else marks
     return ControlFile(
         _relative(path, project),
         role,
@@ -235,7 +237,8 @@ def _control_file(
         file.geographic,
         file.holds_marks,
         all(None not in p.sigma_m for p in file.points),
-        None if file.holds_marks or marks is None else _relative(marks, project),
+        None if file.holds_marks and marks is not None else _relative(table, project),
+        marks is None and not has_rows(table),
         size,
         None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
     )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from photogram.arrays import FloatArray, IntArray, check_shape
 from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
+from photogram.files.marks.mark_table import MARKS, has_rows
 from photogram.files.photographs.names import joined_names
 from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
@@ -24,6 +25,7 @@ from photogram.measures.mark_covariances import covariances_px2
 from photogram.project.cross_checks import Located, camera_of
 from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import Placed, ProjectMap, is_grid
+from photogram.project.mark_entries import as_marked, of_page
 from photogram.project.positions.crs_units import in_units_of_crs
 from photogram.project.schema import PIXEL_ORIGIN_PX, ControlFileEntry, PhotographEntry, ProjectFile
 from photogram.survey import Role, Roles
@@ -99,8 +101,9 @@ class ProjectControlPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """One entry of control_points.files and what its files hold; ``placed`` are its positions, None where unknown,
-    ``columns`` what the first two figures of a point are, ``crs`` theirs, empty where unknown."""
+    """One entry of control_points.files and what its files hold, ``marks`` those of the file and of the page;
+    ``placed`` are its positions, None where unknown, ``columns`` what the first two figures of a point are, ``crs``
+    theirs, empty where unknown."""
 
     key: Key
     entry: ControlFileEntry
@@ -110,9 +113,10 @@ class _Source:
     columns: tuple[str, str]
     crs: str
 
-    @property
-    def marks_path(self) -> str:
-        return self.entry.marks or str(self.entry.path)
+    def path_of(self, mark: Mark) -> str:
+        """Return the file that a mark stands in."""
+        own = self.points.holds_marks and not mark.source.is_of_page
+        return str(self.entry.path) if own else str(self.entry.marks)
 
 
 def read_point_files(
@@ -130,10 +134,11 @@ def read_point_files(
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
     points: list[ProjectControlPoint] = []
-    marks = [_own_marks(document, source, sources, whole) for source in sources]
+    own_names = {point.name for point in file.control_points.list if point.name is not None}
+    marks = [_own_marks(document, source, sources, own_names, whole) for source in sources]
     if photographs is not None:
         listed = any(point.marks for point in file.control_points.list)
-        marks = _marks_in_photographs(document, sources, marks, photographs, listed)
+        marks = [as_marked(own) for own in _marks_in_photographs(document, sources, marks, photographs, listed)]
     index = {photograph.name: i for i, photograph in enumerate(photographs or ())}
     for source, own in zip(sources, marks, strict=True):
         sigma_m, have_sigmas = _sigmas_m(document, file, source), _check_mark_sigmas(document, file, source)
@@ -169,12 +174,7 @@ def _source(
     points = _read(document, key, str(entry.path), read_points)
     if points is None:
         return None
-    marks: tuple[Mark, ...] | None = points.marks
-    if entry.marks is not None:
-        marks = _read(document, key, entry.marks, read_marks)
-        if points.holds_marks:
-            document.add_error((*key, "marks"), f"{entry.path} contains its own marks: remove this key")
-            marks = None
+    marks = points.marks if entry.marks is None else _marks(document, key, entry, points)
     if points.without_position:
         bare = f"{things(len(points.without_position), 'point')} ({some(points.without_position)})"
         text = f"{entry.path}: marks of {bare} without coordinates are left out"
@@ -182,7 +182,25 @@ def _source(
     crs = _crs(document, file, key, entry, points)
     placed = None if crs is None else _placed(document, key, entry, points, crs, target)
     columns = ("easting", "northing") if crs is None or is_grid(crs) else ("longitude", "latitude")
-    return _Source(key, entry, points, marks or (), placed, columns, crs or "")
+    return _Source(key, entry, points, marks, placed, columns, crs or "")
+
+
+def _marks(document: Document, key: Key, entry: ControlFileEntry, points: PointFile) -> tuple[Mark, ...]:
+    """Return the marks of a file of points and of the table that its entry names, which need not be there before
+    somebody has marked points on the page."""
+    written = str(entry.marks)
+    path = document.base / written
+    rows = _read(document, key, written, has_rows) if path.name == MARKS else True
+    if rows is None:
+        return ()
+    if not rows:
+        return points.marks
+    table = _read(document, key, written, read_marks) or ()
+    made = of_page(path, table)
+    if made is None and points.holds_marks:
+        text = f"{entry.path} contains its own marks: name the {MARKS} that photogram mark writes, or remove this key"
+        document.add_error((*key, "marks"), text)
+    return (*points.marks, *(table if made is None else made))
 
 
 def _crs(document: Document, file: ProjectFile, key: Key, entry: ControlFileEntry, points: PointFile) -> str | None:
@@ -289,10 +307,13 @@ def _assumed(file: ProjectFile, source: _Source) -> tuple[bool, bool]:
     )
 
 
-def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], whole: bool) -> list[Mark]:
+def _own_marks(
+    document: Document, source: _Source, sources: Sequence[_Source], listed: set[str], whole: bool
+) -> list[Mark]:
     """Return the marks of the source's own points; those of other files' points are left to entries that share them.
 
-    Marks of no point are noted where the points are known as a ``whole``.
+    Marks of no point are noted where the points are known as a ``whole``; the page has those of ``listed`` points too,
+    and of points that were added there.
     """
     names = {point.name for point in source.points.points}
     shared = {
@@ -302,10 +323,15 @@ def _own_marks(document: Document, source: _Source, sources: Sequence[_Source], 
         for point in other.points.points
     }
     strange = [mark for mark in source.marks if whole and mark.point not in names | shared]
+    added = list(dict.fromkeys(mark.point for mark in strange if mark.source.is_of_page and mark.point not in listed))
+    if added and source is next(other for other in sources if other.entry.marks == source.entry.marks):
+        text = f"{source.entry.marks}: marks of {things(len(added), 'point')} ({some(added)}) that no table has"
+        document.warn(source.key, f"{text} are left out", f"add them to {source.entry.path}, with coordinates")
+    strange = [mark for mark in strange if not mark.source.is_of_page]
     for name in list(dict.fromkeys(mark.point for mark in strange))[:_MOST_NAMES]:
-        line = next(mark.source.line for mark in strange if mark.point == name)
+        mark = next(mark for mark in strange if mark.point == name)
         text = f"no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
-        _note(document, source.key, source.marks_path, line, text)
+        _note(document, source.key, source.path_of(mark), mark.source.line, text)
     return [mark for mark in source.marks if mark.point in names]
 
 
@@ -325,6 +351,7 @@ def _pixels(
     pixel = np.array([mark.pixel for mark in marks]).reshape(-1, 2)
     of_photogram = np.array([mark.source.is_of_photogram for mark in marks], dtype=bool)
     pixel[~of_photogram] -= PIXEL_ORIGIN_PX[file.control_points.pixel_origin]
+    from_page = np.array([mark.source.is_of_page for mark in marks], dtype=bool)
     size_px = np.full(pixel.shape, np.nan)
     cameras = [camera_of(file, by_name[mark.photograph]) for mark in marks]
     for name in dict.fromkeys(cameras):
@@ -338,7 +365,8 @@ def _pixels(
             if scale is None:
                 continue
             # the corner of the top-left pixel, at -0.5, is the same place in both pictures
-            pixel[own] = (pixel[own] + 0.5) * scale - 0.5
+            other = own[~from_page[own]]
+            pixel[other] = (pixel[other] + 0.5) * scale - 0.5
         size_px[own] = size
     outside = np.any((pixel < -0.5) | (pixel > size_px - 0.5), axis=1)
     if outside.any():
@@ -380,7 +408,7 @@ def _marks_in_photographs(
             near = f"did you mean {' or '.join(several[:3])}? Write the folder too"
         hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
         text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
-        where = f"{source.marks_path}:{missing[0].source.line}: "
+        where = f"{source.path_of(missing[0])}:{missing[0].source.line}: "
         if nothing_left:
             document.add_error(source.key, f"{where}{text}: {listed}{more}: {hint}")
         else:
@@ -426,7 +454,7 @@ def _refuse(
         _note(
             document,
             source.key,
-            source.marks_path,
+            source.path_of(marks[wrong[0]]),
             marks[wrong[0]].source.line,
             f"{len(wrong)} of {len(marks)} marks are outside their photographs, which are {width} × {height} px: "
             f"they would fit pictures of {w} × {h} px: give picture_size_px: [{w}, {h}]",
@@ -441,7 +469,9 @@ def _refuse(
         text = f"the mark of {mark.point} in {mark.photograph} at pixel ({u:.10g}, {v:.10g}) is outside {of}"
         if number == _MOST_NAMES and len(wrong) > _MOST_NAMES + 1:
             text = f"{len(wrong) - number} more marks from here on are outside"
-        _note(document, source.key, source.marks_path, mark.source.line, f"{text}: check the order (u right, v down)")
+        _note(
+            document, source.key, source.path_of(mark), mark.source.line, f"{text}: check the order (u right, v down)"
+        )
 
 
 def _complete(

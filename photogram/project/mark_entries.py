@@ -1,11 +1,18 @@
-"""Which files of ground points a project file names, and where it takes their marks from."""
+"""Which files of ground points a project file names, and where it takes their marks from.
+
+An entry whose file holds marks of its own, as a gcp_list.txt does, may name the table that `photogram mark` writes.
+What was marked or removed on the page then replaces the mark of the file, of the same point in the same photograph;
+marks that the page took over and nobody has changed, of kind ``imported``, do not: the file may have been corrected.
+"""
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photogram.files.marks.formats import read_points
+from photogram.files.marks.mark_table import MARKS
+from photogram.files.tables.surveyed_points import IMPORTED, REMOVED, Mark
 from photogram.project.document import Document
 
 
@@ -35,30 +42,42 @@ def mark_entries(project: Path) -> tuple[tuple[MarkEntry, ...], bool]:
     return tuple(entries), bool(listed)
 
 
+def of_page(path: Path, marks: Sequence[Mark]) -> tuple[Mark, ...] | None:
+    """Return the marks of a table as those of the page, None where it is another table: one that is called otherwise,
+    or that `photogram mark` has not written."""
+    if path.name != MARKS or not all(mark.source.is_of_photogram for mark in marks):
+        return None
+    return tuple(replace(mark, source=replace(mark.source, is_of_page=True)) for mark in marks)
+
+
+def as_marked(marks: Sequence[Mark]) -> list[Mark]:
+    """Return the marks of a file and of the page, one of each point and photograph: that of the page where somebody has
+    made or changed it there, none where it was removed."""
+    of_file = {mark.key for mark in marks if not mark.source.is_of_page}
+    made = [m for m in marks if m.source.is_of_page and not (m.kind == IMPORTED and m.key in of_file)]
+    decided = {mark.key for mark in made}
+    rest = [mark for mark in marks if not mark.source.is_of_page and mark.key not in decided]
+    return [*rest, *(mark for mark in made if mark.kind != REMOVED)]
+
+
 def lines_to_add(project: Path, marks: Path) -> tuple[str, ...]:
     """Return what a project file still needs in order to take its marks from a table, in lines; none where it names the
     table for all its points. Raises as ``mark_entries``."""
     entries, listed = mark_entries(project)
     name = Path(os.path.relpath(marks.absolute(), project.absolute().parent)).as_posix()
     lines = list[str]()
-    open_entries = [e for e in entries if not e.holds_marks and not _is(project, e.marks, marks)]
+    open_entries = [e for e in entries if not _is(project, e.marks, marks)]
     if open_entries:
         lines.append(f"Add to {project}, in control_points.files:")
         for entry in open_entries:
             lines += [f"  - path: {entry.path}", f"    marks: {name}"]
-    with_marks = [e.path for e in entries if e.holds_marks]
-    if with_marks or listed:
-        lines.append(_in_place(project, with_marks, listed, name))
+    if listed:
+        lines.append(
+            f"{project} takes marks from control_points.list: give those points in a table of name, easting, northing, "
+            f"height instead, with marks: {name} beside it, and the marks made here count"
+        )
     return tuple(lines)
 
 
 def _is(project: Path, named: str | None, marks: Path) -> bool:
     return named is not None and (project.absolute().parent / named).resolve() == marks.resolve()
-
-
-def _in_place(project: Path, with_marks: Sequence[str], listed: bool, name: str) -> str:
-    places = [*(["control_points.list"] if listed else []), *with_marks]
-    return (
-        f"{project} takes marks from {', '.join(places)}: give those points in a table of name, easting, northing, "
-        f"height instead, with marks: {name} beside it, and the marks made here count"
-    )

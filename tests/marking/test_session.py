@@ -15,7 +15,7 @@ from makers import in_best_photograph, marks_of, wait_until_assessed, without_ma
 
 from photogram.errors import ControlPointError
 from photogram.files.marks.mark_table import read_marks
-from photogram.files.tables.surveyed_points import IMPORTED, SurveyedPoint
+from photogram.files.tables.surveyed_points import IMPORTED, REMOVED, SurveyedPoint
 from photogram.marking.files.journal import read_journal
 from photogram.marking.page.assessment import marked_block
 from photogram.marking.page.session import MarkingSession
@@ -85,6 +85,31 @@ def test_marks_of_the_project_are_taken_over_once_and_not_undone(whole: Block, t
     for _ in range(5):
         again.undo()
     assert len(again.snapshot().state.marks) == len(whole.control_points.mark_point)
+    again.close()
+
+
+def test_marks_of_the_project_are_removed_in_the_table_and_corrected_ones_taken_over(
+    whole: Block, tmp_path: Path
+) -> None:
+    files = tmp_path / "journal.sqlite", tmp_path / "marks.csv"
+    first = MarkingSession(whole, *files)
+    (point, photograph, _), other, *_ = marks_of(whole, 0)
+    first.remove(point, photograph)
+    first.mark(*other)
+    first.close()
+    kinds = {mark.key: mark.kind for mark in read_marks(tmp_path / "marks.csv")}
+    assert (kinds[point, photograph], kinds[other[:2]]) == (REMOVED, "raw")
+    moved = whole.control_points.mark_pixel + 0.5
+    again = MarkingSession(replace(whole, control_points=replace(whole.control_points, mark_pixel=moved)), *files)
+    assert again.set_aside is None
+    marks = again.snapshot().state.marks
+    assert (point, photograph) not in marks
+    assert marks[other[:2]].kind == "raw"
+    names, points = whole.photograph_names, whole.control_points
+    for (u, v), g, i in zip(moved.tolist(), points.mark_point, points.mark_photograph, strict=True):
+        key = points.name[g], names[i]
+        if key not in ((point, photograph), other[:2]):
+            assert marks[key].pixel == (u, v)
     again.close()
 
 

@@ -386,7 +386,8 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
     "marks beside a gcp list": (
         [("project.yaml", "path: gcp_list.txt\n", "path: gcp_list.txt\n      marks: marks.csv\n")],
         [
-            f"20: {G}.marks: gcp_list.txt contains its own marks: remove this key",
+            f"20: {G}.marks: gcp_list.txt contains its own marks: name the marks.csv that photogram mark writes, or "
+            "remove this key",
         ],
     ),
     "swapped": (
@@ -553,6 +554,43 @@ def test_the_table_of_marking_brings_its_sigmas_and_its_pixels(folder: Path) -> 
     of_block = {block.name[g]: c for g, c in zip(block.mark_point, block.mark_covariance_px2, strict=True)}
     np.testing.assert_array_equal(of_block["C1"], points["C1"].mark_covariance_px2[0])
     np.testing.assert_array_equal(of_block["C2"], 0.25 * np.eye(2))
+
+
+def test_marks_of_the_page_replace_those_of_a_gcp_list_in_the_photographs_own_pixels(folder: Path) -> None:
+    change(folder, "project.yaml", ("      picture_size_px: [4", "      marks: marks.csv\n      picture_size_px: [4"))
+    before = marks_of(points_of(read_with_table(folder, [])), "G1")
+    made = Mark("G1", "a.jpg", (11.5, 12.5), (0.1, 0.1), kind="checker", time="2026-05-01T10:20:30Z")
+    taken_over = Mark("G1", "c.jpg", (1.0, 2.0), kind="imported")
+    added = Mark("new", "a.jpg", (1.0, 2.0), (1.0, 1.0))
+    project = read_with_table(folder, [made, taken_over, added, Mark("L1", "a.jpg", (1.0, 2.0), kind="imported")])
+    points = points_of(project)
+    assert marks_of(points, "G1") == {"a.jpg": (11.5, 12.5), "c.jpg": before["c.jpg"]}
+    assert sorted(rms_sigma_px(points["G1"].mark_covariance_px2).tolist()) == [pytest.approx(0.1), 1.0]
+    (said,) = [str(w) for w in project.warnings if "no table has" in str(w)]
+    assert "marks.csv: marks of 1 point (new) that no table has are left out" in said
+    assert "add them to gcp_list.txt, with coordinates" in said
+    removed = Mark("G1", "c.jpg", (1.0, 2.0), kind="removed")
+    assert set(marks_of(points_of(read_with_table(folder, [removed])), "G1")) == {"a.jpg"}
+
+
+def read_with_table(folder: Path, marks: list[Mark]) -> Project:
+    """The project with this table of the page, which holds all other marks of the table as well."""
+    others = [Mark("C1", "a.jpg", (10.0, 20.0)), Mark("C2", "c.jpg", (399.0, 299.0)), Mark("K1", "a.jpg", (30.0, 40.0))]
+    write_marks(folder / "marks.csv", [*others, *marks])
+    return read(folder)
+
+
+@pytest.mark.parametrize("content", [None, "", "point,photograph,u,v,raw_u,raw_v\n"])
+def test_a_table_that_nobody_has_marked_in_yet_is_no_error_and_a_misspelt_one_is(
+    folder: Path, content: str | None
+) -> None:
+    (folder / "marks.csv").unlink()
+    if content is not None:
+        (folder / "marks.csv").write_text(content)
+    project = read(folder)
+    assert marks_of(points_of(project), "C1") == {}
+    change(folder, "project.yaml", ("      marks: marks.csv\n      sigma_m", "      marks: mraks.csv\n      sigma_m"))
+    assert any("mraks.csv:1: cannot be read" in fault for fault in faults(folder))
 
 
 def test_proposals_are_refused(folder: Path) -> None:

@@ -637,7 +637,7 @@ def test_points_without_marks_are_pointed_out(folder: Path, photogram: Run, tmp_
     photographed(folder, flown(3))
     (tmp_path / "c.csv").write_text(f"name,longitude,latitude,height\na,{LONGITUDE},{LATITUDE},440\n")
     outcome = photogram("init", folder, "--control", "c.csv")
-    assert "no marks in photographs for c.csv" in squeezed(outcome.out)
+    assert "no marks for c.csv yet: photogram mark makes them" in squeezed(outcome.out)
     text = Path("project.yaml").read_text()
     assert "crs: EPSG:4326 # longitude and latitude" in text
     assert "crs: EPSG:32632" in text

@@ -70,11 +70,10 @@ def test_a_new_user_marks_in_the_browser_and_gets_a_report(
     off = np.array([np.subtract(mark.pixel, truth[mark.point][mark.photograph]) for mark in marks])
     assert np.sqrt(np.mean(off**2)) < 0.45  # the known places are whole pixels: 0.29 px of it
 
-    def named(values: dict[str, Any]) -> None:
-        values["control_points"]["files"][0]["marks"] = "marks.csv"
+    def shortened(values: dict[str, Any]) -> None:
         values |= {"dense": {"enabled": False}, "orthophoto": {"enabled": False}}
 
-    edit(project, named)
+    edit(project, shortened)
     adjusted = photogram("adjust", project, "--quiet")
     assert adjusted.code == 0, adjusted.err
     report = json.loads((tmp_path / "results" / "report.json").read_text(encoding="utf-8"))

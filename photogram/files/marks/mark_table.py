@@ -13,7 +13,7 @@ from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, Row, check_marks, rows_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource, Proposal
-from photogram.files.text_lines import Errors, lines_of, quoted
+from photogram.files.text_lines import Errors, lines_of, quoted, text_of
 
 MARKS, PROPOSALS = "marks.csv", "proposals.csv"
 """What the tables are called."""
@@ -120,6 +120,15 @@ def _read(path: Path, proposed: bool) -> list[tuple[Mark, Row]]:
     check_marks([mark for mark, _ in marks], errors)
     errors.raise_all()
     return marks
+
+
+def has_rows(path: Path) -> bool:
+    """Return whether a table is there and says something below its first line, which it does not while nobody has
+    marked anything. Raises ControlPointError where it cannot be read."""
+    if not path.exists():
+        return False
+    lines = (line.strip() for line in text_of(path, ControlPointError).splitlines())
+    return sum(bool(line) and not line.startswith("#") for line in lines) > 1
 
 
 def read_marks(path: Path) -> tuple[Mark, ...]:

@@ -24,8 +24,9 @@ ROLES: tuple[PointRole, ...] = get_args(PointRole)
 MarkKey = tuple[str, str]
 """A point and a photograph, by their names."""
 
-IMPORTED, RAW = "imported", "raw"
-"""Kinds of a mark whose file does not say how it was measured, and of a click as it is."""
+IMPORTED, RAW, REMOVED = "imported", "raw", "removed"
+"""Kinds of a mark whose file does not say how it was measured, of a click as it is, and of a mark that the project had
+and somebody removed."""
 
 FORMER_KINDS = {"quartered": "checker"}
 """Kinds as earlier versions wrote them, and what they are called now."""
@@ -102,6 +103,8 @@ class MarkSource:
     """Line of the file."""
     is_of_photogram: bool = False
     """Whether the pixel counts as photogram's whatever the project says, because the format defines it."""
+    is_of_page: bool = False
+    """Whether it stands in the table that `photogram mark` writes, in the photograph's own size."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,14 @@
 """What can be done when points are marked in photographs, and the state that follows from doing it in order."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 from photogram.errors import ControlPointError
 from photogram.files.tables.surveyed_points import (
+    IMPORTED,
+    REMOVED,
     ROLES,
     Mark,
     MarkKey,
@@ -235,6 +237,16 @@ def _enter(table: dict[KeyT, ValueT], key: KeyT, value: ValueT | None) -> None:
         table.pop(key, None)
     else:
         table[key] = value
+
+
+def table_of(actions: Iterable[Action]) -> tuple[Mark, ...]:
+    """Return the marks after actions as their table has them: also those of the project that were removed, as such, for
+    a file that holds them would bring them back."""
+    actions = tuple(actions)
+    marks = state_of(actions).marks
+    given = {m.key: m for a in actions if isinstance(a, PlaceMarks) for m in a.marks if m.kind == IMPORTED}
+    removed = (replace(mark, kind=REMOVED, is_doubtful=False) for key, mark in given.items() if key not in marks)
+    return (*marks.values(), *removed)
 
 
 def state_of(actions: Iterable[Action]) -> MarkState:

@@ -38,6 +38,7 @@ from photogram.marking.files.actions import (
     SetRole,
     Undo,
     state_of,
+    table_of,
     touched_keys,
 )
 from photogram.marking.files.journal import Journal, utc_now
@@ -61,6 +62,9 @@ PROPOSALS = "proposals.csv"
 
 Propose = Callable[[Block, frozenset[MarkKey], Progress], Iterable[Proposal]]
 """Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
+
+SAME_PX = 1e-3
+"""How far apart the same mark of the project may be when it is read again."""
 
 OFF_TARGET_PX = 12.0
 """How far from such a click a target is looked for."""
@@ -99,6 +103,13 @@ def _given_marks(block: Block) -> list[Mark]:
     ]
 
 
+def _is_corrected(given: Mark, mark: Mark | None) -> bool:
+    """Return whether a mark that was taken over and not changed here is another one in the project now."""
+    if mark is None or mark.kind != IMPORTED or mark.is_doubtful:
+        return False
+    return float(np.hypot(*np.subtract(given.pixel, mark.pixel))) > SAME_PX
+
+
 def _steps_until_import(actions: tuple[Action, ...]) -> int:
     """Return how many steps could be undone after the last import."""
     replay = Replay()
@@ -120,7 +131,7 @@ def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path 
     for former, now in FORMER_KINDS.items():
         present = present.replace(f",{former},".encode(), f",{now},".encode())
     for made in (actions, actions[:-1]):
-        write_marks(own, state_of(made).marks.values())
+        write_marks(own, table_of(made))
         is_own = own.read_bytes() == present
         own.unlink()
         if is_own:
@@ -135,7 +146,8 @@ def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path 
 class MarkingSession:
     """The marks of a survey while they are made; threads may use it at the same time.
 
-    Opening takes over the marks of ``block`` that the journal has not seen. A table that is not the journal's own is
+    Opening takes over the marks of ``block`` that the journal has not seen, or has seen before they were corrected in
+    the project. A table that is not the journal's own is
     kept under another name, ``set_aside``. Without a table, ``marks`` None, the session only looks: it may propose, and
     neither table nor journal changes. ``better`` is asked once, in the
     background, for a block that knows more, an adjusted one, and says why there is none. Raises WorkspaceError where
@@ -160,13 +172,16 @@ class MarkingSession:
         self._journal = Journal(journal)
         seen = self._journal.earlier
         touched = touched_keys(seen)
+        self._actions = list(seen)
         self._floor = _steps_until_import(seen)
         for place in (journal, marks):  # of sessions that were killed: no other one has the journal
             if place is not None:
                 remove_leftovers(place.parent)
-        new = tuple(mark for mark in _given_marks(block) if mark.key not in touched)
+        before = self._journal.state.marks
+        new = tuple(m for m in _given_marks(block) if m.key not in touched or _is_corrected(m, before.get(m.key)))
         if new and marks is not None:
             self._journal.append(PlaceMarks(new))
+            self._actions.append(PlaceMarks(new))
             self._floor = self._journal.state.undoable
         self.proposed_in = journal.with_name(PROPOSALS)
         proposals = read_proposals(self.proposed_in) if self.proposed_in.exists() else ()
@@ -426,6 +441,7 @@ class MarkingSession:
             raise ControlPointError("this session only looks for targets: mark on the page of photogram mark")
         with self._acting:
             self._journal.append(action)
+            self._actions.append(action)
             state = self._journal.state
             with self._changed:
                 self._state, self._is_stale = state, True
@@ -434,7 +450,7 @@ class MarkingSession:
 
     def _write(self) -> None:
         if self._table is not None:
-            write_marks(self._table, self._state.marks.values())
+            write_marks(self._table, table_of(self._actions))
 
     # ---- what follows --------------------------------------------------------------------------------------------
 

@@ -50,8 +50,10 @@ def assumptions(draft: ProjectDraft) -> Iterator[Assumption]:
             value = ", ".join(f"{sigma:g}" for sigma in DEFAULT_CONTROL_SIGMA_M) + " m"
             becomes = "estimated from what they scatter by" if file.role == "control" else "not used for accuracy"
             yield Assumption(f"points of {PurePath(file.path).name}", value, becomes)
-        if file.has_marks or file.marks is not None:
+        if not file.lacks_marks:
             becomes = "estimated from what they scatter by"
             yield Assumption(
-                f"marks of {PurePath(file.marks or file.path).name}", f"{DEFAULT_MARK_SIGMA_PX:g} px", becomes
+                f"marks of {PurePath(file.path if file.has_marks else file.marks or '').name}",
+                f"{DEFAULT_MARK_SIGMA_PX:g} px",
+                becomes,
             )

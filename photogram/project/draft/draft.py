@@ -104,7 +104,8 @@ class DraftMasks:
 class ControlFile:
     """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
 
-    ``sigma_m`` and ``mark_sigma_px`` hold where the file gives none.
+    ``marks`` is the table of marks that its entry names, which has none yet where it is ``unmarked``. ``sigma_m``
+    and ``mark_sigma_px`` hold where the file gives none.
     """
 
     path: str
@@ -115,8 +116,14 @@ class ControlFile:
     has_marks: bool = True
     has_sigmas: bool = False
     marks: str | None = None
+    unmarked: bool = False
     picture_size_px: tuple[int, int] | None = None
     sigma_m: Sigma3 | None = None
+
+    @property
+    def lacks_marks(self) -> bool:
+        """Return whether nobody has marked its points yet, as far as files say."""
+        return not self.has_marks and (self.marks is None or self.unmarked)
 
 
 @dataclass(frozen=True)

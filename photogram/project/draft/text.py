@@ -206,8 +206,10 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     elif file.crs is None:
         lines.append(f"      crs: {scalar(crs)} # not stated in the file")
     if file.marks is not None:
-        lines.append(f"      marks: {scalar(file.marks)}")
-    if not file.has_marks and file.marks is None:
+        whose = " # what photogram mark changes; all others are those of the file" if file.has_marks else ""
+        whose = " # the file has none: photogram mark writes them" if file.lacks_marks else whose
+        lines.append(f"      marks: {scalar(file.marks)}{whose}")
+    elif file.lacks_marks:
         lines += comment("The file has no marks in photographs: give a table of them with marks: FILE.csv", 6)
     if file.picture_size_px is not None:
         width, height = file.picture_size_px

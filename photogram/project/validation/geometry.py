@@ -231,9 +231,14 @@ def mark_findings(survey: MeasuredSurvey) -> list[Finding]:
     names = np.array(points.name, dtype=object)
     findings = []
     for mask, number, text, remedy in (
-        (~check, 0, "without any mark: they are not used", "mark them in three photographs or more"),
+        (
+            ~check,
+            0,
+            "without any mark: they are not used",
+            "mark them in three photographs or more, with photogram mark",
+        ),
         (~check, 1, "with a single mark, which nothing checks", "mark each in three photographs or more"),
-        (check, 0, "without any mark: they test nothing", "mark them in two photographs or more"),
+        (check, 0, "without any mark: they test nothing", "mark them in two photographs or more, with photogram mark"),
         (check, 1, "with a single mark: they test nothing", "mark them in two photographs or more"),
     ):
         few = list(names[mask & (marks == number)])
