@@ -43,7 +43,9 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     table.add_row("attitude", f"in the tags of {things(attitudes, 'photograph')}" if attitudes else "none")
     table.add_row("map grid", escape(f"{draft.crs} ({draft.crs_name}), {draft.crs_reason}"))
     for file in draft.control:
-        table.add_row(file.role, f"{things(len(file.position), 'point')} of {escape(file.path)}")
+        points = f"{things(len(file.position), 'point')} of {escape(file.path)}"
+        where = f", in {file.grid}, where they lie among the photographs" if file.grid is not None else ""
+        table.add_row(file.role, points + where)
         if file.lacks_marks:
             text = f"no marks for {escape(file.path)} yet: photogram mark makes them, --marks FILE gives them"
             table.add_row("", text)

@@ -649,11 +649,32 @@ PHOTOGRAPHS = [TaggedPhotograph(f"{i}.jpg", t) for i, t in enumerate(flown(3))]
 
 def test_points_of_an_unknown_map_grid_far_from_the_photographs_are_refused() -> None:
     far = ControlFile("c.csv", "control", PLACE)
-    with pytest.raises(ProjectError, match=r"c\.csv: the file does not name its map grid.*--crs"):
+    with pytest.raises(
+        ProjectError, match=r"c\.csv: the file does not name its map grid; in EPSG:32632 .* not among .*--crs"
+    ):
         draft_project(PHOTOGRAPHS, [], Wishes(control=(far,)))
     assert draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:2056", control=(far,))).crs == "EPSG:2056"
     near = replace(far, position=map_from_geodetic("EPSG:32632", geodetic_from_map("EPSG:2056", PLACE)))
     assert draft_project(PHOTOGRAPHS, [], Wishes(control=(near,))).crs == "EPSG:32632"
+
+
+def test_points_in_another_zone_propose_the_one_in_which_they_lie_among_the_photographs() -> None:
+    place = np.array([[LONGITUDE, LATITUDE, 440.0]])
+    west, here, own = (
+        ControlFile(f"{name}.csv", "control", map_from_geodetic(crs, place))
+        for name, crs in (("west", "EPSG:32631"), ("here", "EPSG:32632"), ("own", "EPSG:25831"))
+    )
+    draft = draft_project(PHOTOGRAPHS, [], Wishes(control=(west,)))
+    assert draft.crs == "EPSG:32631"
+    assert "the points of west.csv lie among the photographs" in draft.crs_reason
+    assert re.search(r"in the photographs' own, EPSG:32632, they would lie [34]\d\d km away", draft.crs_reason)
+    assert "crs: EPSG:32631 # not stated in the file" in project_text(draft, "photographs")
+    both = draft_project(PHOTOGRAPHS, [], Wishes(control=(west, here)))
+    assert (both.crs, [file.grid for file in both.control]) == ("EPSG:32632", ["EPSG:32631", None])
+    assert "crs: EPSG:32631 # not stated in the file; its points lie among" in project_text(both, "photographs")
+    declared = draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:25832", control=(own,)))
+    assert (declared.crs, declared.control[0].grid) == ("EPSG:25832", "EPSG:25831")
+    assert draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:25832", control=(here,))).control[0].grid is None
 
 
 def test_control_in_degrees_leaves_the_map_grid_to_the_photographs() -> None:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.files.tables.position_files import PositionRow
-from photogram.geodesy.crs import NO_CRS, height_system_of, projected_crs, vertical_of
+from photogram.geodesy.crs import NO_CRS, height_system_of, neighbouring_zones, projected_crs, vertical_of
 from photogram.geodesy.frames import map_from_geodetic
 from photogram.geodesy.height_systems import HeightSystem, is_gnss_ellipsoid
 from photogram.gnss import Sigma3
@@ -104,8 +104,9 @@ class DraftMasks:
 class ControlFile:
     """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
 
-    ``marks`` is the table of marks that its entry names, which has none yet where it is ``unmarked``. ``sigma_m``
-    and ``mark_sigma_px`` hold where the file gives none.
+    ``grid`` is the map grid in which the points of a file that names none lie among the photographs, where that is not
+    the one of the project, in which they would lie ``off_m`` away. ``marks`` is the table of marks that its entry
+    names, which has none yet where it is ``unmarked``. ``sigma_m`` and ``mark_sigma_px`` hold where the file has none.
     """
 
     path: str
@@ -119,6 +120,8 @@ class ControlFile:
     unmarked: bool = False
     picture_size_px: tuple[int, int] | None = None
     sigma_m: Sigma3 | None = None
+    grid: str | None = None
+    off_m: float = 0.0
 
     @property
     def lacks_marks(self) -> bool:
@@ -212,17 +215,35 @@ def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
         )
 
 
-def _check_control(file: ControlFile, crs: str, middle: tuple[float, float]) -> None:
-    """Raise ProjectError where points of no stated CRS do not lie near the photographs in the proposed one."""
-    if file.crs is not None or file.geographic or not len(file.position):
-        return
+def _distance_m(file: ControlFile, crs: str, middle: tuple[float, float]) -> float:
+    """Return how far the points of a file lie from the photographs if they are in a map grid."""
     here = map_from_geodetic(crs, np.array([[*middle, 0.0]]))[0, :2]
-    distance = float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
-    if distance > NEAR_M:
+    return float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
+
+
+def _in_fitting_grid(
+    file: ControlFile, crs: str, middle: tuple[float, float] | None, *, is_proposed: bool
+) -> ControlFile:
+    """Return a file that does not name its map grid with the zone beside ``crs`` in which its points lie among the
+    photographs, where they do not in ``crs``. Raises ProjectError where there are several such zones, and where there
+    is none and ``crs`` is only proposed from the photographs."""
+    if crs == NO_CRS or middle is None or file.crs is not None or file.geographic or not len(file.position):
+        return file
+    distance_m = _distance_m(file, crs, middle)
+    if distance_m <= NEAR_M:
+        return file
+    zones = neighbouring_zones(crs)
+    fitting = [zone for zone in zones if _distance_m(file, zone, middle) <= NEAR_M]
+    if len(fitting) == 1:
+        return replace(file, grid=fitting[0], off_m=distance_m)
+    if fitting or is_proposed:
+        of_zones = ", ".join(fitting or zones)
+        others = f"among them in each of {of_zones}" if fitting else f"not among them in {of_zones} either"
         raise ProjectError(
-            f"{file.path}: the file does not name its map grid, and {crs}, proposed from the photographs, "
-            f"would put its points {distance / 1000:.0f} km from them: give the file's map grid with --crs EPSG:…"
+            f"{file.path}: the file does not name its map grid; in {crs} its points would lie "
+            f"{distance_m / 1000:.0f} km from the photographs, and {others}: give the file's map grid with --crs EPSG:…"
         )
+    return file
 
 
 def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str, str, str]:
@@ -249,10 +270,18 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
             "the photographs have no positions in their tags, so no map grid can be proposed: give one with "
             "--crs EPSG:…, or --crs none where the ground points are in a Cartesian system of their own"
         )
-    crs, name = named(utm_crs(*middle))
-    for file in wishes.control:
-        _check_control(file, crs, middle)
-    return crs, name, f"the UTM zone of the photographs, at longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+    own, name = named(utm_crs(*middle))
+    where = f"longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
+    files = [_in_fitting_grid(file, own, middle, is_proposed=True) for file in wishes.control]
+    grids = {file.grid or own: file for file in files if file.crs is None and not file.geographic}
+    if len(grids) != 1 or own in grids:
+        return own, name, f"the UTM zone of the photographs, at {where}"
+    ((crs, file),) = grids.items()
+    return (
+        *named(crs),
+        f"the zone in which the points of {file.path} lie among the photographs, at {where}; in the photographs' own, "
+        f"{own}, they would lie {file.off_m / 1000:.0f} km away",
+    )
 
 
 def _height_systems(wishes: Wishes, crs: str, tags: Sequence[PhotographTags]) -> DraftHeights:
@@ -501,7 +530,9 @@ def draft_project(
     gnss, frozen = _gnss(kept, rows)
     place = _degrees(kept)
     known = _located(place)
-    crs, crs_name, crs_reason = _choose_crs(wishes, middle_of(*place[known].T) if known.any() else None)
+    middle = middle_of(*place[known].T) if known.any() else None
+    crs, crs_name, crs_reason = _choose_crs(wishes, middle)
+    control = tuple(_in_fitting_grid(file, crs, middle, is_proposed=False) for file in wishes.control)
     if crs == NO_CRS:
         gnss, positions = [None] * len(kept), ()
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
@@ -528,7 +559,7 @@ def draft_project(
         offset_reason=offset_reason,
         heights=height_reference([p.tags for p in kept]),
         height_systems=_height_systems(wishes, crs, [p.tags for p in kept]),
-        control=wishes.control,
+        control=control,
         other_sites=tuple(others),
         left_out=(*left_out, *rare),
         gnss_kinds=dict(Counter(g.kind for g in gnss if g is not None).most_common()),

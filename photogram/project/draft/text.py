@@ -203,6 +203,10 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     lines = [f"    - path: {scalar(file.path)}", f"      role: {file.role}"]
     if file.crs is None and file.geographic:
         lines.append("      crs: EPSG:4326 # longitude and latitude; WGS 84 is assumed")
+    elif file.grid is not None:
+        lines.append(
+            f"      crs: {scalar(file.grid)} # not stated in the file; its points lie among the photographs in it"
+        )
     elif file.crs is None:
         lines.append(f"      crs: {scalar(crs)} # not stated in the file")
     if file.marks is not None:
