@@ -83,18 +83,38 @@ TABLES = (
     "accuracy", "product", "control", "check", "leave-one-out", "mark-kinds", "marked-points", "marks", "gnss",
     "photographs", "calibration-1",
     "correlation-1", "focal", "remedies", "prediction", "variance", "dense", "dense-accuracy", "dense-check",
-    "clouds", "discarded", "heights", "stages", "deliverables",
+    "clouds", "discarded", "decisions", "heights", "stages", "deliverables",
 )  # fmt: skip
 
 
 def test_page_holds_every_section_table_and_figure(full_report: Json, figures: list[dict[str, str]]) -> None:
     page = Page(report_page(full_report, figures))
-    assert {*SECTIONS, "discarded", "computation"} <= set(page.ids)
+    assert {*SECTIONS, "discarded", "decisions", "computation"} <= set(page.ids)
     assert {f"table-{name}" for name in TABLES} <= set(page.ids)
     assert {f"figure-{f['key'].replace(' ', '-')}" for f in figures} <= set(page.ids)
     assert len(page.ids) == len(set(page.ids))
     assert len(page.alternatives) == len(figures) == FIGURES + MARKED_POINTS
     assert all(page.alternatives)
+
+
+def test_decisions_on_the_model_stand_in_a_table_with_what_rivalled_them(bare: Json) -> None:
+    report = json.loads(json.dumps(bare))
+    found = {
+        "about": "common attitude of flight 1", "adopted": True, "degrees": 4, "p": 0.25, "statistic": 5.46,
+        "sentence": "common attitude of flight 1: estimated and removed", "rivals": ["a lens field", "heights & more"],
+    }  # fmt: skip
+    none = {**found, "about": "lens field", "adopted": False, "statistic": None, "p": None, "rivals": []}
+    report["adjustment"]["decisions"] = [found, none]
+    text = report_page(complete(report, ReportSettings()), [])
+    rows = re.findall(r"<tr>(.*?)</tr>", text[text.index('id="table-decisions"') :].split("</table>")[0])[1:]
+    cells = [[re.sub("<.*?>", "", cell) for cell in re.findall(r"<t[hd].*?</t[hd]>", row)] for row in rows]
+    assert cells[0] == [
+        "common attitude of flight 1", "yes", "estimated and removed", "5.5 (4)", "0.250",
+        "a lens field; heights &amp; more",
+    ]  # fmt: skip
+    assert cells[1] == ["lens field", "no", found["sentence"], "–", "–", "–"]
+    del report["adjustment"]["decisions"]
+    assert "decisions" not in Page(report_page(complete(report, ReportSettings()), [])).ids
 
 
 def test_stages_are_called_by_their_titles(full_report: Json) -> None:
