@@ -65,6 +65,12 @@ class ComparedMark:
         return float(np.hypot(*self.off_px))
 
     @property
+    def expected_px(self) -> float:
+        """Return how far it is to be expected, the root of the mean square, by what is known of marks, poses and
+        cameras."""
+        return float(np.sqrt(np.trace(self.covariance_px2)))
+
+    @property
     def w(self) -> float:
         """Return the root of its test statistic, χ² with two degrees of freedom."""
         return float(np.sqrt(self.off_px @ np.linalg.solve(self.covariance_px2, self.off_px)))

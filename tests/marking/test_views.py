@@ -110,9 +110,39 @@ def test_words_of_a_mark() -> None:
     def compared(rejected: bool, *fits: str) -> ComparedMark:
         return ComparedMark(0, np.array([6.0, 1.6]), np.eye(2), fits, rejected)
 
-    assert said_of(compared(True, "P7"), 4) == "6.2 px from where the four others put it; it would fit P7"
-    assert said_of(compared(True), 1) == "6.2 px from where the other puts it"
-    assert said_of(compared(False), 12) == "6.2 px from the 12 others"
+    assert said_of(compared(True, "P7"), 4) == (
+        "6.2 px from where the four others put it, 1.4 px are to be expected; it would fit P7"
+    )
+    assert said_of(compared(True), 1) == "6.2 px from where the other puts it, 1.4 px are to be expected"
+    assert said_of(compared(False), 12) == "6.2 px from the 12 others, 1.4 px are to be expected"
+    assert said_of(compared(False), 3, is_calibrated=False).endswith("1.4 px are to be expected before calibration")
+
+
+def test_right_marks_are_as_far_from_the_others_as_is_expected_before_calibration(tmp_path: Path) -> None:
+    """Marks of four points at their true places, while only tags place the photographs: tens of px, none accused."""
+    block = tagged_block(simulate_block(PLAN, 2).block)
+    points = block.control_points
+    few = points.mark_point < 4
+    marked = replace(
+        points,
+        mark_point=points.mark_point[few],
+        mark_photograph=points.mark_photograph[few],
+        mark_pixel=points.mark_pixel[few],
+        mark_covariance_px2=points.mark_covariance_px2[few],
+    )
+    session = MarkingSession(replace(block, control_points=marked), tmp_path / "j", tmp_path / "marks.csv")
+    session.start()
+    wait_until_assessed(session)
+    shown = [p for name in points.name[:4] for p in Views(session).point(name)["photographs"] if p["mark"]]
+    assessment = session.snapshot().assessment
+    session.close()
+    assert assessment is not None
+    compared = list(assessment.compared.values())
+    assert len(compared) == few.sum()
+    assert np.median([one.distance_px for one in compared]) > 20.0
+    assert 0.7 < np.sqrt(np.mean([(one.distance_px / one.expected_px) ** 2 for one in compared])) < 1.4
+    assert not any(photograph["rejected"] for photograph in shown)
+    assert all(p["words"].endswith("px are to be expected before calibration") for p in shown)
 
 
 def test_the_ellipse_fills_a_third_of_a_patch() -> None:

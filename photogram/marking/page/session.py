@@ -57,6 +57,9 @@ from photogram.measures.mark_covariances import stated_pairs
 from photogram.survey import Block
 from photogram.wording import Progress, things
 
+ADJUSTED = "adjustment"
+"""What predictions come from where the survey has been adjusted."""
+
 PROPOSALS = "proposals.csv"
 """File of the proposals, in the folder of the journal."""
 
@@ -215,7 +218,7 @@ class MarkingSession:
             self._note_basis(f"tags ({error})", self._known)
             return
         if block is not None:
-            self._note_basis("adjustment", block)
+            self._note_basis(ADJUSTED, block)
 
     def close(self) -> None:
         """End the session; what was done is on the disk already."""

@@ -13,7 +13,7 @@ from photogram.files.tables.surveyed_points import Mark, MarkKey
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.assessment import RAW_SIGMA_PX, Assessment, isotropic_px
 from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
-from photogram.marking.page.session import MarkingSession, Snapshot, agreeing
+from photogram.marking.page.session import ADJUSTED, MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
 from photogram.marking.predictions import SURE, PredictedPlaces
 from photogram.marking.targets.kinds import Kind, title_of
@@ -199,13 +199,16 @@ def off_target_words(mark: Mark, target: Snapped) -> str:
     return f"{distance:.1f} px off {what}"
 
 
-def said_of(compared: ComparedMark, others: int) -> str:
-    """Return what is said of a mark compared with the others of its point, of which there are so many."""
+def said_of(compared: ComparedMark, others: int, is_calibrated: bool = True) -> str:
+    """Return what is said of a mark compared with the others of its point, of which there are so many: beside its
+    distance the one to be expected (RMS), which before calibration has the uncertainty of the cameras in it."""
     many = _NUMBERS[others] if others < len(_NUMBERS) else str(others)
+    when = "" if is_calibrated else " before calibration"
+    expected = f", {compared.expected_px:.1f} px are to be expected{when}"
     if not compared.rejected:
-        return f"{compared.distance_px:.1f} px from the {many} others" if others > 1 else ""
+        return f"{compared.distance_px:.1f} px from the {many} others{expected}" if others > 1 else ""
     who = "the other marks put it" if others < 1 else f"the {many} others put it" if others > 1 else "the other puts it"
-    text = f"{compared.distance_px:.1f} px from where {who}"
+    text = f"{compared.distance_px:.1f} px from where {who}{expected}"
     if compared.fits:
         return f"{text}; it would fit {' or '.join(compared.fits[:2])}"
     return text
@@ -432,7 +435,11 @@ class Views:
         camera, title = _camera(block, photograph), block.photographs[photograph].name
         mark = snapshot.state.marks.get((name, title))
         compared = None if mark is None or assessment is None else self._of_mark(assessment, mark)
-        words = "" if compared is None else said_of(compared, max(_counts(snapshot)[name] - 1, 0))
+        words = (
+            ""
+            if compared is None
+            else said_of(compared, max(_counts(snapshot)[name] - 1, 0), snapshot.basis == ADJUSTED)
+        )
         off_target = None if mark is None or assessment is None else self._off_target(assessment, mark)
         if mark is not None and off_target is not None and not (compared is not None and compared.rejected):
             words = off_target_words(mark, off_target)
