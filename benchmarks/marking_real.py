@@ -213,7 +213,7 @@ def _measured(adjusted: Block, result: Adjustment, patches: PatchReader, picture
     rows["refined"] = f"{len(off)} of {len(found)} ({', '.join(f'{k} {n}' for k, n in kinds.items()) or 'none'})"
     if off:
         rows["refined"] += f", {np.median(off):.2f} px from the mark, at most {max(off):.2f}"
-    proposals = proposed_marks(with_marks(adjusted, np.zeros(len(points.mark_point), dtype=bool)), patches)
+    proposals = proposed_marks(with_marks(adjusted, np.zeros(len(points.mark_point), dtype=bool)), patches).proposals
     numbers = {p.name: i for i, p in enumerate(adjusted.photographs)}
     of_name = {name: g for g, name in enumerate(points.name)}
     near = 0

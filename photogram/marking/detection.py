@@ -23,6 +23,8 @@ class DetectedTargets:
 
     proposals: Mapping[str, int]
     """How many there are, by the names of the points."""
+    words: str
+    """What was found, in a sentence: where there are none, why."""
     table: Path
     """The table of proposals."""
     pictures: Path | None
@@ -63,9 +65,9 @@ def detect_targets(
     survey = open_marking(project, photographs, progress)
     with marking_session(survey, only_looks=True) as (session, patches):
         session.ask_for_better()
-        session.look(progress)
+        words = str(session.look(progress))
         snapshot = session.snapshot()
         folder = survey.journal.parent / CONTACT_SHEETS
         sheets = write_contact_sheets(folder, snapshot.proposals.values(), session.numbers, patches)
         counts = {point: sum(name == point for name, _ in snapshot.proposals) for point in snapshot.roles}
-        return DetectedTargets(counts, session.proposed_in, folder if sheets else None)
+        return DetectedTargets(counts, words, session.proposed_in, folder if sheets else None)

@@ -13,7 +13,7 @@ from photogram.marking.mark_export import export_marks
 from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.patches import PatchReader
 from photogram.marking.page.server import ADDRESS, MarkServer
-from photogram.marking.page.session import MarkingSession, search_result
+from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapper
 from photogram.terminal.console import console, steps
 from photogram.wording import things
@@ -57,6 +57,9 @@ def detect(project: Path, photographs: Path | None) -> None:
         result = detect_targets(project, photographs=photographs, progress=progress)
     for point, count in result.proposals.items():
         console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
+    if not any(result.proposals.values()):
+        console.print(f"{result.words[0].upper()}{result.words[1:]}.", soft_wrap=True, highlight=False)
+        return
     if result.pictures is not None:
         console.print(f"Pictures: {escape(str(result.pictures))}", soft_wrap=True)
     console.print(
@@ -86,8 +89,8 @@ def _warn_of(set_aside: Path | None) -> None:
 def _look(session: MarkingSession) -> None:
     with steps("Targets") as progress:
         session.ask_for_better()
-        count = session.look(progress)
-    console.print(f"{search_result(count).capitalize()}.")
+        found = str(session.look(progress))
+    console.print(f"{found[0].upper()}{found[1:]}.", soft_wrap=True, highlight=False)
 
 
 def _server(session: MarkingSession, patches: PatchReader, title: str, port: int) -> MarkServer:

@@ -19,9 +19,18 @@ from photogram.camera import project_points
 from photogram.errors import AdjustmentError, ImageError, PhotogramError
 from photogram.files.tables.surveyed_points import MarkKey, Proposal
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader
-from photogram.marking.page.proposing import AROUND_PX, Box, SearchState, TargetSearch, merged, proposed_marks
+from photogram.marking.page.proposing import (
+    AROUND_PX,
+    Box,
+    SearchResult,
+    SearchState,
+    TargetSearch,
+    merged,
+    proposed_marks,
+)
 from photogram.marking.page.snapping import LENS_PX
 from photogram.marking.predictions import predicted_places
+from photogram.marking.targets.acceptance import Judgement
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
 from photogram.survey import Block
@@ -41,6 +50,8 @@ PLAN = SurveyPlan(
 )
 RADIUS_PX, FINER = 11.0, 8
 """Of a target; points along the side of a pixel."""
+FAINT = 0.1
+"""Of the contrast, in photographs whose targets are not sure."""
 DISPLACED_PX = (24.0, -18.0)
 """Where a decoy is beside the place of a target that is missing."""
 
@@ -114,7 +125,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
 
 @pytest.fixture(scope="module")
 def proposals(shown: Shown) -> tuple[Proposal, ...]:
-    return proposed_marks(shown.block, shown.patches)
+    return proposed_marks(shown.block, shown.patches).proposals
 
 
 def with_mark(shown: Shown, *places: MarkKey) -> Block:
@@ -165,7 +176,7 @@ def test_nothing_is_proposed_where_a_point_is_marked_or_hidden(shown: Shown) -> 
         frozenset({hidden, *unknown}),
         lambda done, total, _: reported.append((done, total)),
     )
-    assert {proposal.mark.key for proposal in found} == set(shown.places) - {marked, hidden}
+    assert {proposal.mark.key for proposal in found.proposals} == set(shown.places) - {marked, hidden}
     total = reported[-1][1]
     assert reported == [(n + 1, total) for n in range(total)]
     assert total <= len(predicted_places(shown.block).point) - 2
@@ -175,7 +186,40 @@ def test_where_nothing_is_painted_nothing_is_proposed(shown: Shown, tmp_path: Pa
     path = tmp_path / "bare.png"
     Image.new("RGB", (PLAN.width_px, PLAN.height_px), (128, 128, 128)).save(path)
     count = len(shown.block.photographs)
-    assert proposed_marks(shown.block, PatchReader([path] * count, [(PLAN.width_px, PLAN.height_px)] * count)) == ()
+    found = proposed_marks(shown.block, PatchReader([path] * count, [(PLAN.width_px, PLAN.height_px)] * count))
+    assert (found.proposals, found.targets, found.candidates) == ((), 0, ())
+    assert found.photographs == count
+    assert str(found).startswith(f"nothing like a target in the {count} photographs where points may be (their places")
+
+
+def test_a_faint_target_is_a_candidate_and_its_score_stands_beside_the_limit(shown: Shown, tmp_path: Path) -> None:
+    faint = []
+    for number, path in enumerate(shown.patches._paths):
+        with Image.open(path) as picture:
+            grey = np.asarray(picture.convert("L"), np.float64)
+        faint.append(tmp_path / f"{number}.png")
+        dimmed = np.asarray(np.rint(110.0 + FAINT * (grey - 110.0)), np.uint8)
+        Image.fromarray(dimmed).convert("RGB").save(faint[-1])
+    patches = PatchReader(faint, [(PLAN.width_px, PLAN.height_px)] * len(faint))
+    found = proposed_marks(shown.block, patches)
+    patches.close()
+    assert (found.proposals, found.targets) == ((), 0)
+    best = found.candidates[0]
+    assert not any(one.is_target for one in found.candidates)
+    assert f"scores {best.score:.1f}, and {best.limit:.1f} is the limit" in str(found)
+    assert f"the best of {len(found.candidates)} candidates" in str(found)
+
+
+def test_what_a_search_came_to_is_said() -> None:
+    unsure = SearchResult((), 12, 30, (), 510.0)
+    assert str(unsure) == (
+        "no target is surely a point: 30 targets found in the 12 photographs where points may be, but not which is "
+        "which point (their places are known to ± 510 px, and 160 px around each were looked at): mark two points in "
+        "two photographs each, and look again"
+    )
+    odd = SearchResult((), 3, 0, (Judgement(25.0, 24.0, False),), 20.0)
+    assert "scores 25.0, and 24.0 is the limit, but its size, contrast or sharpness is not that" in str(odd)
+    assert "no photograph shows a point that has neither mark" in str(SearchResult((), 0))
 
 
 def test_what_cannot_be_looked_at_is_said(shown: Shown, tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """Targets looked for where points may be: proposals of marks, which count for nothing until a person confirms them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from threading import Lock, Thread
 
@@ -17,8 +17,9 @@ from photogram.marking.files.journal import utc_now
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window
 from photogram.marking.page.snapping import LENS_PX
 from photogram.marking.predictions import PredictedPlaces, predicted_places
+from photogram.marking.targets.acceptance import Judgement
 from photogram.marking.targets.kinds import MeasuredCentre
-from photogram.marking.targets.measurement import propose
+from photogram.marking.targets.measurement import targets_and_candidates
 from photogram.survey import Block
 from photogram.wording import Progress, silent, things
 
@@ -40,14 +41,55 @@ class _Detection:
     pixel: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What a search for targets came to."""
+
+    proposals: tuple[Proposal, ...]
+    """Targets that are taken for points."""
+    photographs: int
+    """Photographs in which points without a mark may lie, and which were looked at."""
+    targets: int = 0
+    """Targets that were found there."""
+    candidates: tuple[Judgement, ...] = ()
+    """What resembles a target there and is none that is sure, the nearest to its limit first."""
+    radius_px: float = 0.0
+    """Median of the radius within which the places of the points are known, px."""
+
+    def __str__(self) -> str:
+        if self.proposals:
+            return f"{things(len(self.proposals), 'target')} found"
+        if not self.photographs:
+            return "no target was looked for: no photograph shows a point that has neither mark nor 'not visible'"
+        where = f"in the {things(self.photographs, 'photograph')} where points may be"
+        known = f"their places are known to ± {self.radius_px:.0f} px"
+        if self.radius_px + AROUND_PX > MOST_PX:
+            known += f", and {MOST_PX} px around each were looked at"
+        if self.targets:
+            return (
+                f"no target is surely a point: {things(self.targets, 'target')} found {where}, but not which is which "
+                f"point ({known}): mark two points in two photographs each, and look again"
+            )
+        if self.candidates:
+            best = self.candidates[0]
+            short = f"scores {best.score:.1f}, and {best.limit:.1f} is the limit"
+            if best.score >= best.limit:
+                short += ", but its size, contrast or sharpness is not that of a target"
+            return (
+                f"no target that is sure {where} ({known}): the best of {things(len(self.candidates), 'candidate')} "
+                f"{short}: mark by hand"
+            )
+        return f"nothing like a target {where} ({known}): mark by hand"
+
+
 def proposed_marks(
     block: Block,
     patches: PatchReader,
     hidden: frozenset[MarkKey] = frozenset(),
     progress: Progress = silent,
-) -> tuple[Proposal, ...]:
+) -> SearchResult:
     """Return a proposal for every target that is taken for a point, where the point has no mark and nobody said that it
-    cannot be seen (``hidden``).
+    cannot be seen (``hidden``), and what else was found.
 
     ``block`` is a ``tagged_block`` or an adjusted one, with the marks that there are. Raises AdjustmentError where it
     is not determined, ImageError where a photograph cannot be read.
@@ -55,9 +97,13 @@ def proposed_marks(
     names = block.photograph_names
     at_point, at_photograph = ({n: k for k, n in enumerate(every)} for every in (block.control_points.name, names))
     unseen = frozenset((at_point[g], at_photograph[i]) for g, i in hidden if g in at_point and i in at_photograph)
-    detections = _detected_targets(block, predicted_places(block), patches, unseen, progress)
+    places = predicted_places(block)
+    boxes = _boxes(block, places, unseen)
+    detections, candidates = _detected_targets(block, boxes, patches, progress)
+    radius_px = float(np.median(places.radius_px)) if len(places.point) else 0.0
+    found = SearchResult((), len(boxes), len(detections), candidates, radius_px)
     if not detections:
-        return ()
+        return found
     targets = DetectedCentres(
         np.array([one.photograph for one in detections], dtype=np.int64),
         np.array([one.pixel for one in detections]),
@@ -65,10 +111,11 @@ def proposed_marks(
     )
     assignment = assigned_targets(block, targets, unseen)
     now = utc_now()
-    return tuple(
+    proposals = tuple(
         _proposal(block.control_points.name[g], names[i], detections[k], now)
         for (g, i), k in sorted(assignment.target.items())
     )
+    return replace(found, proposals=proposals)
 
 
 @dataclass(frozen=True)
@@ -139,14 +186,8 @@ def _proposal(point: str, photograph: str, detection: _Detection, now: str) -> P
     return Proposal(mark, round(float(detection.centre.quality), 4))
 
 
-def _detected_targets(
-    block: Block,
-    places: PredictedPlaces,
-    patches: PatchReader,
-    unseen: frozenset[tuple[int, int]],
-    progress: Progress,
-) -> list[_Detection]:
-    """Return the targets around all places that have no mark, each once."""
+def _boxes(block: Block, places: PredictedPlaces, unseen: frozenset[tuple[int, int]]) -> dict[int, list[Box]]:
+    """Return by photograph the parts around all places that have no mark."""
     points = block.control_points
     marked = set(zip(points.mark_point.tolist(), points.mark_photograph.tolist(), strict=True)) | unseen
     radius = np.minimum(places.radius_px + AROUND_PX, MOST_PX)
@@ -156,27 +197,38 @@ def _detected_targets(
         if (int(places.point[p]), i) not in marked:
             (u, v), half = (round(float(value)) for value in places.pixel[p]), round(float(radius[p]))
             boxes.setdefault(i, []).append((u - half, v - half, u + half + 1, v + half + 1))
+    return boxes
+
+
+def _detected_targets(
+    block: Block, boxes: Mapping[int, list[Box]], patches: PatchReader, progress: Progress
+) -> tuple[list[_Detection], tuple[Judgement, ...]]:
+    """Return the targets in parts of photographs, each once, and what resembles one there."""
     # one photograph is decoded after the other
     wanted = [(i, Window(x, y, r - x, b - y)) for i in sorted(boxes) for x, y, r, b in merged(boxes[i])]
 
-    def look(one: tuple[int, Window]) -> list[_Detection]:
+    def look(one: tuple[int, Window]) -> tuple[list[_Detection], list[Judgement]]:
         i, window = one
         try:
             cut = patches.window(i, window)
         except ControlPointError:
-            return []  # outside the picture
+            return [], []  # outside the picture
         grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(patches.pixels(i, window)), cv2.COLOR_RGB2GRAY), np.uint8)
         focal = block.cameras[block.photographs[i].camera].focal_px
         corner = np.array([cut.left, cut.upper], dtype=np.float64)
-        return [_Detection(i, centre, centre.centre_px + corner) for centre in propose(grey, focal)]
+        targets, candidates = targets_and_candidates(grey, focal)
+        made = [_Detection(i, centre, centre.centre_px + corner) for centre in targets]
+        return made, [candidate.judgement for candidate in candidates]
 
     kept: list[_Detection] = []
+    resembling: list[Judgement] = []
     with ThreadPoolExecutor(2) as pool:
-        for done, ((i, _), several) in enumerate(zip(wanted, pool.map(look, wanted), strict=True), 1):
+        for done, ((i, _), (several, candidates)) in enumerate(zip(wanted, pool.map(look, wanted), strict=True), 1):
             own = [other for other in kept if other.photograph == i]
             kept += [one for one in several if all(np.hypot(*(one.pixel - o.pixel)) >= SAME_PX for o in own)]
+            resembling += candidates
             progress(done, len(wanted), block.photographs[i].name)
-    return kept
+    return kept, tuple(sorted(resembling, key=lambda one: one.limit - one.score))
 
 
 def merged(boxes: Sequence[Box]) -> list[Box]:

@@ -51,11 +51,11 @@ from photogram.marking.page.assessment import (
     isotropic_px,
     marked_block,
 )
-from photogram.marking.page.proposing import SearchState, TargetSearch
+from photogram.marking.page.proposing import SearchResult, SearchState, TargetSearch
 from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
 from photogram.measures.mark_covariances import stated_pairs
 from photogram.survey import Block
-from photogram.wording import Progress, things
+from photogram.wording import Progress
 
 ADJUSTED = "adjustment"
 """What predictions come from where the survey has been adjusted."""
@@ -63,7 +63,7 @@ ADJUSTED = "adjustment"
 PROPOSALS = "proposals.csv"
 """File of the proposals, in the folder of the journal."""
 
-Propose = Callable[[Block, frozenset[MarkKey], Progress], Iterable[Proposal]]
+Propose = Callable[[Block, frozenset[MarkKey], Progress], SearchResult]
 """Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
 
 SAME_PX = 1e-3
@@ -376,22 +376,22 @@ class MarkingSession:
         look."""
         if self._propose is None:
             raise ControlPointError("targets cannot be looked for here: mark the points")
-        if not self._search.begin(lambda progress: search_result(self.look(progress))):
+        if not self._search.begin(lambda progress: str(self.look(progress))):
             raise ControlPointError("targets are being looked for already: wait until that has ended")
 
-    def look(self, progress: Progress) -> int:
-        """Look for targets where points may be, and keep them as proposals; returns how many there are. Raises
+    def look(self, progress: Progress) -> SearchResult:
+        """Look for targets where points may be, keep them as proposals, and return what was found. Raises
         AdjustmentError where nothing says where points may be, ImageError where a photograph cannot be read."""
         if self._propose is None:
-            return 0
+            return SearchResult((), 0)
         with self._changed:
             state = self._state
             known = self._known
             roles = self.roles
         block = marked_block(known, state, roles, self.numbers)
-        proposals = tuple(self._propose(block, state.not_visible, progress))
-        self.set_proposals(proposals)
-        return len(proposals)
+        found = self._propose(block, state.not_visible, progress)
+        self.set_proposals(found.proposals)
+        return found
 
     def set_proposals(self, proposals: Iterable[Proposal]) -> None:
         """Keep proposals, in place of those before, in a file of their own."""
@@ -519,11 +519,6 @@ class MarkingSession:
             return self._snap(self._click(mark.point, self.numbers[mark.photograph], mark.pixel, OFF_TARGET_PX))
         except ImageError:
             return None  # who looks at the photograph gets the error
-
-
-def search_result(count: int) -> str:
-    """Return how a search for targets ended."""
-    return f"{things(count, 'target')} found" if count else "no target found where points may be"
 
 
 def agreeing(snapshot: Snapshot) -> frozenset[MarkKey]:

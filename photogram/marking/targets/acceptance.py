@@ -247,17 +247,57 @@ def _weakest(fit: Fit, sector: IntArray, counted: BoolArray) -> float:
     return weakest
 
 
+@dataclass(frozen=True)
+class Least:
+    """What a target must show at least; of the standard deviation, at most."""
+
+    score: float
+    sharpness: float
+    explained: float = LEAST_EXPLAINED
+    weakest_sector: float = 0.65
+    contrast_over_noise: float = 10.0
+    contrast_over_texture: float = 5.0
+    contrast_over_strongest_blob: float = 4.5
+    width_px: float = 3.5
+    length_px: float = 7.0
+    sigma_px: float = 0.5
+    shape: tuple[float, float] = (0.0, 0.5)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether a pattern that explains its pixels is a target."""
+
+    score: float
+    """Its discriminant."""
+    limit: float
+    """What that must reach."""
+    is_target: bool
+    """Whether it does, and none of the wide limits is broken."""
+
+
 def is_target(fit: Fit, around: Ground, is_expected: bool = True) -> bool:
-    """Return whether a fitted pattern is a target; ``around`` as of evidence. More is asked of one that nobody expects
-    where it is."""
+    """Return whether a fitted pattern is a target, as judged."""
+    judgement = judged(fit, around, is_expected)
+    return judgement is not None and judgement.is_target
+
+
+def judged(fit: Fit, around: Ground, is_expected: bool = True) -> Judgement | None:
+    """Return what is to be thought of a fitted pattern, None where it does not explain its pixels; ``around`` as of
+    evidence. More is asked of one that nobody expects where it is."""
     least = LEAST[fit.pattern]
     if fit.explained_at_best < least.explained:  # as of most, and the rest takes time
-        return False
+        return None
     seen = evidence(fit, around)
     is_small = fit.pattern == Pattern.CIRCLE and seen.width_px < SMALL_PX
+    limit = least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
+    return Judgement(seen.score, limit, seen.score >= limit and _holds(seen, least, fit, around))
+
+
+def _holds(seen: Evidence, least: Least, fit: Fit, around: Ground) -> bool:
+    """Return whether no wide limit is broken."""
     return (
-        seen.score >= least.score + (0.0 if is_expected else UNEXPECTED) + (SMALL if is_small else 0.0)
-        and seen.weakest_sector >= least.weakest_sector
+        seen.weakest_sector >= least.weakest_sector
         and seen.contrast_dn >= LEAST_CONTRAST_DN
         and seen.contrast_over_noise >= least.contrast_over_noise
         and seen.contrast_over_texture >= least.contrast_over_texture
@@ -283,23 +323,6 @@ def _is_seen(fit: Fit, around: Ground) -> bool:
     whole[[CX, CY]] += side // 2 - np.floor(centre)
     there = pixels(fit.pattern, whole, (side, side), fit.reach)
     return there is not None and len(fit.place) >= LEAST_SEEN * len(there)
-
-
-@dataclass(frozen=True)
-class Least:
-    """What a target must show at least; of the standard deviation, at most."""
-
-    score: float
-    sharpness: float
-    explained: float = LEAST_EXPLAINED
-    weakest_sector: float = 0.65
-    contrast_over_noise: float = 10.0
-    contrast_over_texture: float = 5.0
-    contrast_over_strongest_blob: float = 4.5
-    width_px: float = 3.5
-    length_px: float = 7.0
-    sigma_px: float = 0.5
-    shape: tuple[float, float] = (0.0, 0.5)
 
 
 LEAST: dict[Pattern, Least] = {

@@ -1,11 +1,11 @@
 """Measure targets in a patch of a photograph: near a rough place, or wherever there are some."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray, IntArray
-from photogram.marking.targets.acceptance import SADDLES, axes_px, contrast_dn, ground, is_target
+from photogram.marking.targets.acceptance import SADDLES, Judgement, axes_px, contrast_dn, ground, judged
 from photogram.marking.targets.coded import find_coded
 from photogram.marking.targets.cross_initial_values import cross_initial_values
 from photogram.marking.targets.fitting import Fit, fit
@@ -96,26 +96,44 @@ def snap(
     return max(measured, key=lambda pair: pair[0])[1] if measured else None
 
 
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What resembles a target, and is none that is sure."""
+
+    centre_px: FloatArray
+    """Column and row (2,)."""
+    judgement: Judgement
+    """Why it is not."""
+
+
 def propose(grey: GreyPatch, focal_px: float = FOCAL_PX) -> list[MeasuredCentre]:
     """Return all targets in a patch (H, W) of grey values, the most certain first; ``focal_px`` as of snap."""
+    return targets_and_candidates(grey, focal_px)[0]
+
+
+def targets_and_candidates(grey: GreyPatch, focal_px: float = FOCAL_PX) -> tuple[list[MeasuredCentre], list[Candidate]]:
+    """Return all targets in a patch as ``propose``, and what resembles one elsewhere in it, each place once."""
     if grey.ndim != 2 or min(grey.shape) < 9:
-        return []
+        return [], []
     own = grey.astype(np.float64)
     starts = _initial_values(own, 10 + own.size // 2500)
     zero = np.zeros(2, int)
     ranked = [(_coded_gain(c), c) for c in find_coded(grey)]
-    ranked += [
-        (_gain(f), _measured(f, zero, focal_px))
-        for f in _accepted(own, starts, 4 + own.size // 10_000, is_expected=False)
-        if f.pattern != Pattern.OPEN_CROSS
-    ]
+    fits = _judged(own, starts, 4 + own.size // 10_000, is_expected=False)
+    fits = [(f, judgement) for f, judgement in fits if f.pattern != Pattern.OPEN_CROSS]
+    ranked += [(_gain(f), _measured(f, zero, focal_px)) for f, judgement in fits if judgement.is_target]
     ranked.sort(key=lambda pair: -pair[0])
     kept: list[MeasuredCentre] = []
     for _, target in ranked:
         apart = [np.hypot(*(target.centre_px - k.centre_px)) > 0.5 * max(target.size_px, k.size_px) for k in kept]
         if all(apart):
             kept.append(target)
-    return kept
+    candidates: list[Candidate] = []
+    for f, judgement in sorted(fits, key=lambda pair: pair[1].limit - pair[1].score):
+        taken = [*(k.centre_px for k in kept), *(c.centre_px for c in candidates)]
+        if not judgement.is_target and all(_distance(f, place) > 0.5 * axes_px(f)[0] for place in taken):
+            candidates.append(Candidate(f.theta[:2].copy(), judgement))
+    return kept, candidates
 
 
 def _initial_values(
@@ -143,9 +161,14 @@ def _initial_values_near(grey: FloatArray, near: FloatArray, reach_px: float) ->
 
 
 def _accepted(grey: FloatArray, starts: list[InitialValues], most: int, is_expected: bool) -> list[Fit]:
-    """Return the fits that are targets, of starts that differ, the most promising first: at most so many of each
-    pattern, or one that promises much would leave no room for another that is true."""
-    accepted: list[Fit] = []
+    """Return the fits that are targets, as judged."""
+    return [fitted for fitted, judgement in _judged(grey, starts, most, is_expected) if judgement.is_target]
+
+
+def _judged(grey: FloatArray, starts: list[InitialValues], most: int, is_expected: bool) -> list[tuple[Fit, Judgement]]:
+    """Return the fits that explain their pixels, of starts that differ, the most promising first: at most so many of
+    each pattern, or one that promises much would leave no room for another that is true."""
+    found: list[tuple[Fit, Judgement]] = []
     taken: list[InitialValues] = []
     around = ground(grey)
     for start in sorted(starts, key=lambda s: -s.promise):
@@ -156,9 +179,10 @@ def _accepted(grey: FloatArray, starts: list[InitialValues], most: int, is_expec
         fitted = fit(grey, start.pattern, start.theta, start.reach)
         if fitted is None or np.hypot(*(fitted.theta[:2] - start.theta[:2])) > _leash(start):
             continue
-        if is_target(fitted, around, is_expected):
-            accepted.append(fitted)
-    return accepted
+        judgement = judged(fitted, around, is_expected)
+        if judgement is not None:
+            found.append((fitted, judgement))
+    return found
 
 
 def _leash(start: InitialValues) -> float:
