@@ -55,11 +55,11 @@ def detect(project: Path, photographs: Path | None) -> None:
     """Look for targets, and write proposals and a sheet of pictures for each point."""
     with steps("Targets") as progress:
         result = detect_targets(project, photographs=photographs, progress=progress)
-    for point, count in result.proposals.items():
-        console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
     if not any(result.proposals.values()):
         console.print(f"{result.words[0].upper()}{result.words[1:]}.", soft_wrap=True, highlight=False)
         return
+    for point, count in result.proposals.items():
+        console.print(f"{point}: {things(count, 'proposal')}", soft_wrap=True, markup=False, highlight=False)
     if result.pictures is not None:
         console.print(f"Pictures: {escape(str(result.pictures))}", soft_wrap=True)
     console.print(

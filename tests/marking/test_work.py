@@ -1,5 +1,6 @@
-"""The command photogram mark --export: what it says, and which options go together."""
+"""The command photogram mark --export and --detect-only: what it says, and which options go together."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -49,3 +50,17 @@ def test_options_that_contradict_each_other_are_wrong_usage(
     said = photogram("mark", survey / "project.yaml", *options)
     assert said.code == 2
     assert "--export" in said.err
+
+
+def test_detect_only_leaves_the_table_of_marks_byte_for_byte(photogram: Photogram, survey: Path) -> None:
+    table = survey / "marks.csv"
+    table.write_bytes(b"point,photograph,u,v\r\n# my own\r\nG01,sim_0001.JPG,1,2\r\n")
+    os.utime(table, ns=(1_700_000_000_000_000_000,) * 2)
+    before = table.read_bytes(), table.stat().st_mtime_ns, sorted(path.name for path in survey.iterdir())
+    said = photogram("mark", survey, "--detect-only")
+    assert said.code == 0, said.err
+    work = sorted({path.name for path in survey.iterdir()} - set(before[2]))
+    assert work in ([], ["work"])
+    names = sorted(path.name for path in survey.iterdir() if path.name not in work)
+    assert (table.read_bytes(), table.stat().st_mtime_ns, names) == before
+    assert (survey / "work" / "marking" / "proposals.csv").is_file()
