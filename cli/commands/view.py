@@ -7,7 +7,14 @@ import typer
 
 
 def view(
-    results: Annotated[Path, typer.Argument(help="Folder of results, with report.json.", show_default=False)],
+    results: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder of results, or the project or folder of its survey.",
+            default_factory=lambda: Path("."),
+            show_default="the working folder",
+        ),
+    ],
     points: Annotated[
         int,
         typer.Option(min=1000, max=20_000_000, metavar="N", help="Maximum number of points shown (thinned evenly)."),

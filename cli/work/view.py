@@ -6,12 +6,13 @@ from pathlib import Path
 from rich.markup import escape
 
 from photogram.errors import ReportError
-from photogram.pipeline.view import cloud_of, read_pictures, read_results, write_page
+from photogram.pipeline.view import cloud_of, read_pictures, read_results, results_folder, write_page
 from photogram.terminal.console import console, steps
 
 
 def run(results: Path, points: int, cloud: Path | None, photographs: Path | None, show: bool) -> None:
     """Write the page of a folder of results, and open it if asked for."""
+    results = results_folder(results)
     record = read_results(results)
     path = cloud or cloud_of(results)
     with steps("Pictures") as progress:

@@ -30,6 +30,7 @@ from photogram.files.atomic import make_folder, unwritable
 from photogram.files.matlab import read_camera
 from photogram.files.npz_json import fingerprint
 from photogram.machine import cores
+from photogram.pipeline.project_file import project_file
 from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
@@ -56,11 +57,12 @@ STAGES: tuple[Stage, ...] = (*BEFORE_RESULTS, RESULTS)
 
 
 def load_project(path: Path, photographs: Path | None = None) -> Project:
-    """Read and check a project file; ``photographs`` says where the pictures are, in place of the file's own folder.
+    """Read and check a project file, or the project.yaml of a folder; ``photographs`` says where the pictures are, in
+    place of the file's own folder.
 
     Raises ProjectError with every error at once.
     """
-    return read_project(path, photographs, read_matlab_camera=read_camera)
+    return read_project(project_file(path), photographs, read_matlab_camera=read_camera)
 
 
 def stage_named(name: str) -> Stage:

@@ -12,6 +12,7 @@ from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.project_file import PROJECT_FILE, project_file
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
 from photogram.pipeline.store.results_record import recorded
 from photogram.report.reading import read_report
@@ -19,7 +20,6 @@ from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
 from photogram.wording import Progress, silent
 
-PROJECT = "project.yaml"
 CLOUDS = ("dense.laz", "points_adjusted.laz")
 POINTS = 1_500_000
 """As many points are shown at most unless others are asked for."""
@@ -33,6 +33,13 @@ class Pictures:
     notes: tuple[str, ...] = ()
 
 
+def results_folder(given: Path) -> Path:
+    """Return the folder of results that is given, itself or by the project file or the folder of its survey. Raises
+    ProjectError where that project cannot be read."""
+    project = project_file(given)
+    return load_project(project).results if not (given / NUMBERS).is_file() and project.is_file() else given
+
+
 def read_results(folder: Path) -> Report:
     """Return what the page shows of report.json of a folder of results. Raises ReportError where there is none, or it
     is damaged or something else."""
@@ -40,9 +47,7 @@ def read_results(folder: Path) -> Report:
         raise ReportError(f"{folder}: folder not found: give the results folder of a survey")
     path = folder / NUMBERS
     if not path.is_file():
-        below = folder / "results"
-        hint = f"run photogram view {below}" if (below / NUMBERS).is_file() else "run photogram adjust first"
-        raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: {hint}")
+        raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: run photogram adjust first")
     report = read_report(path)
     local = report.get("local_frame")
     if local is not None and not local["scale_known"]:
@@ -65,7 +70,7 @@ def _paths(results: Path, names: list[str], folder: Path | None) -> tuple[Mappin
         if not folder.is_dir():
             raise ReportError(f"{folder}: folder not found: name the folder of the photographs")
         return {name: folder / name for name in names if (folder / name).is_file()}, ()
-    project = results.absolute().parent / PROJECT
+    project = results.absolute().parent / PROJECT_FILE
     if not project.is_file():
         return {}, ()
     try:
@@ -126,13 +131,13 @@ def write_view(
 ) -> Path:
     """Write view.html, a survey's results in 3-D as one page that works offline, beside them; returns its path.
 
-    ``results`` is the folder that holds report.json. At most ``points`` points are shown, evenly thinned, of ``cloud``
-    (LAS or LAZ in the survey's map grid) or else of the densest cloud of the results. ``photographs`` is the folder of
-    the photographs, for small pictures of them, where the project above the results does not say. Raises ReportError
-    where the folder is none of results or holds no cloud, ProjectError where the cloud cannot be read, WorkspaceError
-    where the page cannot be written.
+    ``results`` is the folder that holds report.json, or the project file or folder of the survey. At most ``points``
+    points are shown, evenly thinned, of ``cloud`` (LAS or LAZ in the survey's map grid) or else of the densest cloud
+    of the results. ``photographs`` is the folder of the photographs, for small pictures of them, where the project
+    above the results does not say. Raises ReportError where the folder is none of results or holds no cloud,
+    ProjectError where the cloud or the project cannot be read, WorkspaceError where the page cannot be written.
     """
-    folder = Path(results)
+    folder = results_folder(Path(results))
     report = read_results(folder)
     path = cloud_of(folder) if cloud is None else Path(cloud)
     pictures = read_pictures(folder, report, None if photographs is None else Path(photographs))

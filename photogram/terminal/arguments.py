@@ -1,24 +1,17 @@
 """Arguments and options that several commands share."""
 
-from os.path import isdir  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-PROJECT_FILE = Path("project.yaml")
-"""What a project file is called in a folder that is given in its place, or in the working one."""
-
-
-def _in_folder(given: Path) -> Path:
-    return given / PROJECT_FILE if isdir(given) else given
-
+from photogram.pipeline.project_file import PROJECT_FILE, project_file
 
 ProjectFile = Annotated[
     Path,
     typer.Argument(
         help="Project file, or the folder of a project.yaml.", default_factory=lambda: PROJECT_FILE,
-        show_default="project.yaml", callback=_in_folder,
+        show_default="project.yaml", callback=project_file,
     ),
 ]  # fmt: skip
 Photographs = Annotated[

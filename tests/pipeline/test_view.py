@@ -36,8 +36,8 @@ def test_what_is_missing_is_said(adjusted_survey: Path) -> None:
         "No pictures of photographs",
         "No pictures of photographs: --photographs names their folder",
     ]
-    with pytest.raises(ReportError, match=r"report.json is missing: run photogram view .*results"):
-        write_view(adjusted_survey)
+    with pytest.raises(ReportError, match=r"report.json is missing: run photogram adjust first"):
+        write_view(adjusted_survey / "photographs")
     elsewhere = Path(shutil.copytree(results, adjusted_survey / "copy"))
     for cloud in elsewhere.glob("*.laz"):
         cloud.unlink()
