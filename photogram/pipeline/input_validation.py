@@ -35,7 +35,7 @@ from photogram.project.start import start_findings
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
 from photogram.quality.cloud_comparison import FAR_M
-from photogram.quality.far_references import above, beside, extent_of
+from photogram.quality.far_references import ABOVE_REMEDY, BESIDE_REMEDY, above, beside, extent_of
 from photogram.wording import some
 
 WORTH_TESTING_S = 20.0
@@ -126,16 +126,14 @@ def reference_findings(project: Project, tags: Sequence[PhotographTags | None]) 
         return []
     apart = beside(reference, extent_of(places_m))
     if apart:
-        text, _, remedy = apart.partition(": ")
-        return [Finding("error", where, f"{project.reference} does not overlap the survey; {text}", remedy)]
+        return [Finding("error", where, f"{project.reference} does not overlap the survey; {apart}", BESIDE_REMEDY)]
     if not len(control_m):
         return []
     low, high = reference[:, 2] - extent_of(control_m)[::-1, 2]
     off_m = low if low > 0 else min(high, 0.0)
     if not abs(off_m) > FAR_M:
         return []
-    text, _, remedy = above(off_m).partition(": ")
-    return [Finding("warning", where, f"{project.reference}: {text}", remedy)]
+    return [Finding("warning", where, f"{project.reference}: {above(off_m)}", ABOVE_REMEDY)]
 
 
 @dataclass(frozen=True)

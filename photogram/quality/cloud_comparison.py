@@ -14,7 +14,17 @@ from threadpoolctl import threadpool_limits
 
 from photogram.arrays import BoolArray, FloatArray, nmad
 from photogram.errors import SettingError, SurfaceError
-from photogram.quality.far_references import FAR_SPACINGS, above, beside, extent_of, is_far, spacing_of, thinned
+from photogram.quality.far_references import (
+    ABOVE_REMEDY,
+    BESIDE_REMEDY,
+    FAR_SPACINGS,
+    above,
+    beside,
+    extent_of,
+    is_far,
+    spacing_of,
+    thinned,
+)
 from photogram.survey import PointCloud, Raster
 
 FAR_M = 5.0
@@ -64,7 +74,7 @@ class Comparison:
         scatter by, and what to check."""
         heights = self.cloud_to_surface
         far = is_far(heights.median_m, heights.nmad_m, FAR_M / FAR_SPACINGS)
-        return f"the reference: {above(-heights.median_m)}" if far else ""
+        return f"the reference: {above(-heights.median_m)}: {ABOVE_REMEDY}" if far else ""
 
     def __repr__(self) -> str:
         heights = self.cloud_to_surface
@@ -197,7 +207,7 @@ def compare_to_reference(cloud: PointCloud, reference: Reference, sor: bool = Tr
         raise SurfaceError("comparison: the cloud contains no points")
     apart = beside(_extent(reference), extent_of(cloud.position_map_m))
     if apart:
-        raise SurfaceError(f"comparison: the reference does not overlap the cloud; {apart}")
+        raise SurfaceError(f"comparison: the reference does not overlap the cloud; {apart}: {BESIDE_REMEDY}")
     surface = triangulate(reference) if isinstance(reference, PointCloud) else reference
     keep = sor_filter(cloud.position_map_m) if sor else np.ones(len(cloud), dtype=bool)
     kept = PointCloud(cloud.position_map_m[keep])

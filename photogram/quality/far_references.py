@@ -16,7 +16,8 @@ THINNED = 0.05
 """Side of the cells of which one point is left, in distances: by even ground a distance changes by 0.3 % at most."""
 
 _NAMES = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
-_REMEDY = "check its CRS and unit, the order of its coordinates, and whether a local origin was taken off it"
+BESIDE_REMEDY = "check its CRS and unit, the order of its coordinates, and whether a local origin was taken off it"
+ABOVE_REMEDY = "check its height system (comparison.heights), its unit, and that of the control points"
 
 
 def extent_of(points_map_m: FloatArray) -> FloatArray:
@@ -25,22 +26,18 @@ def extent_of(points_map_m: FloatArray) -> FloatArray:
 
 
 def beside(reference_m: FloatArray, survey_m: FloatArray) -> str:
-    """Return in words how far the extent of a reference (2, 2 or more) lies beside that of a survey in plan, and what
-    to check; empty where they overlap."""
+    """Return in words how far the extent of a reference (2, 2 or more) lies beside that of a survey in plan; empty
+    where they overlap."""
     gap = np.maximum(reference_m[0, :2] - survey_m[1, :2], 0.0) - np.maximum(survey_m[0, :2] - reference_m[1, :2], 0.0)
     if not gap.any():
         return ""
     name = _NAMES[round(float(np.arctan2(*gap)) / (np.pi / 4)) % 8]
-    return f"it lies {np.linalg.norm(gap):.0f} m {name} of the survey: {_REMEDY}"
+    return f"it lies {np.linalg.norm(gap):.0f} m {name} of the survey"
 
 
 def above(height_m: float) -> str:
-    """Return in words that a reference lies so far above the survey, or below where negative, and what to check."""
-    way = "above" if height_m > 0 else "below"
-    return (
-        f"it lies {abs(height_m):.1f} m {way} the survey: check its height system (comparison.heights), its unit, and "
-        "that of the control points"
-    )
+    """Return in words that a reference lies so far above the survey, or below where negative."""
+    return f"it lies {abs(height_m):.1f} m {'above' if height_m > 0 else 'below'} the survey"
 
 
 def is_far(offset_m: float, scatter_m: float, spacing_m: float) -> bool:
