@@ -118,7 +118,7 @@ def _known(survey: Project) -> _Known:
     actions = read_journal(survey.work / FOLDER / JOURNAL)
     state, touched = state_of(actions), touched_keys(actions)
     table = survey.path.parent / MARKS
-    if actions and table.is_file() and table.read_bytes() != text_of_marks(table_of(actions)).encode():
+    if actions and table.is_file() and table.read_bytes() != text_of_marks(table_of(state.marks, actions)).encode():
         notes.append(f"{table} was changed since it was marked: the marks of the journal are exported, not the changes")
     points, bare = _points(survey, state)
     given = [mark for mark in _given_marks(survey) if mark.key not in touched]

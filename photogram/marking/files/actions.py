@@ -239,11 +239,9 @@ def _enter(table: dict[KeyT, ValueT], key: KeyT, value: ValueT | None) -> None:
         table[key] = value
 
 
-def table_of(actions: Iterable[Action]) -> tuple[Mark, ...]:
-    """Return the marks after actions as their table has them: also those of the project that were removed, as such, for
-    a file that holds them would bring them back."""
-    actions = tuple(actions)
-    marks = state_of(actions).marks
+def table_of(marks: Mapping[MarkKey, Mark], actions: Iterable[Action]) -> tuple[Mark, ...]:
+    """Return the ``marks`` after actions as their table has them: also those of the project that were removed, as such,
+    for a file that holds them would bring them back."""
     given = {m.key: m for a in actions if isinstance(a, PlaceMarks) for m in a.marks if m.kind == IMPORTED}
     removed = (replace(mark, kind=REMOVED, is_doubtful=False) for key, mark in given.items() if key not in marks)
     return (*marks.values(), *removed)

@@ -134,7 +134,7 @@ def _set_aside(table: Path, scratch: Path, actions: tuple[Action, ...]) -> Path 
     for former, now in FORMER_KINDS.items():
         present = present.replace(f",{former},".encode(), f",{now},".encode())
     for made in (actions, actions[:-1]):
-        write_marks(own, table_of(made))
+        write_marks(own, table_of(state_of(made).marks, made))
         is_own = own.read_bytes() == present
         own.unlink()
         if is_own:
@@ -453,7 +453,7 @@ class MarkingSession:
 
     def _write(self) -> None:
         if self._table is not None:
-            write_marks(self._table, table_of(self._actions))
+            write_marks(self._table, table_of(self._state.marks, self._actions))
 
     # ---- what follows --------------------------------------------------------------------------------------------
 
