@@ -189,7 +189,9 @@ def test_where_nothing_is_painted_nothing_is_proposed(shown: Shown, tmp_path: Pa
     found = proposed_marks(shown.block, PatchReader([path] * count, [(PLAN.width_px, PLAN.height_px)] * count))
     assert (found.proposals, found.targets, found.candidates) == ((), 0, ())
     assert found.photographs == count
-    assert str(found).startswith(f"nothing like a target in the {count} photographs where points may be (their places")
+    assert str(found).startswith(
+        f"nothing resembles a target in the {count} photographs where points may be (their places"
+    )
 
 
 def test_a_faint_target_is_a_candidate_and_its_score_stands_beside_the_limit(shown: Shown, tmp_path: Path) -> None:
@@ -213,13 +215,13 @@ def test_a_faint_target_is_a_candidate_and_its_score_stands_beside_the_limit(sho
 def test_what_a_search_came_to_is_said() -> None:
     unsure = SearchResult((), 12, 30, (), 510.0)
     assert str(unsure) == (
-        "no target is surely a point: 30 targets found in the 12 photographs where points may be, but not which is "
-        "which point (their places are known to ± 510 px, and 160 px around each were looked at): mark two points in "
-        "two photographs each, and look again"
+        "30 targets found in the 12 photographs where points may be, but none can be assigned to a point (their places "
+        "are known to ± 510 px, and 160 px around each were looked at): mark two points in two photographs each, and "
+        "search again"
     )
     odd = SearchResult((), 3, 0, (Judgement(25.0, 24.0, False),), 20.0)
     assert "scores 25.0, and 24.0 is the limit, but its size, contrast or sharpness is not that" in str(odd)
-    assert "no photograph shows a point that has neither mark" in str(SearchResult((), 0))
+    assert "no search was needed: no point without a mark" in str(SearchResult((), 0))
 
 
 def test_what_cannot_be_looked_at_is_said(shown: Shown, tmp_path: Path) -> None:

@@ -111,11 +111,11 @@ def test_words_of_a_mark() -> None:
         return ComparedMark(0, np.array([6.0, 1.6]), np.eye(2), fits, rejected)
 
     assert said_of(compared(True, "P7"), 4) == (
-        "6.2 px from where the four others put it, 1.4 px are to be expected; it would fit P7"
+        "6.2 px from where the four others put it, 1.4 px expected; it would fit P7"
     )
-    assert said_of(compared(True), 1) == "6.2 px from where the other puts it, 1.4 px are to be expected"
-    assert said_of(compared(False), 12) == "6.2 px from the 12 others, 1.4 px are to be expected"
-    assert said_of(compared(False), 3, is_calibrated=False).endswith("1.4 px are to be expected before calibration")
+    assert said_of(compared(True), 1) == "6.2 px from where the other puts it, 1.4 px expected"
+    assert said_of(compared(False), 12) == "6.2 px from the 12 others, 1.4 px expected"
+    assert said_of(compared(False), 3, is_calibrated=False).endswith("1.4 px expected before calibration")
 
 
 def test_right_marks_are_as_far_from_the_others_as_is_expected_before_calibration(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_right_marks_are_as_far_from_the_others_as_is_expected_before_calibratio
     assert np.median([one.distance_px for one in compared]) > 20.0
     assert 0.7 < np.sqrt(np.mean([(one.distance_px / one.expected_px) ** 2 for one in compared])) < 1.4
     assert not any(photograph["rejected"] for photograph in shown)
-    assert all(p["words"].endswith("px are to be expected before calibration") for p in shown)
+    assert all(p["words"].endswith("px expected before calibration") for p in shown)
 
 
 def test_the_ellipse_fills_a_third_of_a_patch() -> None:

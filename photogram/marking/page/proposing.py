@@ -60,15 +60,15 @@ class SearchResult:
         if self.proposals:
             return f"{things(len(self.proposals), 'target')} found"
         if not self.photographs:
-            return "no target was looked for: no photograph shows a point that has neither mark nor 'not visible'"
+            return "no search was needed: no point without a mark may be seen in any photograph"
         where = f"in the {things(self.photographs, 'photograph')} where points may be"
         known = f"their places are known to ± {self.radius_px:.0f} px"
         if self.radius_px + AROUND_PX > MOST_PX:
             known += f", and {MOST_PX} px around each were looked at"
         if self.targets:
             return (
-                f"no target is surely a point: {things(self.targets, 'target')} found {where}, but not which is which "
-                f"point ({known}): mark two points in two photographs each, and look again"
+                f"{things(self.targets, 'target')} found {where}, but none can be assigned to a point ({known}): mark "
+                "two points in two photographs each, and search again"
             )
         if self.candidates:
             best = self.candidates[0]
@@ -76,10 +76,10 @@ class SearchResult:
             if best.score >= best.limit:
                 short += ", but its size, contrast or sharpness is not that of a target"
             return (
-                f"no target that is sure {where} ({known}): the best of {things(len(self.candidates), 'candidate')} "
+                f"no certain target {where} ({known}): the best of {things(len(self.candidates), 'candidate')} "
                 f"{short}: mark by hand"
             )
-        return f"nothing like a target {where} ({known}): mark by hand"
+        return f"nothing resembles a target {where} ({known}): mark by hand"
 
 
 def proposed_marks(

@@ -204,7 +204,7 @@ def said_of(compared: ComparedMark, others: int, is_calibrated: bool = True) -> 
     distance the one to be expected (RMS), which before calibration has the uncertainty of the cameras in it."""
     many = _NUMBERS[others] if others < len(_NUMBERS) else str(others)
     when = "" if is_calibrated else " before calibration"
-    expected = f", {compared.expected_px:.1f} px are to be expected{when}"
+    expected = f", {compared.expected_px:.1f} px expected{when}"
     if not compared.rejected:
         return f"{compared.distance_px:.1f} px from the {many} others{expected}" if others > 1 else ""
     who = "the other marks put it" if others < 1 else f"the {many} others put it" if others > 1 else "the other puts it"
