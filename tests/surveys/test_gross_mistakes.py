@@ -307,10 +307,11 @@ def test_several_points_with_one_position(tiny: Tiny) -> None:
     found = tiny.findings()
     only(found, "error", "points.csv:2: points G0, G1", "7 points of different names have one position")
     assert not any("height systems" in str(finding) for finding in found)
-    points = POINTS.copy()
-    points[1] = points[0]
-    tiny.table(points)
-    only(tiny.findings(), "warning", "points.csv:2: points G0, G1: 2 points of different names have one position")
+    for others, words in ((1, "points G0, G1: 2 points"), (3, "points G0, G1, G2, G3: 4 points")):
+        points = POINTS.copy()
+        points[1 : 1 + others] = points[0]
+        tiny.table(points)
+        only(tiny.findings(), "warning", f"points.csv:2: {words} of different names have one position")
 
 
 @pytest.mark.parametrize("gnss", [True, False])

@@ -12,7 +12,7 @@ from photogram.project.project import Project
 from photogram.wording import some
 
 FEWEST = 3
-"""Points in one place, or cameras, from which nothing is left that the survey could be placed by."""
+"""Positions that place a survey, and cameras among control points from which these are no ground points."""
 
 SAME_M = 1e-4
 AT_THE_CENTRE = 0.02
@@ -29,7 +29,7 @@ def _where(points: Sequence[ProjectControlPoint]) -> str:
 
 
 def shared_positions(points: Sequence[ProjectControlPoint]) -> list[Finding]:
-    """Return the points that have one position; an error where three or more have."""
+    """Return the points that have one position; an error where three or more have, and fewer than three are left."""
     places: defaultdict[tuple[int, ...], list[ProjectControlPoint]] = defaultdict(list)
     for point in points:
         if np.isfinite(point.position_map_m).all():
@@ -40,7 +40,8 @@ def shared_positions(points: Sequence[ProjectControlPoint]) -> list[Finding]:
             figures = ", ".join(f"{x:.3f}" for x in own[0].position_map_m)
             text = f"{len(own)} points of different names have one position, {figures}"
             remedy = "give each the coordinates of its own, or its marks to one name"
-            findings.append(Finding("error" if len(own) >= FEWEST else "warning", _where(own), text, remedy))
+            is_all = len(own) >= FEWEST > len(places)
+            findings.append(Finding("error" if is_all else "warning", _where(own), text, remedy))
     return findings
 
 
