@@ -9,9 +9,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from photogram.errors import ImageError, ProjectError
+from photogram.errors import ControlPointError, ImageError, ProjectError
 from photogram.files.atomic import replacing
-from photogram.files.marks.formats import read_points
+from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.marks.mark_table import MARKS, has_rows
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
@@ -24,6 +24,7 @@ from photogram.files.photographs.names import (
     unread_pictures,
     without_raw_twins,
 )
+from photogram.files.tables.control_files import PointFile
 from photogram.files.tables.position_files import read_mrk
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
@@ -40,6 +41,7 @@ from photogram.project.draft.draft import (
 )
 from photogram.project.draft.text import project_text
 from photogram.project.findings import Findings
+from photogram.project.mark_entries import of_page
 from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within
@@ -224,11 +226,26 @@ def _relative(path: Path, project: Path) -> str:
     return Path(os.path.relpath(path.absolute(), project.absolute().parent)).as_posix()
 
 
+def _mark_table(file: PointFile, marks: Path | None, project: Path) -> Path | None:
+    """Return the table of the marks of a file of points: the one that is given, where the file has none of its own,
+    else that of the page of `photogram mark`, unless another table is called so that is not about these points."""
+    if marks is not None:
+        return None if file.holds_marks else marks
+    table = project.absolute().parent / MARKS
+    try:
+        made = read_marks(table) if has_rows(table) else ()
+    except ControlPointError:
+        return None  # not a table of marks, and nobody has named it
+    about = {mark.point for mark in made} & {point.name for point in file.points}
+    is_free = of_page(table, made) is not None or (bool(about) and not file.holds_marks)
+    return table if is_free else None
+
+
 def _control_file(
     path: Path, role: Role, marks: Path | None, project: Path, size: tuple[int, int] | None, sigma_m: float | None
 ) -> ControlFile:
     file = read_points(path)
-    table = project.absolute().parent / MARKS if marks is None else marks
+    table = _mark_table(file, marks, project)
     return ControlFile(
         _relative(path, project),
         role,
@@ -237,8 +254,8 @@ def _control_file(
         file.geographic,
         file.holds_marks,
         all(None not in p.sigma_m for p in file.points),
-        None if file.holds_marks and marks is not None else _relative(table, project),
-        marks is None and not has_rows(table),
+        None if table is None else _relative(table, project),
+        marks is None and table is not None and not has_rows(table),
         size,
         None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
     )

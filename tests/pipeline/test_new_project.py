@@ -69,6 +69,27 @@ def test_the_function_writes_what_the_command_writes(survey: Path, control: Path
         assert str(finding).split(":")[0] in outcome.out
 
 
+def test_a_table_called_marks_csv_is_named_where_it_is_about_the_points(survey: Path, control: Path) -> None:
+    """Somebody's own marks.csv beside a gcp_list.txt, or of other points, is none of `photogram mark`."""
+    table, gcp_list = control.with_name("marks.csv"), survey / "gcp_list.txt"
+    name, *position = control.read_text(encoding="utf-8").splitlines()[1].split(",")
+    photograph = table.read_text(encoding="utf-8").splitlines()[1].split(",")[1]
+    gcp_list.write_text(f"EPSG:25832\n{' '.join(position)} 100 100 {photograph} {name}\n", encoding="utf-8")
+
+    def named(points: Path) -> str | None:
+        draft = init(
+            survey / "photographs", control=points, focal_px=600.0, crs="EPSG:25832", control_sigma_m=0.02,
+            heights="ellipsoidal", project=survey / "c.yaml", force=True,
+        ).draft  # fmt: skip
+        return draft.control[0].marks
+
+    assert (named(control), named(gcp_list)) == ("marks.csv", None)
+    table.write_text(f"name,photograph,u,v\nother,{photograph},1,1\n", encoding="utf-8")
+    assert named(control) is None
+    table.unlink()
+    assert (named(control), named(gcp_list)) == ("marks.csv", "marks.csv")
+
+
 def test_focal_lengths_are_given_by_camera_as_to_the_command(survey: Path, photogram: Run) -> None:
     folder, options = survey / "photographs", ("--crs", "EPSG:25832", "--project")
     assert photogram("init", folder, "--focal-px", 600, *options, survey / "a.yaml").code == 0
