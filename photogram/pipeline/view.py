@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from os.path import isdir
+from os.path import isdir, isfile
 from pathlib import Path
 from types import MappingProxyType
 
@@ -37,7 +37,7 @@ def results_folder(given: Path) -> Path:
     """Return the folder of results that is given, itself or by the project file or the folder of its survey. Raises
     ProjectError where that project cannot be read."""
     project = project_file(given)
-    return load_project(project).results if not (given / NUMBERS).is_file() and project.is_file() else given
+    return load_project(project).results if isfile(project) and not isfile(given / NUMBERS) else given
 
 
 def read_results(folder: Path) -> Report:
