@@ -15,6 +15,9 @@ FAR_SPACINGS = 20.0
 THINNED = 0.05
 """Side of the cells of which one point is left, in distances: by even ground a distance changes by 0.3 % at most."""
 
+KILOMETRES_M = 10_000.0
+"""Distance from which one is said in kilometres."""
+
 _NAMES = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 BESIDE_REMEDY = "check its CRS and unit, the order of its coordinates, and whether a local origin was taken off it"
 ABOVE_REMEDY = "check its height system (comparison.heights), its unit, and that of the control points"
@@ -32,7 +35,9 @@ def beside(reference_m: FloatArray, survey_m: FloatArray) -> str:
     if not gap.any():
         return ""
     name = _NAMES[round(float(np.arctan2(*gap)) / (np.pi / 4)) % 8]
-    return f"it lies {np.linalg.norm(gap):.0f} m {name} of the survey"
+    distance_m = float(np.linalg.norm(gap))
+    distance = f"{distance_m:.0f} m" if distance_m < KILOMETRES_M else f"{distance_m / 1000:.0f} km"
+    return f"it lies {distance} {name} of the survey"
 
 
 def above(height_m: float) -> str:

@@ -16,6 +16,7 @@ HERE = np.array([[0.0, 0.0], [100.0, 50.0]])
         ((265.0, 0.0), "it lies 165 m east of the survey"),
         ((-103.0, -54.0), "it lies 5 m south-west of the survey"),
         ((50.0, 4050.0), "it lies 4000 m north of the survey"),
+        ((-412_100.0, 0.0), "it lies 412 km west of the survey"),
     ],
 )
 def test_how_far_a_reference_lies_beside_and_which_way(shift: tuple[float, float], says: str) -> None:

@@ -274,14 +274,17 @@ def test_results_that_may_not_be_written(adjusted_survey: Path, photogram: Run) 
 def test_damaged_reference(adjusted_survey: Path, photogram: Run) -> None:
     path = adjusted_survey / "truth_surface.tif"
     os.truncate(path, 300)
-    check_fault(photogram("adjust", adjusted_survey / "project.yaml", "--until", "comparison"), "truth_surface.tif")
+    outcome = photogram("adjust", adjusted_survey / "project.yaml", "--until", "comparison")
+    assert outcome.code == 1, outcome
+    assert "truth_surface.tif" in outcome.out.replace("\n", "")
+    assert "Nothing was processed" in outcome.out
 
 
 def test_reference_of_another_place(adjusted_survey: Path, photogram: Run, edit: Edit) -> None:
     (adjusted_survey / "elsewhere.txt").write_text("".join(f"{x},{y},{x + y}\n" for x in range(10) for y in range(10)))
     edit(adjusted_survey / "project.yaml", lambda v: v["comparison"].update(reference="elsewhere.txt"))
     outcome = photogram("adjust", adjusted_survey / "project.yaml", "--until", "comparison")
-    check_fault(outcome, "none of the", "same CRS")
+    check_fault(outcome, "does not overlap the cloud; it lies", "km south of the survey: check its CRS")
 
 
 def test_damaged_clouds_of_a_comparison(finished_survey: Path, tmp_path: Path, photogram: Run) -> None:
