@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
+from photogram.measures.collinearity import collinear
 from photogram.measures.vertical import VERTICAL_SIGMA_RAD, turn_sigmas_rad, vertical_near
 from photogram.survey import Block
 
@@ -52,6 +53,8 @@ def rough_place(block: Block) -> RoughPlace | None:
         return None
     poses = [pose for pose in block.poses if pose is not None]
     centre = np.array([pose.position_world_m for pose in poses])
+    if collinear(centre[known]):
+        return None  # however good they are, a turn about their line is open, and is said to be
     sigma_m = np.array([block.photographs[i].gnss_sigma_m for i in known])
     tilt, heading = turn_sigmas_rad(centre[known], sigma_m)
     if not tilt > VERTICAL_SIGMA_RAD:

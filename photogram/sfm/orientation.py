@@ -16,6 +16,7 @@ from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, Similarity
 from photogram.constraints.between_points import gives_scale
 from photogram.errors import OrientationError, PhotogramError
+from photogram.measures.collinearity import collinear
 from photogram.measures.vertical import VERTICAL_SIGMA_RAD, Vertical, structure_up, turn_sigmas_rad
 from photogram.projection import PARAMETER_NAMES
 from photogram.sfm.direct import direct_structure, measured
@@ -26,7 +27,6 @@ from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, resect
 from photogram.sfm.similarity import (
-    collinear,
     common_rotation,
     open_turn_rad,
     robust_similarity,

@@ -21,7 +21,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, image_plane, oriented_cameras, project_points
 from photogram.errors import OrientationError
 from photogram.factors.elimination.reprojection import Observations, linearise
-from photogram.sfm.similarity import collinear
+from photogram.measures.collinearity import collinear
 
 TRIPLES = 400
 REFINEMENTS = 200  # where centre and points are near the dangerous cylinder, steps shrink by a fifth only

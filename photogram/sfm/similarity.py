@@ -10,22 +10,14 @@ import numpy as np
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Similarity
 from photogram.errors import OrientationError
+from photogram.measures.collinearity import COLLINEAR, collinear
 
 TRIPLES = 500
-COLLINEAR = 0.02  # second over first principal extent of points that lie in one line
 AGREEING_SHARE = 0.5  # of all pairs: a similarity with which more agree is accepted
 LIMIT = 4.0  # sigmas, within which a pair agrees
 UNEXPLAINED, NOISE = 0.25, 3.0
 """Squares that it leaves, over those about the mean, and sigmas: a shrunken one agrees with whatever lies close by, but
 where positions scatter by more than the block is wide, by no more than their sigmas."""
-
-
-def collinear(points: FloatArray) -> bool:
-    """Return whether points (N, 3) lie so nearly in one line that they leave a turn about it open, or are too few."""
-    if len(points) < 3:
-        return True
-    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(singular[1] < COLLINEAR * singular[0])
 
 
 def open_turn_rad(source: FloatArray, target: FloatArray, sigma_m: FloatArray) -> float:

@@ -14,10 +14,10 @@ from scipy.stats import chi2
 from photogram.camera import Camera, Pose, image_plane, oriented_by, project_points, rotation_from_gimbal
 from photogram.errors import OrientationError
 from photogram.geodesy.frames import LocalFrame
+from photogram.measures.collinearity import collinear
 from photogram.pipeline.pipeline import load_project
 from photogram.projection import project_point_jacobians
 from photogram.sfm.resection import p3p_poses, refine_pose, resect
-from photogram.sfm.similarity import collinear
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from photogram.camera import Camera, Pose, Similarity, project_points
 from photogram.errors import OrientationError
+from photogram.measures.collinearity import collinear
 from photogram.sfm.similarity import (
-    collinear,
     fit_similarity,
     open_turn_rad,
     robust_similarity,

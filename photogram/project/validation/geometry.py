@@ -11,6 +11,7 @@ from photogram.constraints.between_points import gives_scale
 from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS
+from photogram.measures.collinearity import collinear
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.draft.sites import gap_between_sites_m, group_sites
 from photogram.project.findings import Finding
@@ -27,7 +28,6 @@ from photogram.project.misplaced import other_reading
 from photogram.project.project import Project
 from photogram.project.validation.control_positions import control_position_findings
 from photogram.project.validation.foreign_control import foreign_control
-from photogram.sfm.similarity import collinear
 from photogram.wording import some, things
 
 FAR_FOOTPRINTS = 3.0
