@@ -3,6 +3,7 @@
 import re
 from math import isfinite
 from pathlib import Path
+from typing import NoReturn
 
 from photogram.errors import PhotogramError
 from photogram.files.reading import read_whole
@@ -81,9 +82,10 @@ def text_of(path: Path, error: type[PhotogramError]) -> str:
 
 
 def decoded(path: Path, data: bytes, error: type[PhotogramError]) -> str:
-    """Return the text that the content of a file is. Raises ``error``, with the line, where it is not UTF-8."""
+    """Return the text that the content of a file is: UTF-8, or UTF-16 where it begins with the mark of that. Raises
+    ``error``, with the line, where it is neither."""
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
     except UnicodeDecodeError as cause:
         line = cause.object[: cause.start].count(b"\n") + 1
         raise error(
@@ -99,14 +101,54 @@ def lines_of(
     Those that begin with ``comment`` are passed over. Raises ``error`` where the file cannot be read or is empty, and
     then says what it should be ``holding``.
     """
-    text = text_of(path, error)
-    kept = [
-        (n, line)
-        for n, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
-        if line.strip() and not (comment and line.lstrip().startswith(comment))
-    ]
+    lines = _checked(path, text_of(path, error), error, holding)
+    return [(n, line) for n, line in lines if not (comment and line.lstrip().startswith(comment))] or _empty(
+        path, error, holding
+    )
+
+
+def lines_of_table(path: Path, error: type[PhotogramError], holding: str) -> tuple[list[tuple[int, str]], str]:
+    """Return the lines of a table that say something, with their numbers, and a note where it is in no encoding that
+    can be told: it is read as Windows-1252, as older programs write. Raises ``error`` as ``lines_of`` does."""
+    try:
+        return _checked(path, text_of(path, error), error, holding), ""
+    except error:
+        text = _in_windows_1252(path)
+        if text is None:
+            raise
+    named = next((line for line in text.splitlines() if not line.isascii() and not line.lstrip().startswith("#")), "")
+    note = f"is not UTF-8, and is read as Windows-1252: {shortened(named)!r}" if named else ""
+    return _checked(path, text, error, holding), note
+
+
+def _in_windows_1252(path: Path) -> str | None:
+    """Return the text of a file in Windows-1252, None where it cannot be that: it is missing, is UTF-8, or no text."""
+    try:
+        data = read_whole(path, MOST_BYTES)
+        data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        pass
+    except OSError:
+        return None
+    else:
+        return None
+    try:
+        text = data.decode("cp1252")
+    except UnicodeDecodeError:
+        return None
+    return None if _UNPRINTABLE.search(text) else text
+
+
+def _empty(path: Path, error: type[PhotogramError], holding: str) -> NoReturn:
+    raise error(f"{path}:1: the file is empty: give the file with the {holding}")
+
+
+def _checked(path: Path, text: str, error: type[PhotogramError], holding: str) -> list[tuple[int, str]]:
+    """Return the lines of a text that are not blank, with their numbers. Raises ``error`` where there are none, where
+    one is far too long, or holds what cannot be printed."""
+    kept = [(n, line) for n, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
     if not kept:
-        raise error(f"{path}:1: the file is empty: give the file with the {holding}")
+        _empty(path, error, holding)
     errors = Errors(path, error)
     for number, content in kept:
         if len(content) > LONGEST_LINE:

@@ -9,7 +9,7 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError
-from photogram.files.tables.control_files import Row, rows_of
+from photogram.files.tables.table import Row, read_table
 from photogram.files.text_lines import SIGMA_M, Errors, lines_of
 from photogram.wording import shortened
 
@@ -34,6 +34,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "sigma_height": ("sigma_height", "sigma_h", "sigma_z"),
     "use": ("use",),
 }
+_FORM = "name,longitude,latitude,height,local_easting,local_northing,local_height"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,11 @@ def read_pairs(path: Path) -> PairFile:
     error.
     """
     lines = lines_of(path, ControlPointError, "pairs of geodetic and local coordinates", "#")
-    _, rows, errors = rows_of(path, lines, COLUMNS, ("name", "local_easting", "local_northing"))
-    head = lines[0][0]
-    first = {name: name in (rows[0][1] if rows else {}) for name in COLUMNS}
-    geographic = first["longitude"] and first["latitude"]
-    if rows and geographic == (first["easting"] and first["northing"]):
+    needed = ("name", "local_easting", "local_northing")
+    table = read_table(path, lines, ControlPointError, COLUMNS, needed, form=_FORM)
+    rows, errors, head = list(table.rows), table.errors, table.line
+    geographic = table.has("longitude", "latitude")
+    if rows and geographic == table.has("easting", "northing"):
         both = "both longitude, latitude and easting, northing" if geographic else "no longitude and latitude"
         errors.note(head, f"{both}: name one pair of columns: longitude and latitude, or easting and northing of a map")
         errors.raise_all()

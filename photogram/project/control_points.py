@@ -18,7 +18,7 @@ from photogram.errors import ControlPointError, FrameError
 from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.marks.mark_table import MARKS, has_rows
 from photogram.files.photographs.names import joined_names
-from photogram.files.tables.control_files import PointFile
+from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, SurveyedPoint
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.measures.mark_covariances import covariances_px2

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from photogram.errors import ProjectError
 from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
-from photogram.files.tables.position_tables import COLUMNS, read_positions, write_positions
+from photogram.files.tables.column_names import POSITIONS as COLUMNS
+from photogram.files.tables.position_tables import read_positions, write_positions
 from photogram.gnss import Sigma3, Solution
 from photogram.project.positions.matching import match_rows, sequence_number
 

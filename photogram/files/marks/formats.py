@@ -14,10 +14,10 @@ from photogram.files.marks.mark_table import write_marks
 from photogram.files.marks.metashape import holds_metashape_markers, read_markers, write_markers
 from photogram.files.marks.pix4d import holds_pix4d_marks, read_pix4d_marks, write_pix4d_marks
 from photogram.files.tables import control_files
-from photogram.files.tables.control_files import PointFile
+from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.point_tables import write_point_table
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
-from photogram.files.text_lines import lines_of, text_of
+from photogram.files.text_lines import lines_of_table
 
 MarkFormat = Literal["gcp_list", "metashape", "pix4d", "csv"]
 """What points and marks are written as: OpenDroneMap's gcp_list.txt, Metashape's markers, PIX4D's marks, or the table
@@ -26,16 +26,21 @@ of marks; the last two with a table of the points beside them."""
 MARK_FORMATS: tuple[MarkFormat, ...] = get_args(MarkFormat)
 
 
+def _lines(path: Path) -> list[tuple[int, str]]:
+    return lines_of_table(path, ControlPointError, "points")[0]
+
+
 def _is_xml(path: Path) -> bool:
-    return holds_metashape_markers(text_of(path, ControlPointError)[:200])
+    return holds_metashape_markers(_lines(path)[0][1][:200])
 
 
 def _is_pix4d(path: Path) -> bool:
-    return holds_pix4d_marks(lines_of(path, ControlPointError, "points", "#"))
+    return holds_pix4d_marks([(n, text) for n, text in _lines(path) if not text.lstrip().startswith("#")])
 
 
-def read_points(path: Path) -> PointFile:
+def read_points(path: Path, columns: Sequence[str] | None = None) -> PointFile:
     """Return the ground points of a gcp_list.txt, a table, or Metashape's markers; marks too where the file holds them.
+    ``columns`` name the columns of a table that does not.
 
     Marks of Metashape's markers without coordinates are left out, ``without_position`` names these markers. Raises
     ControlPointError with a line for each error.
@@ -50,7 +55,7 @@ def read_points(path: Path) -> PointFile:
             f"{path}:1: holds PIX4D's marks without coordinates of their points: name it under marks, "
             "and the file with the points under path"
         )
-    return control_files.read_points(path)
+    return control_files.read_points(path, columns)
 
 
 def read_marks(path: Path) -> tuple[Mark, ...]:

@@ -11,8 +11,11 @@ from pathlib import Path
 
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
-from photogram.files.tables.control_files import MARK_COLUMNS, PROPOSED, Row, check_marks, rows_of
+from photogram.files.tables.column_names import MARKS as QUANTITIES
+from photogram.files.tables.control_files import PROPOSED, read_mark_rows
+from photogram.files.tables.point_file import check_marks
 from photogram.files.tables.surveyed_points import Mark, MarkSource, Proposal
+from photogram.files.tables.table import Row
 from photogram.files.text_lines import Errors, lines_of, quoted, text_of
 
 MARKS, PROPOSALS = "marks.csv", "proposals.csv"
@@ -109,11 +112,11 @@ def _mark(row: Row, line: int, errors: Errors) -> Mark | None:
 
 def _read(path: Path, proposed: bool) -> list[tuple[Mark, Row]]:
     lines = lines_of(path, ControlPointError, "marks", "#")
-    known = {**MARK_COLUMNS, **{column: (column,) for column in (*COLUMNS[7:], "score")}}
-    needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))
-    _, rows, errors = rows_of(path, lines, known, needed, proposed=proposed, may_be_empty=True)
+    known = {**QUANTITIES, **{column: (column,) for column in (*COLUMNS[7:], "score")}}
+    table = read_mark_rows(path, lines, known, proposed=proposed, may_be_empty=True)
+    errors = table.errors
     marks = []
-    for line, row in rows:
+    for line, row in table.rows:
         mark = _mark(row, line, errors)
         if mark is not None:
             marks.append((mark, row))

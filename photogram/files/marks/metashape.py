@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
-from photogram.files.tables.control_files import PointFile, check_marks, mark_of
+from photogram.files.tables.point_file import PointFile, check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource, PartialSigma3, SurveyedPoint
 from photogram.files.text_lines import SIGMA_M, Errors, text_of
 from photogram.files.xml_elements import Element, elements_of

@@ -16,7 +16,7 @@ from pathlib import Path
 from photogram.errors import ControlPointError
 from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
-from photogram.files.tables.control_files import check_marks, mark_of
+from photogram.files.tables.point_file import check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource
 from photogram.files.text_lines import NUMBER, Errors, lines_of
 from photogram.wording import shortened, some

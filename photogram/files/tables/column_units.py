@@ -50,6 +50,12 @@ def unit_of(column: str) -> str | None:
     return next((word for word in map(_word, stated) if word in LENGTHS_M or word in OTHERS), None)
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is the name of a unit, alone."""
+    word = _word(text)
+    return word in LENGTHS_M or word in OTHERS
+
+
 def unit_m(text: str) -> float | None:
     """Return a unit of length by its name alone, in metres, None where it is not known."""
     return LENGTHS_M.get(_word(text))

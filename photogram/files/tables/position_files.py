@@ -62,13 +62,21 @@ class PositionRow:
 @dataclass(frozen=True)
 class PositionFile:
     """The positions of one file; ``geographic`` says whether they are longitude and latitude, ``unit_m`` the units of
-    the three coordinates that its columns state, m; None counts as the CRS does."""
+    the three coordinates that its columns state, m; None counts as the CRS does.
+
+    ``crs`` is what the file itself says; ``heights_ellipsoidal`` what it says of its heights, None where it says
+    nothing; ``is_order_open`` where nothing says which of the first two coordinates is the easting; ``notes`` are what
+    is to be said of how it was read."""
 
     path: Path
     format: Format
     geographic: bool
     rows: tuple[PositionRow, ...]
     unit_m: UnitsM = NO_UNITS
+    crs: str | None = None
+    heights_ellipsoidal: bool | None = None
+    is_order_open: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def check_on_globe(row: PositionRow, errors: Errors) -> None:

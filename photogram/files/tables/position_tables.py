@@ -1,19 +1,20 @@
 """Positions of photographs from tables: CSV as PPK programs write it, and RTKLIB's .pos of events.
 
-A table names its columns in its first line; columns that say nothing here are passed over. Accepted names are in
-COLUMNS, without units and in any spelling: ``Sigma Height [m]``, ``sdu(m)``.
+A table names its columns in a line, or the project does; what they may be called stands in ``column_names``.
 """
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 from photogram.arrays import FloatArray
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
-from photogram.files.tables.column_units import length_unit_m, without_unit
+from photogram.files.tables.column_names import POSITIONS
+from photogram.files.tables.crs_lines import crs_of_line, crs_of_remarks, names_crs
+from photogram.files.tables.layout import cells_of, layout_of
 from photogram.files.tables.position_files import (
     HOLDING,
     Format,
@@ -26,134 +27,52 @@ from photogram.files.tables.position_files import (
     gps_time,
     read_mrk,
 )
-from photogram.files.text_lines import Errors, lines_of, quoted
-from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
+from photogram.files.tables.solutions import solution_of
+from photogram.files.tables.table import Row, Table, read_table
+from photogram.files.text_lines import Errors, lines_of, lines_of_table, quoted
+from photogram.gnss import Sigma3, Solution
 from photogram.wording import shortened
 
-Row = Mapping[str, str]
-
-COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "photograph": (
-        "photograph", "photo", "photo_name", "photoname", "image", "image_name", "imagename", "picture", "file",
-        "filename", "file_name", "sourcefile", "name", "label",
-    ),
-    "longitude": ("longitude", "lon", "long", "lng", "gpslongitude", "gps_longitude"),
-    "latitude": ("latitude", "lat", "gpslatitude", "gps_latitude"),
-    "easting": ("easting", "east", "e"),
-    "northing": ("northing", "north", "n"),
-    "x": ("x", "x_longitude", "x_easting", "x_east"),
-    "y": ("y", "y_latitude", "y_northing", "y_north"),
-    "height": (
-        "ellipsoidal_height", "height_ellipsoidal", "ellipsoid_height", "height_ell", "h_ell", "ellh", "hell", "height",
-        "h", "altitude", "alt", "elevation", "z", "z_altitude", "z_height", "gpsaltitude", "gps_altitude", "up",
-    ),
-    "sigma": ("sigma", "accuracy"),
-    "sigma_plan": (
-        "sigma_plan", "sigma_xy", "accuracy_horz", "accuracy_horizontal", "horizontal_accuracy", "horz_accuracy",
-        "accuracy_xy", "xy_accuracy", "h_accuracy", "acc_xy", "std_xy", "hacc", "h_acc", "sigmahoriz", "sigma_horiz",
-        "lateral_rms",
-    ),
-    "sigma_east": (
-        "sigma_east", "sigma_easting", "sigma_e", "sigma_x", "sigma_lon", "sigma_longitude", "sde", "sd_e", "sd_east",
-        "sdeast", "sdlon", "std_e", "std_east", "std_x", "std_lon", "stdlon", "rtkstdlon", "x_acc", "x_accuracy",
-        "x_std", "xstd", "easting_rms", "accuracy_x", "longitude_rms", "stddev_e", "stdev_e", "stddev_east",
-    ),
-    "sigma_north": (
-        "sigma_north", "sigma_northing", "sigma_n", "sigma_y", "sigma_lat", "sigma_latitude", "sdn", "sd_n", "sd_north",
-        "sdnorth", "sdlat", "std_n", "std_north", "std_y", "std_lat", "stdlat", "rtkstdlat", "y_acc", "y_accuracy",
-        "y_std", "ystd", "northing_rms", "accuracy_y", "latitude_rms", "stddev_n", "stdev_n", "stddev_north",
-    ),
-    "sigma_height": (
-        "sigma_height", "sigma_h", "sigma_z", "sigma_u", "sigma_up", "sigma_alt", "sdu", "sd_u", "sd_up", "sdheight",
-        "sd_height", "sdhgt", "std_u", "std_up", "std_z", "std_h", "std_height", "std_hgt", "stdhgt", "rtkstdhgt",
-        "z_acc", "z_accuracy", "z_std", "zstd", "elevation_rms", "height_rms", "ellipsoidal_height_rms",
-        "accuracy_z", "accuracy_vert", "accuracy_vertical", "vertical_accuracy", "vert_accuracy", "v_accuracy",
-        "vacc", "v_acc", "sigmavert", "sigma_vert", "stddev_u", "stdev_u", "stddev_up",
-    ),
-    "solution": (
-        "solution", "solution_status", "solution_type", "q", "quality", "quality_flag", "fix", "fix_type",
-        "fix_status", "status", "ambiguity_status", "gnss_status", "rtk_flag", "rtkflag", "flag",
-    ),
-    "yaw": ("yaw", "heading", "flight_yaw", "flightyawdegree"),
-    "pitch": ("pitch", "flight_pitch", "flightpitchdegree"),
-    "roll": ("roll", "flight_roll", "flightrolldegree"),
-    "time": ("gps_time", "gpst", "gpstime", "gps_date_time", "time_gps"),
-}  # fmt: skip
-
-_RTKLIB_Q: Mapping[int, Solution] = {
-    1: "fix", 2: "float", 3: "single", 4: "single", 5: "single", 6: "float",
-}  # fmt: skip
-"""RTKLIB's Q (manual 2.4.2, B.1): fix, float, SBAS, DGPS, single, PPP, which converges like a float."""
-
-_WORDS: tuple[tuple[str, Solution], ...] = (
-    ("fix", "fix"), ("float", "float"), ("single", "single"), ("auto", "single"), ("dgps", "single"),
-    ("dgnss", "single"), ("sbas", "single"), ("ppp", "float"),
+_ODM_COLUMNS = (
+    "image_name", "geo_x", "geo_y", "geo_z", "yaw", "pitch", "roll", "accuracy_horizontal", "accuracy_vertical",
 )  # fmt: skip
-_UNFIXED = ("no fix", "nofix", "not fixed", "unfixed", "none")
+"""Of OpenDroneMap's geo.txt, which names none."""
+
+_FORM = "photograph,easting,northing,height"
+
 _TIME = re.compile(r"(\d{4})[-/](\d\d)[-/](\d\d)[T ]+(\d\d):(\d\d):(\d\d(?:\.\d+)?)Z?")
 
 
-def _plain(column: str) -> str:
-    """Return a column's name without its unit and in one spelling: ``Sigma Height [m]`` is sigma_height."""
-    words = without_unit(column).lstrip("#%").strip().lower()
-    return re.sub(r"[\s./-]+", "_", words).strip("_")
-
-
-def _columns(header: Sequence[str], line: int, errors: Errors) -> dict[str, int]:
-    """Return where each meaning stands; of several columns the one whose name comes first in COLUMNS counts."""
-    names = [_plain(column) for column in header]
-    places: dict[str, int] = {}
-    for meaning, known in COLUMNS.items():
-        there = [name for name in known if name in names]
-        if there:
-            places[meaning] = names.index(there[0])
-            if names.count(there[0]) > 1:
-                errors.note(line, f"the column {there[0]!r} is there twice: keep one of the two")
-    return places
-
-
-def _plan(places: Mapping[str, int], line: int, errors: Errors) -> tuple[str, str, bool | None]:
+def _plan(table: Table) -> tuple[str, str, bool | None]:
     """Return the two columns of the plan position, and whether they are degrees, None where only the figures tell."""
     for first, second, geographic in (
         ("longitude", "latitude", True), ("easting", "northing", False), ("x", "y", None),
     ):  # fmt: skip
-        if first in places and second in places:
+        if table.has(first, second):
             return first, second, geographic
-    errors.note(
-        line,
-        "no columns for the position: the first line must name them, longitude and latitude, or easting and northing",
-    )
+    words = "longitude and latitude, or easting and northing"
+    table.errors.note(table.line, f"no columns for the position: the first line must name them, {words}")
     return "", "", None
 
 
 def _solution(text: str, line: int, errors: Errors) -> Solution:
-    """Return the solution of RTKLIB's Q, of DJI's RtkFlag, or of words such as FIX and "float"."""
-    word = text.strip().lower()
-    if not word:
-        return "unknown"
-    if word.isdecimal() and len(word) < 10:
-        number = int(word)
-        return _RTKLIB_Q.get(number) or solution_of_rtk_flag(number)
-    if any(unfixed in word for unfixed in _UNFIXED):
-        return "single"
-    for part, solution in _WORDS:
-        if part in word:
-            return solution
-    errors.note(
-        line,
-        f"the solution {shortened(text)!r} is not known: write fix, float or single, RTKLIB's Q (1 fix, 2 float, 5 "
-        "single) or DJI's RtkFlag (50, 34, 16)",
-    )
-    return "unknown"
+    solution = solution_of(text)
+    if solution is None:
+        errors.note(
+            line,
+            f"the solution {shortened(text)!r} is not known: write fix, float or single, RTKLIB's Q (1 fix, 2 float, 5 "
+            "single) or DJI's RtkFlag (50, 34, 16)",
+        )
+    return solution or "unknown"
 
 
-def _sigma(row: Row, line: int, errors: Errors, units_m: Mapping[str, float]) -> Sigma3 | None:
+def _sigma(row: Row, line: int, errors: Errors, table: Table) -> Sigma3 | None:
     """Return the sigma of each axis, m: its own column, else that of the plan, else the one of all axes."""
     stated: dict[str, float] = {}
     for column in ("sigma", "sigma_plan", "sigma_east", "sigma_north", "sigma_height"):
         text = row.get(column, "")
         value = errors.number(text, column, line) if text else None
-        value = value if value is None else value * units_m.get(column, 1.0)
+        value = value if value is None else value * (table.unit_m(column) or 1.0)
         if value is not None and value < 0.0:
             errors.note(line, f"{column} must not be below 0, found {text}: give the standard deviation in metres")
         elif value is not None:
@@ -190,17 +109,14 @@ def _time(text: str) -> datetime | None:
         return None
 
 
-def _rows(
-    table: Sequence[tuple[int, Row]],
-    plan: tuple[str, str],
-    errors: Errors,
-    gps_times: Mapping[int, datetime],
-    units_m: Mapping[str, float],
-) -> list[PositionRow]:
-    rows = []
-    for line, row in table:
-        position = _triple(row, (*plan, "height"), line, errors)
-        sigma, solution = _sigma(row, line, errors, units_m), _solution(row.get("solution", ""), line, errors)
+def _rows(table: Table, quantities: Sequence[str], gps_times: Mapping[int, datetime]) -> list[PositionRow]:
+    rows, errors, is_named = [], table.errors, table.has("photograph")
+    for line, row in table.rows:
+        if is_named and not row["photograph"]:
+            errors.note(line, "has no photograph: give its file name")
+        errors.name(row.get("photograph", ""), "the photograph", line)
+        position = _triple(row, quantities, line, errors)
+        sigma, solution = _sigma(row, line, errors, table), _solution(row.get("solution", ""), line, errors)
         attitude = _attitude(row, line, errors)
         if position is not None:
             time = gps_times.get(line) or _time(row.get("time", ""))
@@ -210,62 +126,55 @@ def _rows(
     return rows
 
 
-def _file(
-    path: Path,
-    kind: Format,
-    header: tuple[int, Sequence[str]],
-    lines: Sequence[tuple[int, Sequence[str]]],
-    gps_times: Mapping[int, datetime],
-) -> PositionFile:
-    """Return the positions of a table that has been taken to pieces. Raises ProjectError with every error."""
-    errors = Errors(path, ProjectError)
-    number, names = header
-    places = _columns(names, number, errors)
-    first, second, geographic = _plan(places, number, errors)
-    for meaning in ("height", *(() if kind == "pos" else ("photograph",))):
-        if meaning not in places:
-            words = ", ".join(COLUMNS[meaning][:8])
-            errors.note(number, f"no column for {meaning}: the first line must name the columns, this one as {words}")
-    # Without its columns no row means anything.
-    errors.raise_all()
-    table = []
-    for line, fields in lines:
-        if any(fields[len(names) :]):
-            errors.note(line, f"{len(fields)} fields, but the first line names {len(names)}: check separators, quotes")
-        elif any(fields):
-            cells = {meaning: fields[i] if i < len(fields) else "" for meaning, i in places.items()}
-            table.append((line, cells))
-            if "photograph" in places and not cells["photograph"]:
-                errors.note(line, "has no photograph: give its file name")
-            errors.name(cells.get("photograph", ""), "the photograph", line)
-    if not lines:
-        errors.note(number, "no rows after the first line")
-    units_m = {meaning: unit for meaning, i in places.items() if (unit := length_unit_m(names[i])) is not None}
-    rows = _rows(table, (first, second), errors, gps_times, units_m)
+def _file(table: Table, kind: Format, gps_times: Mapping[int, datetime]) -> PositionFile:
+    """Return the positions of a table. Raises ProjectError with every error."""
+    errors = table.errors
+    first, second, geographic = _plan(table)
+    height = next((quantity for quantity in ("ellipsoidal_height", "height") if table.has(quantity)), "")
+    missing = [] if height else ["height"]
+    missing += ["photograph"] if kind == "csv" and not table.has("photograph") else []
+    for quantity in missing:
+        words = ", ".join(POSITIONS[quantity][:8])
+        errors.note(table.line, f"no column for {quantity}: the first line must name the columns, this one as {words}")
+    if missing or not first:
+        # Without its columns no row means anything.
+        errors.raise_all()
+    quantities = (first, second, height)
+    rows = _rows(table, quantities, gps_times)
+    is_order_open = geographic is None
     if geographic is None:
-        geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 90.0 for r in rows)
+        geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 180.0 for r in rows)
     if geographic:
         for row in rows:
             check_on_globe(row, errors)
     errors.raise_all()
-    unit_m = units_m.get(first), units_m.get(second), units_m.get("height")
-    return PositionFile(path, kind, geographic, tuple(rows), unit_m)
+    return PositionFile(
+        table.path,
+        kind,
+        geographic,
+        tuple(rows),
+        table.units_m(quantities),
+        crs_of_remarks(table.remarks),
+        True if height == "ellipsoidal_height" and kind == "csv" else None,
+        is_order_open,
+        table.notes,
+    )
 
 
-def read_table(path: Path) -> PositionFile:
-    """Read a table with a header, columns separated by commas, semicolons or tabs. Raises ProjectError with every
-    error."""
-    lines = lines_of(path, ProjectError, HOLDING)
-    while len(lines) > 1 and lines[0][1].lstrip().startswith("#") and not re.search(r"[,;\t]", lines[0][1]):
-        lines = lines[1:]  # a remark above the header
-    separator = next((s for s in (";", "\t", ",") if s in lines[0][1]), ",")
-    split = []
-    for line, text in lines:
-        try:
-            split.append((line, [f.strip() for f in next(csv.reader([text], delimiter=separator))]))
-        except csv.Error as error:
-            raise ProjectError(f"{path}:{line}: is not a table row ({error}): check separators and quotes") from error
-    return _file(path, "csv", split[0], [row for row in split[1:] if not row[1][0].startswith("#")], {})
+def read_positions_table(path: Path, columns: Sequence[str] | None = None) -> PositionFile:
+    """Read a table of positions, or OpenDroneMap's geo.txt; ``columns`` name the columns of a table that does not.
+    Raises ProjectError with every error."""
+    lines, note = lines_of_table(path, ProjectError, HOLDING)
+    said = [(n, text) for n, text in lines if not text.lstrip().startswith("#")]
+    crs = crs_of_line(said[0][1].strip()) if len(said) > 1 and names_crs(said[0][1]) else None
+    if crs is not None:
+        lines = said[1:]
+        layout = layout_of(lines, POSITIONS)
+        if columns is None and not layout.names:
+            columns = _ODM_COLUMNS[: max(len(cells_of(text, layout.separator)) for _, text in layout.body)]
+    table = read_table(path, lines, ProjectError, POSITIONS, (), columns=columns, form=_FORM, strict=False)
+    file = _file(table, "csv", {})
+    return replace(file, crs=crs or file.crs, notes=(*([note] if note else []), *file.notes))
 
 
 def read_pos(path: Path) -> PositionFile:
@@ -281,7 +190,7 @@ def read_pos(path: Path) -> PositionFile:
             f"{path}:{lines[0][0]}: no header line with latitude(deg) longitude(deg) height(m): choose "
             "latitude, longitude and height in decimal degrees as RTKLIB's output"
         )
-    number, header = headers[-1]
+    header = headers[-1][1]
     names = re.split(r"[\s,;]+", header.lstrip("% \t").strip())
     names[:1] = ["date", "clock"]
     split = [(n, [f for f in re.split(r"[\s,;]+", text.strip()) if f]) for n, text in body]
@@ -295,7 +204,9 @@ def read_pos(path: Path) -> PositionFile:
             text = shortened(" ".join(fields[:2]))
             errors.note(n, f"{text!r} is not a time: expected date and clock, or GPS week and seconds")
     errors.raise_all()
-    return _file(path, "pos", (number, names), split, times)
+    rows = [(n, "\t".join(fields)) for n, fields in split]
+    table = read_table(path, rows, ProjectError, POSITIONS, (), columns=names, strict=False)
+    return _file(table, "pos", times)
 
 
 def _pos_time(fields: Sequence[str]) -> datetime | None:
@@ -310,9 +221,13 @@ def _pos_time(fields: Sequence[str]) -> datetime | None:
     return _time(f"{fields[0]} {fields[1]}")
 
 
-def read_positions(path: Path, kind: Format | None = None) -> PositionFile:
-    """Read a file of positions, its format told by ``kind`` or by its name. Raises ProjectError with every error."""
-    return {"mrk": read_mrk, "pos": read_pos, "csv": read_table}[kind or format_of(path)](path)
+def read_positions(path: Path, kind: Format | None = None, columns: Sequence[str] | None = None) -> PositionFile:
+    """Read a file of positions, its format told by ``kind`` or by its name; ``columns`` name those of a table that does
+    not. Raises ProjectError with every error."""
+    form = kind or format_of(path)
+    if form == "csv":
+        return read_positions_table(path, columns)
+    return read_mrk(path) if form == "mrk" else read_pos(path)
 
 
 # ---- writing ---------------------------------------------------------------------------------------------------------

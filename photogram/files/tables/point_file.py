@@ -1,0 +1,70 @@
+"""What a file of ground points holds, whatever its form, and marks as they are read from one."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from photogram.errors import ControlPointError
+from photogram.files.tables.column_units import NO_UNITS, UnitsM
+from photogram.files.tables.surveyed_points import IMPORTED, Mark, MarkSource, Position, SurveyedPoint
+from photogram.files.text_lines import Errors
+from photogram.gnss import Solution
+
+
+@dataclass(frozen=True)
+class PointFile:
+    """The points of one file, and the marks where it holds them too.
+
+    ``crs`` is what the file itself says; ``geographic`` whether its columns are called longitude and latitude (True),
+    easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt and of Metashape's markers.
+    ``unit_m`` are the units of the three coordinates that its columns state, m; None counts as the CRS does.
+    ``without_position`` names points whose marks are left out because the file has no coordinates of them.
+    ``geodetic`` are longitude, latitude and ellipsoidal height of the same points where the file has these beside
+    easting and northing, None otherwise; ``cs_name`` is what it calls the system of the latter. ``heights_ellipsoidal``
+    is what it says of its heights, None where it says nothing. ``is_order_open`` where nothing says which of the first
+    two coordinates is the easting. ``unfixed`` are points whose GNSS solution has no fixed ambiguities. ``notes`` are what is to be said of how it was read.
+    """
+
+    path: Path
+    crs: str | None
+    geographic: bool | None
+    holds_marks: bool
+    points: tuple[SurveyedPoint, ...]
+    marks: tuple[Mark, ...]
+    format: Literal["gcp_list", "table", "metashape"] = "table"
+    without_position: tuple[str, ...] = ()
+    unit_m: UnitsM = NO_UNITS
+    geodetic: tuple[Position, ...] | None = None
+    cs_name: str = ""
+    heights_ellipsoidal: bool | None = None
+    is_order_open: bool = False
+    unfixed: tuple[tuple[str, Solution], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def mark_of(
+    place: tuple[str, str],
+    pixel: tuple[float, float],
+    source: MarkSource,
+    errors: Errors,
+    sigma_px: tuple[float, float] | None = None,
+    rho: float = 0.0,
+    kind: str = IMPORTED,
+) -> Mark | None:
+    """Return the mark of a point in a photograph, None with an error noted where it is none."""
+    try:
+        return Mark(*place, pixel, sigma_px, rho, kind, source=source)
+    except ControlPointError as error:
+        errors.note(source.line, str(error))
+        return None
+
+
+def check_marks(marks: Iterable[Mark], errors: Errors) -> None:
+    """Note every second mark of a point in a photograph."""
+    first: dict[tuple[str, str], int] = {}
+    for mark in marks:
+        line = mark.source.line
+        if (before := first.setdefault(mark.key, line)) != line:
+            text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
+            errors.note(line, f"{text}: write their folders if two photographs are called so, else remove one of the marks")
