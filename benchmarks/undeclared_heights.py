@@ -24,7 +24,7 @@ from lib import study
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.errors import PhotogramError
-from photogram.project.control_points import ProjectControlPoint
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.project import SECTIONS, Project, ProjectPhotograph
 from photogram.project.validation.undeclared_heights import with_undeclared_heights
 from photogram.results import Adjustment

@@ -1,6 +1,8 @@
 """Text that people write: its lines with their numbers, and every error in them at once."""
 
 import re
+from dataclasses import dataclass
+from itertools import islice
 from math import isfinite
 from pathlib import Path
 from typing import NoReturn
@@ -27,8 +29,17 @@ SIGMA_PX = (1e-4, 1e3)
 MARK_KIND = re.compile(r"[a-z][a-z0-9_-]{0,39}")
 """How a mark was measured, a word."""
 
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _QUOTED = frozenset(',;"\t#')
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+@dataclass(frozen=True)
+class Note:
+    """What is to be said of how a file was read, and what to do where that is wrong."""
+
+    text: str
+    remedy: str
 
 
 class Errors:
@@ -85,7 +96,7 @@ def decoded(path: Path, data: bytes, error: type[PhotogramError]) -> str:
     """Return the text that the content of a file is: UTF-8, or UTF-16 where it begins with the mark of that. Raises
     ``error``, with the line, where it is neither."""
     try:
-        return data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
+        return data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError as cause:
         line = cause.object[: cause.start].count(b"\n") + 1
         raise error(
@@ -107,36 +118,45 @@ def lines_of(
     )
 
 
-def lines_of_table(path: Path, error: type[PhotogramError], holding: str) -> tuple[list[tuple[int, str]], str]:
-    """Return the lines of a table that say something, with their numbers, and a note where it is in no encoding that
-    can be told: it is read as Windows-1252, as older programs write. Raises ``error`` as ``lines_of`` does."""
+def table_text_of(path: Path, error: type[PhotogramError]) -> str:
+    """Return the text of a table, in Windows-1252 where it is in no encoding that can be told. Raises ``error`` as
+    ``text_of`` does."""
     try:
-        return _checked(path, text_of(path, error), error, holding), ""
+        return text_of(path, error)
     except error:
         text = _in_windows_1252(path)
         if text is None:
             raise
-    named = next((line for line in text.splitlines() if not line.isascii() and not line.lstrip().startswith("#")), "")
-    note = f"is not UTF-8, and is read as Windows-1252: {shortened(named)!r}" if named else ""
-    return _checked(path, text, error, holding), note
+        return text
+
+
+def lines_of_table(
+    path: Path, error: type[PhotogramError], holding: str
+) -> tuple[list[tuple[int, str]], tuple[Note, ...]]:
+    """Return the lines of a table that say something, with their numbers, and a note where it is in no encoding that
+    can be told: it is read as Windows-1252, as older programs write. Raises ``error`` as ``lines_of`` does."""
+    lines = _checked(path, table_text_of(path, error), error, holding)
+    if _in_windows_1252(path) is None:
+        return lines, ()
+    said = (line for _, line in lines if not line.isascii() and not line.lstrip().startswith("#"))
+    return lines, tuple(
+        Note(f"read as Windows-1252: {shortened(line)!r}", "save it as text in UTF-8 if this is not what it says")
+        for line in islice(said, 1)
+    )
 
 
 def _in_windows_1252(path: Path) -> str | None:
-    """Return the text of a file in Windows-1252, None where it cannot be that: it is missing, is UTF-8, or no text."""
+    """Return the text of a file in Windows-1252, None where it cannot be read or is UTF-8, UTF-16 or no text."""
     try:
         data = read_whole(path, MOST_BYTES)
-        data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        pass
     except OSError:
         return None
-    else:
-        return None
     try:
-        text = data.decode("cp1252")
+        data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
-        return None
-    return None if _UNPRINTABLE.search(text) else text
+        text = data.decode("cp1252", errors="replace")
+        return None if "\ufffd" in text or _UNPRINTABLE.search(text) else text
+    return None
 
 
 def _empty(path: Path, error: type[PhotogramError], holding: str) -> NoReturn:

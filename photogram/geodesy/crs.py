@@ -561,7 +561,10 @@ def datum_change(source: str, target: str, place_deg: tuple[float, float], grid:
         transformer = Transformer.from_crs(plan, flat_crs(any_crs(target)), always_xy=True)
         place = Transformer.from_crs(WGS84, plan, always_xy=True).transform(*place_deg)
         transformer.transform(*place)
-        last = transformer.get_last_used_operation()
+        try:
+            last = transformer.get_last_used_operation()
+        except ProjError:
+            last = transformer  # PROJ has nothing to do between two names of one system, and then no last operation
         name, accuracy_m, text = str(last.description), _stated_m(last.accuracy), str(last.definition)
     lacking = [o for o in group.unavailable_operations if _stated_m(o.accuracy) is not None and o.grids]
     best = min(lacking, key=lambda o: float(o.accuracy), default=None)

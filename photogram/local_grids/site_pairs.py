@@ -69,6 +69,8 @@ def read_pairs(path: Path) -> PairFile:
     needed = ("name", "local_easting", "local_northing")
     table = read_table(path, lines, ControlPointError, COLUMNS, needed, form=_FORM)
     rows, errors, head = list(table.rows), table.errors, table.line
+    for name in table.unknown:
+        errors.note(head, f"unknown column {shortened(name)!r}: rename or remove it")
     geographic = table.has("longitude", "latitude")
     if rows and geographic == table.has("easting", "northing"):
         both = "both longitude, latitude and easting, northing" if geographic else "no longitude and latitude"

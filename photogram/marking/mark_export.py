@@ -19,8 +19,8 @@ from photogram.marking.files.journal import read_journal
 from photogram.marking.marking_survey import FOLDER, JOURNAL
 from photogram.measures.mark_covariances import stated_pairs
 from photogram.pipeline.pipeline import load_project
-from photogram.project.control_points import ProjectControlPoint
-from photogram.project.mark_entries import mark_entries
+from photogram.project.control.mark_entries import mark_entries
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.project import Project
 from photogram.survey import Role, Roles
 from photogram.wording import some, things

@@ -17,7 +17,7 @@ from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.photographs import find_stretches, leave_out
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.run import Run
-from photogram.project.mark_entries import lines_to_add
+from photogram.project.control.mark_entries import lines_to_add
 from photogram.project.measured.measured_block import PhotographNote, block_of, measured_photographs, photograph_note
 from photogram.project.measured.measured_positions import measured_position
 from photogram.project.project import Project, ProjectPhotograph

@@ -24,11 +24,12 @@ from photogram.files.photographs.names import (
     unread_pictures,
     without_raw_twins,
 )
-from photogram.files.tables.control_files import PointFile
+from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.position_files import read_mrk
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
+from photogram.project.control.mark_entries import of_page
 from photogram.project.draft.draft import (
     ControlFile,
     DraftMasks,
@@ -41,7 +42,6 @@ from photogram.project.draft.draft import (
 )
 from photogram.project.draft.text import project_text
 from photogram.project.findings import Findings
-from photogram.project.mark_entries import of_page
 from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within

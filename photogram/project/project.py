@@ -26,8 +26,9 @@ from photogram.geodesy.frames import LocalFrame, WorldKind
 from photogram.geodesy.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.project.constraints import constraints_of, controlling_points
-from photogram.project.control_points import ProjectControlPoint, read_point_files
+from photogram.project.control.points import ProjectControlPoint, read_point_files
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
+from photogram.project.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.document import Document, Key, given, read_entry, read_settings
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
@@ -39,7 +40,6 @@ from photogram.project.masks import (
     masks_of_photographs,
     project_masks,
 )
-from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of
 from photogram.project.schema import (

@@ -51,6 +51,8 @@ Whose = Literal["theirs", "own"]
 AutomaticMask = Literal["sky", "water"]
 ExposureGrouping = Literal["capture", "name", "time"]
 
+COLUMNS = "What its columns are, where it does not name them, such as [name, northing, easting, height, code]."
+_FEWEST_COLUMNS = 4
 SIGMA_ASSUMED = "Whether nobody has stated it: it is estimated."
 _ROLES: tuple[Role, ...] = ("control", "check")
 
@@ -117,6 +119,13 @@ def _two_names(of: str) -> PlainValidator:
     return _read_by(read, {**_TWO, "items": _TEXT})
 
 
+def _columns(value: object) -> tuple[str, ...]:
+    """Validate the names of a table's columns."""
+    if not isinstance(value, list) or len(value) < _FEWEST_COLUMNS:
+        raise ValueError(f"needs a name for each column, [name, easting, northing, height], found {described(value)}")
+    return tuple(map(_text, value))
+
+
 def _freedom(value: object) -> float:
     if value == "free":
         return math.inf
@@ -156,6 +165,7 @@ _ROLE = {"enum": [*_ROLES]}
 _TWO = {"type": "array", "minItems": 2, "maxItems": 2}
 
 Text = Annotated[str, _read_by(_text, _TEXT)]
+Columns = Annotated[tuple[str, ...], _read_by(_columns, {"type": "array", "items": _TEXT, "minItems": _FEWEST_COLUMNS})]
 Freedom = Annotated[
     float,
     _read_by(_freedom, {"anyOf": [{"const": "free"}, {"type": "number", **replace(FREEDOM, or_zero=True).limits}]}),
@@ -268,6 +278,7 @@ class PositionFileEntry(Entry):
 
     path: Annotated[Text | None, Required("the file with the positions, relative to this file")] = None
     format: Annotated[Format | None, "Its format, where its name does not tell."] = None
+    columns: Annotated[Columns | None, COLUMNS] = None
     position_of: Annotated[PositionOf | None, "Whose positions they are; needed for a table."] = None
     crs: Annotated[Text | None, "CRS of a table, where that is not the project's."] = None
     heights: Annotated[HeightSystem | None, "What its heights are counted from."] = None
@@ -358,6 +369,7 @@ class ControlFileEntry(Entry):
     path: Annotated[Text | None, Required("the file with the points, relative to this file")] = None
     role: Annotated[RolesOf, "Of points whose file says nothing; default control."] = ("control", "control")
     marks: Annotated[Text | None, "The file with their marks."] = None
+    columns: Annotated[Columns | None, COLUMNS] = None
     crs: Annotated[Text | None, "CRS of the points.", Default("what the file says, else the project's")] = None
     heights: Annotated[HeightSystem | None, "What its heights are counted from."] = None
     picture_size_px: Annotated[

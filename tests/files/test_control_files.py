@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from makers import SharedData
 
 from photogram.errors import ControlPointError
-from photogram.files.tables.control_files import PointFile, read_marks, read_points
+from photogram.files.tables.control_files import read_marks, read_points
+from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.surveyed_points import IMPORTED
 
 
@@ -107,7 +108,7 @@ def test_names_comments_tabs_and_blanks(tmp_path: Path) -> None:
         ),
         (
             "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 a.jpg\n",
-            ["3: point A is marked twice in a.jpg, first in line 2: keep one of the two"],
+            ["3: point A is marked twice in a.jpg, first in line 2: write their folders if two photographs"],
         ),
         (
             "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 b.jpg B\n1 2 3 9 9 c.jpg\n",
@@ -134,7 +135,7 @@ def test_hundreds_of_faults_are_not_all_shown(tmp_path: Path) -> None:
 
 
 def test_what_is_no_text(tmp_path: Path) -> None:
-    (tmp_path / "photo.txt").write_bytes(b"EPSG:32617\n\xff\xd8\xff\xe0")
+    (tmp_path / "photo.txt").write_bytes(b"EPSG:32617\n\xff\xd8\xff\xe0\x00\x10JFIF")
     with pytest.raises(ControlPointError, match=r"photo\.txt:2: byte 0xff is not UTF-8"):
         read_points(tmp_path / "photo.txt")
     with pytest.raises(ControlPointError, match=r"none\.txt:1: cannot be read \(No such file"):
@@ -215,7 +216,7 @@ def test_table_of_points(tmp_path: Path, separator: str) -> None:
 
 @pytest.mark.parametrize(
     ("header", "geographic"),
-    [("id,lon,lat,h", True), ("point,Longitude,Latitude,z", True), ("name,x,y,z", None), ("label,e,n,h", None)],
+    [("id,lon,lat,h", True), ("point,Longitude,Latitude,z", True), ("name,x,y,z", None), ("label,e,n,h", False)],
 )
 def test_columns_by_any_of_their_names(tmp_path: Path, header: str, geographic: bool | None) -> None:
     read = points(tmp_path, f"{header}\nA,12.5,55.8,7\n")  # a .txt: told by its first line
@@ -227,15 +228,15 @@ def test_columns_by_any_of_their_names(tmp_path: Path, header: str, geographic: 
     [
         (
             "name,easting,northing\nA,1,2\n",
-            ["1: no column for z: the first line must name the columns, this one as z, height, h, elevation, altitude"],
+            ["1: no column for height: the first line, or columns in the project file, must name it, as height, h,"],
         ),
         (
             "name,easting,northing,height,sigma_hieght\nA,1,2,3,4\n",
             ["1: unknown column 'sigma_hieght': did you mean 'sigma_height'?"],
         ),
-        ("name,x,y,z,qqq\nA,1,2,3,4\n", ["1: unknown column 'qqq': remove it, or begin its name with #"]),
-        ("name,x,y,z,easting\nA,1,2,3,4\n", ["1: columns 'x' and 'easting' are the same: keep one of the two"]),
-        ("name;x;y;z\nA;1,5;2;3\n", ["2: x of A must be a number, found '1,5': write 1.5, with a decimal point"]),
+        ("name,x,y,z,sigma_plam\nA,1,2,3,4\n", ["1: unknown column 'sigma_plam': did you mean 'sigma_plan'?"]),
+        ("name,x,y,z,elev\nA,1,2,3,4\n", ["2: the columns 'z' and 'elev' differ, and both are names of the height"]),
+        ("name;x;y;z\nA;1,512;2;3\n", ["2: 1,512 may be 1.512 or 1512: write the figures of this file with a decimal"]),
         ("name,x,y,z\nA,1,2,3\n\nA,1,2,3\n", ["4: 'A' is used twice, first in line 2: give each point its own name"]),
         ("name,x,y,z\n,1,2,3\n", ["2: the point has no name: give it one"]),
         ("name,x,y,z\nA,1,2,3,4\n", ["2: 5 fields, but the first line names 4: check separators, quotes"]),
@@ -293,7 +294,10 @@ def test_the_kind_of_a_mark_is_what_its_table_says(tmp_path: Path, header: str, 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("name,photograph,u\nA,a,1\n", ["1: no column for v: the first line must name the columns"]),
+        (
+            "name,photograph,u\nA,a,1\n",
+            ["1: no column for v: the first line, or columns in the project file, must name it, as v, y"],
+        ),
         ("name,photograph,u,v\nA,,1,2\n", ["2: photograph is empty: say which point is marked, and in which"]),
         ("name,photo,u,v\nA,a,1,b\n", ["2: v must be a number, found 'b'"]),
         ("name,photo,u,v\nA,a,1,2\nB,a,1,2\nA,a,3,4\n", ["4: point A is marked twice in a, first in line 2"]),

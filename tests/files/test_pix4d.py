@@ -70,7 +70,7 @@ def test_folders_are_kept(tmp_path: Path) -> None:
         ("a.jpg,A,1,2\nb.jpg,A,1,x\n", "2: y must be a number, found 'x'"),
         ("a.jpg,A,1,2\nb.jpg,,1,2\n", "2: no photograph and point in the first two fields, found 'b.jpg'"),
         ("a.jpg,A,1,2\nA,b.jpg,1,2\na.jpg,C,1,2\n", "2: no photograph and point in the first two fields, found 'A'"),
-        ("a.jpg,A,1,2\na.jpg,A,3,2\n", "2: point A is marked twice in a.jpg, first in line 1: keep one of the two"),
+        ("a.jpg,A,1,2\na.jpg,A,3,2\n", "2: point A is marked twice in a.jpg, first in line 1: write their folders"),
         ("a.jpg,A,1,2\nb.jpg,A,1,2,3,4\n", "2: 6 fields"),
     ],
 )

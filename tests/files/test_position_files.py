@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.errors import ProjectError
-from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
 from photogram.files.tables.column_names import POSITIONS as COLUMNS
+from photogram.files.tables.position_files import GPS_EPOCH, PositionFile, PositionRow, format_of, gps_time, read_mrk
 from photogram.files.tables.position_tables import read_positions, write_positions
 from photogram.gnss import Sigma3, Solution
 from photogram.project.positions.matching import match_rows, sequence_number
@@ -205,9 +205,12 @@ def test_faults_of_a_table_are_named_at_once(tmp_path: Path) -> None:
 
 
 def test_columns_that_are_missing_are_all_named(tmp_path: Path) -> None:
-    found = errors(tmp_path, "when,where\n1,2\n", "t.csv")
-    assert len(found) == 3
-    assert "longitude and latitude, or easting and northing" in found[0] + found[1] + found[2]
+    found = errors(tmp_path, "photo,where\n1,2\n", "t.csv")
+    assert len(found) == 1
+    assert "no line names its columns, and 'photo,where' does not tell them" in found[0]
+    found = errors(tmp_path, "photo,lon,q\n1,2,3\n", "t.csv")
+    assert len(found) == 2
+    assert "longitude and latitude, or easting and northing" in found[0] + found[1]
     assert "no rows" in errors(tmp_path, "photo,lon,lat,h\n", "t.csv")[0]
 
 

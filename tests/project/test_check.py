@@ -23,7 +23,7 @@ from photogram.geodesy.frames import LocalFrame, geodetic_from_map
 from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES
-from photogram.project.control_points import ProjectControlPoint
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.check import check_survey, header_findings, project_errors, survey_findings

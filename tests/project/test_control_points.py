@@ -10,7 +10,7 @@ from photogram.errors import FrameError, ProjectError
 from photogram.files.marks.mark_table import write_marks, write_proposals
 from photogram.files.tables.surveyed_points import Mark, Proposal
 from photogram.geodesy.frames import LocalFrame, map_from_crs, map_from_geodetic
-from photogram.project.control_points import ProjectControlPoint
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.project import Project, photograph_paths, read_project
 from photogram.sfm.orientation import OrientationSettings
 from photogram.survey import rms_sigma_px

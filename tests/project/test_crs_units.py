@@ -8,8 +8,8 @@ from pyproj import CRS
 
 from photogram.errors import ProjectError
 from photogram.geodesy.height_systems import UNDECLARED, DeclaredHeights, Geoid
+from photogram.project.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.document import Document, read_entry
-from photogram.project.positions.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.schema import ProjectFile
 
 US_FOOT = 1200.0 / 3937.0

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from photogram.files.tables.surveyed_points import IMPORTED, REMOVED, Mark, MarkSource
-from photogram.project.mark_entries import as_marked, lines_to_add, of_page
+from photogram.project.control.mark_entries import as_marked, lines_to_add, of_page
 
 POINTS = "name,easting,northing,height\nA,1,2,3\n"
 

@@ -17,7 +17,7 @@ from photogram.files.tables import control_files
 from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.point_tables import write_point_table
 from photogram.files.tables.surveyed_points import Mark, SurveyedPoint
-from photogram.files.text_lines import lines_of_table
+from photogram.files.text_lines import lines_of_table, table_text_of
 
 MarkFormat = Literal["gcp_list", "metashape", "pix4d", "csv"]
 """What points and marks are written as: OpenDroneMap's gcp_list.txt, Metashape's markers, PIX4D's marks, or the table
@@ -26,16 +26,13 @@ of marks; the last two with a table of the points beside them."""
 MARK_FORMATS: tuple[MarkFormat, ...] = get_args(MarkFormat)
 
 
-def _lines(path: Path) -> list[tuple[int, str]]:
-    return lines_of_table(path, ControlPointError, "points")[0]
-
-
 def _is_xml(path: Path) -> bool:
-    return holds_metashape_markers(_lines(path)[0][1][:200])
+    return holds_metashape_markers(table_text_of(path, ControlPointError)[:200])
 
 
 def _is_pix4d(path: Path) -> bool:
-    return holds_pix4d_marks([(n, text) for n, text in _lines(path) if not text.lstrip().startswith("#")])
+    lines, _ = lines_of_table(path, ControlPointError, "points")
+    return holds_pix4d_marks([(n, text) for n, text in lines if not text.lstrip().startswith("#")])
 
 
 def read_points(path: Path, columns: Sequence[str] | None = None) -> PointFile:

@@ -64,7 +64,8 @@ _HEIGHT = (
 )  # fmt: skip
 
 _SIGMA: Names = {
-    "sigma": ("sigma", "accuracy", "rms", "std", "stddev", "standard_deviation", "3d_rms"),
+    "sigma": ("sigma", "accuracy", "accuracy_x_y_z", "accuracy_xyz", "rms", "std", "stddev",
+              "standard_deviation", "3d_rms"),
     "sigma_plan": (
         "sigma_plan", "sigma_xy", "accuracy_horz", "accuracy_horizontal", "horizontal_accuracy", "horz_accuracy",
         "accuracy_xy", "accuracy_x_y", "xy_accuracy", "x_y_accuracy", "h_accuracy", "acc_xy", "std_xy", "hacc", "h_acc",
@@ -149,16 +150,21 @@ WORDS = frozenset(
 
 _PASSED_OVER = frozenset((
     "code", "code_description", "comment", "comments", "date", "description", "desc", "descr", "feature",
-    "feature_code", "note", "notes", "remark", "remarks", "time", "origin", "tilt_angle", "antenna_height", "antenna_height_units",
-    "antenna_offset", "correction_type", "averaging_start", "averaging_end", "samples", "pdop", "gdop", "hdop", "vdop",
-    "base_easting", "base_northing", "base_elevation", "base_longitude", "base_latitude", "base_ellipsoidal_height",
-    "baseline", "mount_point", "mountpoint", "device_type", "device_serial_number", "lateral_rms", "enable", "enabled",
-    "detected", "projections", "error", "total_error", "class", "layer", "type", "punktcode", "bemerkung", "kommentar",
-    "beschreibung", "datum", "descripcion", "codigo", "descrizione", "codice", "descricao", "observaciones",
-    "utc", "local_time", "age", "satellites", "gps_satellites", "glonass_satellites", "sats", "uid", "fid",
+    "feature_code", "note", "notes", "remark", "remarks", "time", "origin", "tilt_angle", "antenna_height",
+    "antenna_height_units", "antenna_offset", "correction_type", "averaging_start", "averaging_end", "samples",
+    "pdop", "gdop", "hdop", "vdop", "base_easting", "base_northing", "base_elevation", "base_longitude",
+    "base_latitude", "base_ellipsoidal_height", "baseline", "mount_point", "mountpoint", "device_type",
+    "device_serial_number", "lateral_rms", "enable", "enabled", "detected", "projections", "error", "total_error",
+    "class", "layer", "type", "punktcode", "bemerkung", "kommentar", "beschreibung", "datum", "descripcion",
+    "codigo", "descrizione", "codice", "descricao", "observaciones", "utc", "local_time", "age", "satellites",
+    "gps_satellites", "glonass_satellites", "sats", "uid", "fid",
 ))  # fmt: skip
 _RESULT = re.compile(r".+_(err|error|est|estimated|var|residual)$|(error|residual|estimated)_.+|d[xyz]|sd(ne|eu|un)")
 """Names of what another program has computed from its measurements, and of their covariances."""
+
+
+_ELLIPSOIDAL = re.compile(r"[(\[]\s*(?:above )?(?:the )?ell", re.IGNORECASE)
+"""Height (ellipsoidal): what it is above stands where others have a unit."""
 
 
 def plain(column: str) -> str:
@@ -171,7 +177,9 @@ def plain(column: str) -> str:
 def quantity_of(column: str, known: Names) -> str | None:
     """Return the quantity that a column's name says, None where it is none of the ``known``."""
     name = "" if column.startswith("#") else plain(column)
-    return next((quantity for quantity, names in known.items() if name in names), None)
+    quantity = next((quantity for quantity, names in known.items() if name in names), None)
+    is_ellipsoidal = quantity == "height" and _ELLIPSOIDAL.search(column) is not None
+    return "ellipsoidal_height" if is_ellipsoidal and "ellipsoidal_height" in known else quantity
 
 
 def says_nothing(column: str) -> bool:

@@ -28,6 +28,14 @@ international one; over a height of 1000 m both differ by 2 mm."""
 OTHERS = ("px", "pixel", "pixels", "deg", "degree", "degrees", "dd", "°", "decimaldegrees", "s", "sec", "seconds")
 """Units in which nothing has to be converted."""
 
+_UNREAD = frozenset((
+    "dm", "decimeter", "decimeters", "decimetre", "decimetres", "hm", "mi", "mile", "miles", "nmi", "nauticalmiles",
+    "ch", "chain", "chains", "link", "links", "rod", "rods", "perch", "perches", "pole", "poles", "fathom", "fathoms",
+    "furlong", "furlongs", "cubit", "cubits", "vara", "varas", "toise", "toises", "klafter", "rute", "ruten", "shaku",
+    "ken", "cun", "chi", "gon", "gons", "grad", "grads", "rad", "radian", "radians", "mil", "mils",
+))  # fmt: skip
+"""Units that people have, and that are not read."""
+
 _BRACKET = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(r"(?<=[a-z0-9])[\s_,-]+(m|mm|cm|ft|feet|foot|usft|ftus|sft|px|deg)$", re.IGNORECASE)
 
@@ -48,6 +56,11 @@ def unit_of(column: str) -> str | None:
     ending = _ENDING.search(_BRACKET.sub("", column).strip())
     stated = [*_BRACKET.findall(column), *([ending[1]] if ending else [])]
     return next((word for word in map(_word, stated) if word in LENGTHS_M or word in OTHERS), None)
+
+
+def unread_unit(column: str) -> str | None:
+    """Return the unit that the name of a column states and that is not read, None where there is none."""
+    return next((text for text in _BRACKET.findall(column) if _word(text) in _UNREAD), None)
 
 
 def is_unit(text: str) -> bool:

@@ -7,11 +7,11 @@ picture size.
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from math import nan
 from pathlib import Path
 from typing import get_args
 
 from photogram.errors import ControlPointError
+from photogram.files.photographs.names import SUFFIXES
 from photogram.files.tables.column_names import MARKS, POINTS, Names, plain
 from photogram.files.tables.crs_lines import crs_of_line, crs_of_remarks, glued_crs, names_crs, without_crs
 from photogram.files.tables.gcp_lists import read_gcp_list
@@ -24,17 +24,17 @@ from photogram.files.tables.surveyed_points import (
     Mark,
     MarkSource,
     PartialSigma3,
-    Position,
     SurveyedPoint,
 )
-from photogram.files.tables.table import Row, Table, read_table
-from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Errors, lines_of_table
+from photogram.files.tables.table import Row, Table, read_table, without_column
+from photogram.files.text_lines import MARK_KIND, NUMBER, SIGMA_M, SIGMA_PX, Errors, Note, lines_of_table
 from photogram.survey import Role, Roles
-from photogram.wording import shortened
+from photogram.wording import shortened, some
 
 PROPOSED = "proposed_point"
 """The first column of a table of proposals, which no reader takes for marks."""
 
+_PROPOSALS = "holds proposals, which are no marks yet: confirm them, and give the table of marks"
 _ROLES: tuple[Role, ...] = get_args(Role)
 _HOLDING = "points"
 _MARK_FORM = "name,photograph,u,v"
@@ -108,13 +108,17 @@ def _plan(table: Table) -> tuple[str, str, bool | None]:
     raise AssertionError
 
 
+def _unpaired(table: Table) -> list[str]:
+    """Return the coordinates in plan that a table has one of."""
+    pairs = (("easting", "northing"), ("longitude", "latitude"), ("x", "y"))
+    return [q for pair in pairs for q in pair if table.has(q) and not table.has(*pair)]
+
+
 def _height(table: Table) -> str:
     """Return the quantity that the heights of a table are."""
     quantity = next((q for q in ("height", "ellipsoidal_height") if table.has(q)), None)
     if quantity is None:
-        words = ", ".join(POINTS["height"][:8])
-        text = f"no column for height: the first line must name the columns, this one as {words}"
-        table.errors.note(table.line, text)
+        table.errors.note(table.line, without_column("height", POINTS))
         table.errors.raise_all()
     return str(quantity)
 
@@ -130,15 +134,15 @@ def _are_ellipsoidal(table: Table, height: str) -> bool | None:
     return True if all(same) else None if any(same) else False
 
 
-def _geodetic(table: Table) -> tuple[Position, ...] | None:
-    """Return longitude, latitude and ellipsoidal height, NaN where that is not known, of points that have easting and
-    northing too; None where they do not have them all."""
+def _geodetic(table: Table) -> tuple[tuple[float, float], ...] | None:
+    """Return longitude and latitude of points that have easting and northing too; None where they do not have them
+    all."""
     if not table.fills("longitude", "latitude"):
         return None
-    texts = [(row["longitude"], row["latitude"], row.get("ellipsoidal_height") or "nan") for _, row in table.rows]
-    if not all(NUMBER.fullmatch(text) for row in texts for text in row[:2]):
+    texts = [(row["longitude"], row["latitude"]) for _, row in table.rows]
+    if not all(NUMBER.fullmatch(text) for row in texts for text in row):
         return None
-    return tuple((float(a), float(b), float(h) if NUMBER.fullmatch(h) else nan) for a, b, h in texts)
+    return tuple((float(longitude), float(latitude)) for longitude, latitude in texts)
 
 
 def _read_point_table(path: Path, lines: Lines, columns: Sequence[str] | None) -> PointFile:
@@ -153,7 +157,8 @@ def _read_point_table(path: Path, lines: Lines, columns: Sequence[str] | None) -
             continue
         if errors.name(name, "the name", line) is None:
             continue
-        position = _numbers([row[q] for q in quantities], [f"{q} of {name}" for q in quantities], line, errors)
+        whats = [f"{table.columns[q]} of {name}" for q in quantities]
+        position = _numbers([row[q] for q in quantities], whats, line, errors)
         sigma_m, role = _sigmas(row, line, errors, table), _role(row, line, errors)
         solution = solution_of(row.get("solution", ""))
         if name in points:
@@ -165,6 +170,9 @@ def _read_point_table(path: Path, lines: Lines, columns: Sequence[str] | None) -
             points[name] = SurveyedPoint(name, (x, y, z), sigma_m, role, line=line)
             unfixed += [(name, solution)] if solution in ("float", "single") else []
     errors.raise_all()
+    unused = [table.columns[q] for q in _unpaired(table)]
+    text = f"passed over for want of a second coordinate: {some(unused)}"
+    notes = (Note(text, "name the columns of both coordinates"),) if unused else ()
     systems = dict.fromkeys(row.get("cs_name", "") for _, row in table.rows)
     return PointFile(
         path,
@@ -178,28 +186,33 @@ def _read_point_table(path: Path, lines: Lines, columns: Sequence[str] | None) -
         cs_name=next(iter(systems)) if len(systems) == 1 else "",
         heights_ellipsoidal=_are_ellipsoidal(table, quantities[2]),
         is_order_open=geographic is None,
+        is_named=table.is_named,
         unfixed=tuple(unfixed),
-        notes=table.notes,
+        notes=(*notes, *table.notes),
     )
 
 
-def _is_mark_row(text: str) -> bool:
-    """Return whether a line is one of a gcp_list.txt: five figures, and a photograph."""
+def _is_mark_row(text: str, *, is_headed: bool) -> bool:
+    """Return whether a line is one of a gcp_list.txt: five figures and a photograph, where another line names columns;
+    else one of the two, for it may lack the other."""
     bare = without_crs(text.strip())
     split = (bare.split(), bare.split("\t"), re.split("[,;]", bare))
-    return any(len(fields) > 5 and all(is_figure(field.strip()) for field in fields[:5]) for fields in split)
+    five = any(len(fields) > 5 and all(is_figure(field.strip()) for field in fields[:5]) for fields in split)
+    named = any(field.strip().lower().endswith(SUFFIXES) for fields in split for field in fields)
+    return (five and named) if is_headed else (five or named)
 
 
-def _is_gcp_list(path: Path, lines: Lines) -> bool:
-    """Return whether lines are those of a gcp_list.txt, not of a table: they have rows of it, or are nothing else."""
+def _is_gcp_list(path: Path, lines: Lines, *, is_headed: bool) -> bool:
+    """Return whether lines are those of a gcp_list.txt, not of a table, whose columns a line may name: they have rows
+    of it, or are nothing else."""
     first = lines[0][1].strip()
-    if glued_crs(first) is not None or any(_is_mark_row(text) for _, text in lines[:3]):
+    if glued_crs(first) is not None or any(_is_mark_row(text, is_headed=is_headed) for _, text in lines[:3]):
         return True
     rows = lines[1:] if names_crs(first) else lines
     if not rows:
         return True
     layout = layout_of(rows, POINTS)
-    return not (path.suffix.lower() == ".csv" or layout.names or unnamed_columns(layout, POINTS))
+    return not (path.suffix.lower() == ".csv" or is_headed or unnamed_columns(layout, POINTS))
 
 
 def read_points(path: Path, columns: Sequence[str] | None = None) -> PointFile:
@@ -208,13 +221,15 @@ def read_points(path: Path, columns: Sequence[str] | None = None) -> PointFile:
 
     Raises ControlPointError with one line for each error, ``path:line: what is wrong: what to do``.
     """
-    lines, note = lines_of_table(path, ControlPointError, _HOLDING)
-    notes = (note,) if note else ()
+    lines, notes = lines_of_table(path, ControlPointError, _HOLDING)
     said = [(n, text) for n, text in lines if not text.lstrip().startswith("#")]
     crs = crs_of_line(said[0][1].strip()) if said and names_crs(said[0][1]) else None
-    if not said and not layout_of(lines, POINTS).names:
+    is_headed = bool(layout_of(lines, POINTS).names)
+    if not said and not is_headed:
         raise ControlPointError(f"{path}:1: the file is empty: give the file with the points")
-    if said and columns is None and _is_gcp_list(path, said):
+    if said and _is_proposals(re.split("[,;\\t]", said[0][1])):
+        raise ControlPointError(f"{path}:{said[0][0]}: {_PROPOSALS}")
+    if said and columns is None and _is_gcp_list(path, said, is_headed=is_headed):
         errors = Errors(path, ControlPointError)
         points = read_gcp_list(path, said, errors)
         errors.raise_all()
@@ -245,17 +260,21 @@ def _kind(row: Row, unstated: str, line: int, errors: Errors) -> str | None:
     return kind or unstated
 
 
+def _is_proposals(names: Sequence[str]) -> bool:
+    return bool(names) and plain(names[0]) == PROPOSED
+
+
 def read_mark_rows(
     path: Path, lines: Lines, known: Names, *, proposed: bool = False, may_be_empty: bool = False
 ) -> Table:
     """Return the rows of a table of marks, or of proposals, by the quantities ``known``. Raises ControlPointError where
     a column is missing, and where the table holds proposals, or none, other than ``proposed`` says."""
     header = layout_of(lines, {**known, "name": (*known["name"], PROPOSED)})
-    is_proposed = bool(header.names) and plain(header.names[0]) == PROPOSED
-    if is_proposed != proposed:
-        content = "holds marks, no proposals" if proposed else "holds proposals, which are no marks yet"
-        remedy = "give a table of proposals" if proposed else "confirm them, and give the table of marks"
-        raise ControlPointError(f"{path}:{header.line or lines[0][0]}: {content}: {remedy}")
+    line = header.line or lines[0][0]
+    if _is_proposals(header.names) and not proposed:
+        raise ControlPointError(f"{path}:{line}: {_PROPOSALS}")
+    if proposed and not _is_proposals(header.names):
+        raise ControlPointError(f"{path}:{line}: holds marks, no proposals: give a table of proposals")
     if proposed:
         known = {**known, "name": (PROPOSED,)}
     needed = ("name", "photograph", "u", "v", *(("score",) if proposed else ()))

@@ -35,7 +35,10 @@ def decimal_mark(cells: Iterable[str]) -> Mark:
     otherwise and none has a point there."""
     has_point = has_comma = is_open = False
     for cell in map(_ungrouped, cells):
-        if _THOUSANDS_BY_POINT.fullmatch(cell):
+        if _ANGLE.fullmatch(cell.strip()):
+            has_point |= "." in cell
+            has_comma |= "," in cell
+        elif _THOUSANDS_BY_POINT.fullmatch(cell):
             has_comma = True
         elif _COMMA.fullmatch(cell):
             thousands = _THOUSANDS_BY_COMMA.fullmatch(cell) is not None
@@ -74,7 +77,8 @@ def degrees_of(cell: str) -> str:
     if match := _HEMISPHERE.fullmatch(text):
         letters = (match["before"], match["after"])
         sign = _sign(*letters, "-" if match["figure"].startswith("-") else None)
-        if sign is None or "O" in "".join(filter(None, letters)).upper():
+        said = any(letters) or "°" in text or "º" in text
+        if not said or sign is None or "O" in "".join(filter(None, letters)).upper():
             return cell
         figure = match["figure"].replace(",", ".")
         return ("-" if sign < 0 and not figure.startswith("-") else "") + figure

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from photogram.files.photographs.names import SUFFIXES
 from photogram.files.tables.crs_lines import crs_of_line, glued_crs, row_crs, without_crs
-from photogram.files.tables.layout import Lines
+from photogram.files.tables.layout import Lines, is_figure
 from photogram.files.tables.point_file import PointFile, check_marks, mark_of
 from photogram.files.tables.surveyed_points import MarkSource, SurveyedPoint
 from photogram.files.text_lines import NUMBER, Errors
@@ -40,6 +40,8 @@ def _numbers(texts: Sequence[str], line: int, errors: Errors) -> tuple[float, ..
 
 def _with_blanks_in_name(fields: list[str]) -> list[str]:
     """Return the fields of a row with those joined that are one photograph, up to its suffix."""
+    if len(fields) < 6:
+        return fields
     end = next((i for i, field in enumerate(fields) if i >= 5 and field.lower().endswith(SUFFIXES)), 5)
     return [*fields[:5], " ".join(fields[5 : end + 1]), *fields[end + 1 :]]
 
@@ -48,7 +50,7 @@ def _observation(line: int, text: str, errors: Errors) -> _Observation | None:
     text = without_crs(_COMMENT.sub("", text).strip())
     fields = [field.strip() for field in text.split("\t")]
     by_comma = [field.strip() for field in re.split("[,;]", text)]
-    if len(fields) < 6 and len(by_comma) >= 6 and all(NUMBER.fullmatch(field) for field in by_comma[:5]):
+    if len(fields) < 6 and len(by_comma) >= 6 and sum(map(is_figure, by_comma[:5])) > 3:  # one may be no number
         fields = by_comma
     if len(fields) < 6:
         fields = _with_blanks_in_name(text.split())

@@ -18,7 +18,7 @@ Lines = Sequence[tuple[int, str]]
 """Lines with their numbers."""
 
 SEPARATORS = (";", "\t", ",", "|", " ")
-_REMARK = re.compile(r"\s*(?:#|%|//)+")
+_REMARK = re.compile(r"^\s*(?:#|%|//)+")
 _LATEST_HEADER = 60
 """How many lines may stand above the one that names the columns."""
 
@@ -71,12 +71,14 @@ def _is_remark(text: str) -> bool:
 
 
 def separator_of(body: Lines) -> str:
-    """Return what separates the cells of rows: that which gives most figures."""
+    """Return what separates the cells of rows: that which gives most rows of figures, blanks where no other does, for
+    names may hold them."""
 
-    def figures(separator: str) -> int:
-        return sum(is_figure(cell) for _, text in body[:_SAMPLE] for cell in _tried(text, separator))
+    def score(separator: str) -> tuple[int, bool, int, int]:
+        figures = [sum(map(is_figure, _tried(text, separator))) for _, text in body[:_SAMPLE]]
+        return sum(n > 1 for n in figures), separator != " ", sum(figures), -SEPARATORS.index(separator)
 
-    return max(SEPARATORS, key=lambda s: (figures(s), -SEPARATORS.index(s)))
+    return max(SEPARATORS, key=score)
 
 
 def _header(lines: Lines, known: Names) -> tuple[int, list[str], str] | None:

@@ -7,8 +7,8 @@ from typing import Literal
 
 from photogram.errors import ControlPointError
 from photogram.files.tables.column_units import NO_UNITS, UnitsM
-from photogram.files.tables.surveyed_points import IMPORTED, Mark, MarkSource, Position, SurveyedPoint
-from photogram.files.text_lines import Errors
+from photogram.files.tables.surveyed_points import IMPORTED, Mark, MarkSource, SurveyedPoint
+from photogram.files.text_lines import Errors, Note
 from photogram.gnss import Solution
 
 
@@ -20,10 +20,11 @@ class PointFile:
     easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt and of Metashape's markers.
     ``unit_m`` are the units of the three coordinates that its columns state, m; None counts as the CRS does.
     ``without_position`` names points whose marks are left out because the file has no coordinates of them.
-    ``geodetic`` are longitude, latitude and ellipsoidal height of the same points where the file has these beside
-    easting and northing, None otherwise; ``cs_name`` is what it calls the system of the latter. ``heights_ellipsoidal``
-    is what it says of its heights, None where it says nothing. ``is_order_open`` where nothing says which of the first
-    two coordinates is the easting. ``unfixed`` are points whose GNSS solution has no fixed ambiguities. ``notes`` are what is to be said of how it was read.
+    ``geodetic`` are longitude and latitude of the same points where the file has these beside easting and northing,
+    None otherwise; ``cs_name`` is what it calls the system of the latter. ``heights_ellipsoidal`` is what it says of
+    its heights, None where it says nothing. ``is_order_open`` where nothing says which of the first two coordinates is
+    the easting, ``is_named`` where a line or the project names its columns. ``unfixed`` are points whose GNSS solution
+    has no fixed ambiguities. ``notes`` are what is to be said of how it was read.
     """
 
     path: Path
@@ -35,12 +36,13 @@ class PointFile:
     format: Literal["gcp_list", "table", "metashape"] = "table"
     without_position: tuple[str, ...] = ()
     unit_m: UnitsM = NO_UNITS
-    geodetic: tuple[Position, ...] | None = None
+    geodetic: tuple[tuple[float, float], ...] | None = None
     cs_name: str = ""
     heights_ellipsoidal: bool | None = None
     is_order_open: bool = False
+    is_named: bool = True
     unfixed: tuple[tuple[str, Solution], ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def mark_of(
@@ -67,4 +69,6 @@ def check_marks(marks: Iterable[Mark], errors: Errors) -> None:
         line = mark.source.line
         if (before := first.setdefault(mark.key, line)) != line:
             text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
-            errors.note(line, f"{text}: write their folders if two photographs are called so, else remove one of the marks")
+            errors.note(
+                line, f"{text}: write their folders if two photographs are called so, else remove one of the marks"
+            )

@@ -13,7 +13,7 @@ from typing import Literal
 
 from photogram.errors import ProjectError
 from photogram.files.tables.column_units import NO_UNITS, UnitsM
-from photogram.files.text_lines import SIGMA_M, Errors, lines_of
+from photogram.files.text_lines import SIGMA_M, Errors, Note, lines_of
 from photogram.gnss import Sigma3, Solution, solution_of_rtk_flag
 
 Format = Literal["mrk", "pos", "csv"]
@@ -76,7 +76,7 @@ class PositionFile:
     crs: str | None = None
     heights_ellipsoidal: bool | None = None
     is_order_open: bool = False
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def check_on_globe(row: PositionRow, errors: Errors) -> None:

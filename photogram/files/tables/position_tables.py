@@ -28,7 +28,7 @@ from photogram.files.tables.position_files import (
     read_mrk,
 )
 from photogram.files.tables.solutions import solution_of
-from photogram.files.tables.table import Row, Table, read_table
+from photogram.files.tables.table import Row, Table, read_table, without_column
 from photogram.files.text_lines import Errors, lines_of, lines_of_table, quoted
 from photogram.gnss import Sigma3, Solution
 from photogram.wording import shortened
@@ -134,8 +134,7 @@ def _file(table: Table, kind: Format, gps_times: Mapping[int, datetime]) -> Posi
     missing = [] if height else ["height"]
     missing += ["photograph"] if kind == "csv" and not table.has("photograph") else []
     for quantity in missing:
-        words = ", ".join(POSITIONS[quantity][:8])
-        errors.note(table.line, f"no column for {quantity}: the first line must name the columns, this one as {words}")
+        errors.note(table.line, without_column(quantity, POSITIONS))
     if missing or not first:
         # Without its columns no row means anything.
         errors.raise_all()
@@ -164,7 +163,7 @@ def _file(table: Table, kind: Format, gps_times: Mapping[int, datetime]) -> Posi
 def read_positions_table(path: Path, columns: Sequence[str] | None = None) -> PositionFile:
     """Read a table of positions, or OpenDroneMap's geo.txt; ``columns`` name the columns of a table that does not.
     Raises ProjectError with every error."""
-    lines, note = lines_of_table(path, ProjectError, HOLDING)
+    lines, notes = lines_of_table(path, ProjectError, HOLDING)
     said = [(n, text) for n, text in lines if not text.lstrip().startswith("#")]
     crs = crs_of_line(said[0][1].strip()) if len(said) > 1 and names_crs(said[0][1]) else None
     if crs is not None:
@@ -174,7 +173,7 @@ def read_positions_table(path: Path, columns: Sequence[str] | None = None) -> Po
             columns = _ODM_COLUMNS[: max(len(cells_of(text, layout.separator)) for _, text in layout.body)]
     table = read_table(path, lines, ProjectError, POSITIONS, (), columns=columns, form=_FORM, strict=False)
     file = _file(table, "csv", {})
-    return replace(file, crs=crs or file.crs, notes=(*([note] if note else []), *file.notes))
+    return replace(file, crs=crs or file.crs, notes=(*notes, *file.notes))
 
 
 def read_pos(path: Path) -> PositionFile:

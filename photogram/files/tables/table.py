@@ -10,10 +10,10 @@ from pathlib import Path
 
 from photogram.errors import PhotogramError
 from photogram.files.tables.column_names import WORDS, Names, all_names, plain, quantity_of, says_nothing
-from photogram.files.tables.column_units import UnitsM, length_unit_m
+from photogram.files.tables.column_units import UnitsM, length_unit_m, unread_unit
 from photogram.files.tables.figures import decimal_mark, degrees_of, in_plain_form
-from photogram.files.tables.layout import Layout, Lines, cells_or_error, layout_of, unnamed_columns
-from photogram.files.text_lines import Errors
+from photogram.files.tables.layout import Lines, cells_or_error, layout_of, unnamed_columns
+from photogram.files.text_lines import Errors, Note
 from photogram.wording import shortened, some
 
 Row = Mapping[str, str]
@@ -64,21 +64,28 @@ class Table:
         return all(q in self.columns for q in quantities)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """Return what is to be said of columns that are not known."""
-        return (f"columns that are not known are passed over: {some(self.unknown)}",) if self.unknown else ()
+        text = f"columns that are not known are passed over: {some(self.unknown)}"
+        return (Note(text, "rename those that should count"),) if self.unknown else ()
 
 
 def _places(names: Sequence[str], known: Names, strict: bool, line: int, errors: Errors) -> dict[str, int]:
     """Return where the column of each quantity stands; of several, the one whose name comes first."""
-    own = ["" if name.startswith("#") else plain(name) for name in names]
     places: dict[str, int] = {}
     for quantity, accepted in known.items():
-        there = [name for name in accepted if name in own]
-        if there:
-            places[quantity] = own.index(there[0])
-            if own.count(there[0]) > 1:
-                errors.note(line, f"the column {names[places[quantity]]!r} is there twice: keep one of the two")
+        of_quantity = [i for i, name in enumerate(names) if quantity_of(name, known) == quantity]
+        own = [plain(names[i]) for i in of_quantity]
+        first = next((name for name in (*accepted, *own) if name in own), None)
+        if first is None:
+            continue
+        places[quantity] = of_quantity[own.index(first)]
+        called = names[places[quantity]]
+        if own.count(first) > 1:
+            errors.note(line, f"the column {called!r} is there twice: keep one of the two")
+        unit = unread_unit(called)
+        if unit is not None:
+            errors.note(line, f"the unit {unit!r} of {called!r} is not read: write the column in metres or feet")
     for name in _unknown(names, known) if strict else ():
         near = difflib.get_close_matches(plain(name), list(all_names(known)), n=1, cutoff=_ALIKE)
         if near:
@@ -114,7 +121,8 @@ def _in_plain_form(rows: Sequence[tuple[int, dict[str, str]]], errors: Errors) -
         line, cell = next((n, cell) for n, cell in figures if "," in cell)
         text = f"{shortened(cell)} may be {cell.replace(',', '.')} or {cell.replace(',', '')}"
         errors.note(line, f"{text}: write the figures of this file with a decimal point")
-    plain_rows = []
+        errors.raise_all()
+    plain_rows = list[tuple[int, Row]]()
     for line, row in rows:
         own = {q: cell if q in WORDS else in_plain_form(cell, mark) for q, cell in row.items()}
         plain_rows.append((line, own | {q: degrees_of(own[q]) for q in _ANGLES if q in own}))
@@ -138,6 +146,12 @@ def _unnamed(body: Lines, form: str) -> str:
         f"no line names its columns, and {shortened(body[0][1])!r} does not tell them: write a first line, {form} for "
         "example, or give columns in the project file"
     )
+
+
+def without_column(quantity: str, known: Names) -> str:
+    """Return the error of a table in which no column is a quantity."""
+    words = ", ".join(known[quantity][:8])
+    return f"no column for {quantity}: the first line, or columns in the project file, must name it, as {words}"
 
 
 def read_table(
@@ -167,9 +181,7 @@ def read_table(
     places = _places(names, known, strict and columns is None, line, errors)
     for quantity in needed if names else ():
         if quantity not in places:
-            words = ", ".join(known[quantity][:8])
-            text = f"no column for {quantity}: the first line must name the columns, this one as {words}"
-            errors.note(line, text)
+            errors.note(line, without_column(quantity, known))
     # Without its columns no row means anything.
     errors.raise_all()
     read = [(n, cells_or_error(n, text, layout.separator, errors)) for n, text in layout.body]

@@ -19,11 +19,12 @@ from photogram.geodesy.crs import WGS84, changes_datum
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.gnss import Sigma3, Solution
 from photogram.project.cross_checks import Located
+from photogram.project.crs_units import differ, in_units_of_crs
 from photogram.project.document import Document, Key
 from photogram.project.heights import Placed, ProjectMap
-from photogram.project.positions.crs_units import in_units_of_crs
 from photogram.project.positions.matching import Matching, match_rows
 from photogram.project.schema import PhotographEntry, PositionFileEntry, PositionOf, ProjectFile
+from photogram.wording import shortened
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,13 @@ def read_position_files(
         if read is None or photographs is None:
             continue
         matching = _matched(document, key, entry, read, _scope(entry, read.path, photographs, folder))
-        crs = entry.crs or (WGS84 if read.geographic else str(file.crs))
+        if read.crs is not None and entry.crs is not None and differ(read.crs, entry.crs):
+            text = f"{entry.path} names {shortened(read.crs)} itself: keep one of the two"
+            document.add_error((*key, "crs"), text)
+            continue
+        for note in read.notes:
+            document.warn(key, f"{entry.path}: {note.text}", note.remedy)
+        crs = entry.crs or read.crs or (WGS84 if read.geographic else str(file.crs))
         placed = None if target is None else _placed(document, key, entry, read, crs, target)
         if placed is None:
             continue
@@ -112,7 +119,7 @@ def _read(document: Document, key: Key, written: str, entry: PositionFileEntry |
     """Return what a file holds, None where it cannot be read; its errors name the file as the project does."""
     path = document.base / written
     try:
-        return read_positions(path, None if entry is None else entry.format)
+        return read_positions(path) if entry is None else read_positions(path, entry.format, entry.columns)
     except ProjectError as error:
         document.add_errors_of(key, error, path, written)
         return None
@@ -197,6 +204,13 @@ def _placed(
         return None
     given = np.array([row.position for row in read.rows]).reshape(-1, 3)
     declared: HeightSystem | None = entry.heights if read.format == "csv" else "ellipsoidal"
+    if read.heights_ellipsoidal:
+        if declared == "orthometric":
+            text = (
+                f"is orthometric, but {entry.path} has ellipsoidal heights, as its columns say: correct one of the two"
+            )
+            document.add_error((*key, "heights"), text)
+        declared = "ellipsoidal"
     try:
         given = in_units_of_crs(document, key, str(entry.path), crs, given, read.unit_m)
         return target.placed(crs, declared, target.heights.gnss_given, given)

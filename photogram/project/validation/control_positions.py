@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from photogram.project.control_points import ProjectControlPoint
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import MeasuredSurvey
 from photogram.project.project import Project

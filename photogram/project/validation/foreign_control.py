@@ -9,7 +9,7 @@ from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.geodesy.crs import plan_of
 from photogram.geodesy.frames import map_from_crs
-from photogram.project.control_points import ProjectControlPoint
+from photogram.project.control.points import ProjectControlPoint
 from photogram.project.findings import Finding
 from photogram.project.misplaced import other_reading
 from photogram.project.project import Project

@@ -9,7 +9,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.files.tables.column_units import UnitsM, in_words
-from photogram.geodesy.crs import MapUnits, map_units, product_crs
+from photogram.geodesy.crs import MapUnits, map_units, product_crs, same_plan
 from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.document import Document, Key
 from photogram.project.schema import ProjectFile
@@ -65,6 +65,16 @@ def with_read_crs(document: Document, file: ProjectFile) -> ProjectFile:
             "photographs": file.photographs.model_copy(update={"positions": positions}),
         }
     )
+
+
+def differ(crs: str, other: str) -> bool:
+    """Return whether two names mean different systems in plan."""
+    if crs == other:
+        return False
+    try:
+        return not same_plan(crs, other)
+    except FrameError:
+        return True  # not two grids: only the same name is the same system
 
 
 def with_listed_in_metres(document: Document, file: ProjectFile, heights: DeclaredHeights) -> ProjectFile:

@@ -37,7 +37,8 @@ def mark_entries(project: Path) -> tuple[tuple[MarkEntry, ...], bool]:
     for value in files if isinstance(files, list) else ():
         if isinstance(value, dict) and isinstance(value.get("path"), str):
             marks, path = value.get("marks"), str(value["path"])
-            points = read_points(document.base / path)
+            columns = value.get("columns")
+            points = read_points(document.base / path, columns if isinstance(columns, list) else None)
             entries.append(MarkEntry(path, marks if isinstance(marks, str) else None, points.holds_marks))
     return tuple(entries), bool(listed)
 
