@@ -1,15 +1,15 @@
-"""A project file from a folder of photographs: their tags, files of ground points, and the MRK files beside them."""
+"""A project file from a folder of photographs: their tags, files of ground points, and those of positions beside."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from photogram.errors import ControlPointError, ImageError, ProjectError
+from photogram.errors import ControlPointError, FrameError, ImageError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.marks.mark_table import MARKS, has_rows
@@ -24,14 +24,18 @@ from photogram.files.photographs.names import (
     unread_pictures,
     without_raw_twins,
 )
+from photogram.files.tables.column_names import POINTS, quantity_of
 from photogram.files.tables.point_file import PointFile
-from photogram.files.tables.position_files import read_mrk
+from photogram.files.tables.position_files import PositionFile, read_mrk
+from photogram.files.tables.position_tables import read_positions_table
+from photogram.geodesy.crs import is_geographic
+from photogram.geodesy.frames import geodetic_from_map
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.pipeline import load_project
 from photogram.project.control.mark_entries import of_page
+from photogram.project.draft.control import ControlFile
 from photogram.project.draft.draft import (
-    ControlFile,
     DraftMasks,
     DraftPositions,
     LeftOut,
@@ -47,6 +51,9 @@ from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within
 from photogram.survey import Role
 from photogram.wording import Progress, html_table, silent, some, things
+
+GEO_TXT = "geo.txt"
+"""OpenDroneMap's table of the photographs' positions."""
 
 MASKS_FOLDER = "masks"
 """Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
@@ -246,6 +253,7 @@ def _control_file(
 ) -> ControlFile:
     file = read_points(path)
     table = _mark_table(file, marks, project)
+    turned = {"x": "northing", "y": "easting"} if file.is_order_open else {}
     return ControlFile(
         _relative(path, project),
         role,
@@ -258,6 +266,8 @@ def _control_file(
         marks is None and table is not None and not has_rows(table),
         size,
         None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
+        turned=tuple(turned.get(str(quantity_of(name, POINTS)), name) for name in file.columns) if turned else (),
+        geodetic=None if file.geodetic is None else np.array(file.geodetic),
     )
 
 
@@ -266,21 +276,56 @@ def _geoid(geoid: str | None, project: Path) -> str | None:
 
 
 def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
-    """Return the MRK files beside the photographs with their rows; those that cannot be used with the reason."""
+    """Return the MRK files beside the photographs, and OpenDroneMap's geo.txt there or above them, with their rows;
+    those that cannot be used with the reason."""
     paths = sorted(p for p in _files(folder, recursive, (".mrk",)) if not _is_hidden(p.relative_to(folder)))
     files = []
     for path in paths:
         here = path.relative_to(folder).parent.as_posix()
         neighbours = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
-        written = _relative(path, project)
-        try:
-            matching = match_rows(read_mrk(path), neighbours or names)
-            files.append(DraftPositions(written, matching.rows, matching.error))
-        except ProjectError as error:
-            lines = str(error).splitlines()
-            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
-            files.append(DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more))
+        files.append(_draft_positions(path, read_mrk, neighbours or names, project))
+    tables = [path for path in (folder / GEO_TXT, folder.absolute().parent / GEO_TXT) if path.is_file()]
+    files += [_draft_positions(path, read_positions_table, names, project) for path in tables[:1]]
     return tuple(files)
+
+
+def _draft_positions(
+    path: Path, reader: Callable[[Path], PositionFile], names: list[str], project: Path
+) -> DraftPositions:
+    written = _relative(path, project)
+    try:
+        file = reader(path)
+        matching = match_rows(file, names)
+        return DraftPositions(written, matching.rows, matching.error, file.format == "csv", _degrees_of(file))
+    except (ProjectError, FrameError) as error:
+        lines = str(error).splitlines()
+        more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
+        return DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more)
+
+
+def _degrees_of(file: PositionFile) -> Mapping[int, tuple[float, float, float]]:
+    """Return longitude, latitude and height of the rows of a file by their lines, none where it does not say of which
+    CRS they are. Raises FrameError where that is none."""
+    given = np.array([row.position for row in file.rows])
+    if file.crs is not None and not is_geographic(file.crs):
+        given = geodetic_from_map(file.crs, given)
+    elif not file.geographic:
+        return {}
+    return {row.line: (x, y, z) for row, (x, y, z) in zip(file.rows, given.tolist(), strict=True)}
+
+
+def _with_places(photographs: list[TaggedPhotograph], files: Sequence[DraftPositions]) -> list[TaggedPhotograph]:
+    """Return photographs whose tags have no position with that of a table beside them."""
+    rows = {name: file.degrees[row.line] for file in files for name, row in file.rows.items() if file.degrees}
+    placed = []
+    for p in photographs:
+        if p.tags.longitude_deg is None and p.name in rows:
+            longitude, latitude, height = rows[p.name]
+            tags = replace(p.tags, longitude_deg=longitude, latitude_deg=latitude, height_m=height)
+            placed.append(replace(p, tags=tags))
+        else:
+            placed.append(p)
+    return placed
 
 
 def _masks(folder: Path, names: list[str], project: Path) -> DraftMasks | None:
@@ -322,6 +367,7 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
     tagged, twins = _without_deep_twins(tagged)
     tagged, duplicates = _without_duplicates(photographs, tagged)
     positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
+    tagged = _with_places(tagged, positions)
     masks = _masks(photographs, [p.name for p in tagged], project)
     wishes = Wishes(
         wanted.crs,

@@ -14,10 +14,10 @@ def check_project_file(path: Path) -> None:
 def check_tables(paths: Iterable[Path]) -> None:
     """Raise ProjectError where a table of points or marks cannot be read, is far too large, or is not text."""
     from photogram.errors import ProjectError
-    from photogram.files.text_lines import text_of
+    from photogram.files.text_lines import table_text_of
 
     for path in paths:
-        text_of(path, ProjectError)
+        table_text_of(path, ProjectError)
 
 
 def check_clouds(paths: Iterable[Path]) -> None:

@@ -8,7 +8,8 @@ import pytest
 
 from photogram.project.draft.assumptions import assumptions
 from photogram.project.draft.cameras import TaggedCamera
-from photogram.project.draft.draft import ControlFile, DraftHeights, DraftPhotograph, ProjectDraft
+from photogram.project.draft.control import ControlFile
+from photogram.project.draft.draft import DraftHeights, DraftPhotograph, ProjectDraft
 from photogram.project.draft.positions import Gnss
 from photogram.project.draft.shutters import Shutter
 from photogram.survey import Role

@@ -23,7 +23,8 @@ from photogram.files.photographs.tags import Dewarp, PhotographTags
 from photogram.geodesy.frames import geodetic_from_map, map_from_geodetic
 from photogram.gnss import RTK_OFFSET_SIGMA_M
 from photogram.pipeline.pipeline import load_project
-from photogram.project.draft.draft import ControlFile, LeftOut, TaggedPhotograph, Wishes, draft_project
+from photogram.project.draft.control import ControlFile
+from photogram.project.draft.draft import LeftOut, TaggedPhotograph, Wishes, draft_project
 from photogram.project.draft.positions import Gnss, gnss_of, offset_prior
 from photogram.project.draft.text import flights_comment, project_text
 

@@ -18,7 +18,7 @@ from photogram.files.atomic import replacing
 from photogram.files.marks.corner_pixels import from_corner, to_corner
 from photogram.files.tables.point_file import check_marks, mark_of
 from photogram.files.tables.surveyed_points import Mark, MarkSource
-from photogram.files.text_lines import NUMBER, Errors, lines_of
+from photogram.files.text_lines import NUMBER, Errors, lines_of_table
 from photogram.wording import shortened, some
 
 _PICTURE = re.compile(r".+\.(?:jpe?g|tiff?|png|dng|webp|heic)", re.IGNORECASE)
@@ -55,7 +55,8 @@ def read_pix4d_marks(path: Path) -> tuple[Mark, ...]:
     ControlPointError with a line for each error.
     """
     errors = Errors(path, ControlPointError)
-    rows = [(line, _fields(content)) for line, content in lines_of(path, ControlPointError, "marks", "#")]
+    lines, _ = lines_of_table(path, ControlPointError, "marks")
+    rows = [(line, _fields(content)) for line, content in lines if not content.lstrip().startswith("#")]
     picture = _column(rows)
     read = []
     for line, fields in rows:

@@ -130,8 +130,8 @@ POSITIONS: Names = {
 MARKS: Names = {
     "name": POINT,
     "photograph": PHOTOGRAPH,
-    "u": ("u", "x", "px", "column", "im_x", "image_x", "pixel_x", "x_px", "x_pixel", "pixel_column"),
-    "v": ("v", "y", "py", "row", "im_y", "image_y", "pixel_y", "y_px", "y_pixel", "pixel_row"),
+    "u": ("u", "x", "px", "column", "im_x", "image_x", "pixel_x", "x_pixel", "pixel_column"),
+    "v": ("v", "y", "py", "row", "im_y", "image_y", "pixel_y", "y_pixel", "pixel_row"),
     "sigma": ("sigma",),
     "sigma_u": ("sigma_u",),
     "sigma_v": ("sigma_v",),

@@ -187,6 +187,7 @@ def _read_point_table(path: Path, lines: Lines, columns: Sequence[str] | None) -
         heights_ellipsoidal=_are_ellipsoidal(table, quantities[2]),
         is_order_open=geographic is None,
         is_named=table.is_named,
+        columns=table.names,
         unfixed=tuple(unfixed),
         notes=(*notes, *table.notes),
     )

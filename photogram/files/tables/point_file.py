@@ -19,12 +19,12 @@ class PointFile:
     ``crs`` is what the file itself says; ``geographic`` whether its columns are called longitude and latitude (True),
     easting and northing (False), or neither (None); ``holds_marks`` is true of gcp_list.txt and of Metashape's markers.
     ``unit_m`` are the units of the three coordinates that its columns state, m; None counts as the CRS does.
-    ``without_position`` names points whose marks are left out because the file has no coordinates of them.
-    ``geodetic`` are longitude and latitude of the same points where the file has these beside easting and northing,
-    None otherwise; ``cs_name`` is what it calls the system of the latter. ``heights_ellipsoidal`` is what it says of
-    its heights, None where it says nothing. ``is_order_open`` where nothing says which of the first two coordinates is
-    the easting, ``is_named`` where a line or the project names its columns. ``unfixed`` are points whose GNSS solution
-    has no fixed ambiguities. ``notes`` are what is to be said of how it was read.
+    ``without_position`` names points whose marks are left out because the file has no coordinates of them. ``geodetic``
+    are longitude and latitude of the same points where the file has these beside easting and northing, None otherwise;
+    ``cs_name`` is what it calls the system of the latter. ``heights_ellipsoidal`` is what it says of its heights, None
+    where it says nothing. ``is_order_open`` where nothing says which of the first two coordinates is the easting,
+    ``is_named`` where a line or the project names its ``columns``. ``unfixed`` are points whose GNSS solution has no
+    fixed ambiguities. ``notes`` are what is to be said of how it was read.
     """
 
     path: Path
@@ -41,6 +41,7 @@ class PointFile:
     heights_ellipsoidal: bool | None = None
     is_order_open: bool = False
     is_named: bool = True
+    columns: tuple[str, ...] = ()
     unfixed: tuple[tuple[str, Solution], ...] = ()
     notes: tuple[Note, ...] = ()
 

@@ -32,9 +32,9 @@ class Table:
     """The rows of a file with the numbers of their lines.
 
     ``columns`` are the names of the columns that count, by their quantity; ``line`` is that in which they stand, the
-    first one where none names them, which is then not ``is_named``. ``unknown`` are the names of the columns that are
-    not known, ``remarks`` the lines above the rows, ``errors`` what is wrong with rows so far, for their reader to
-    raise.
+    first one where none names them, which is then not ``is_named``. ``names`` are those of all columns, ``unknown`` the
+    names of the columns that are not known, ``remarks`` the lines above the rows, ``errors`` what is wrong with rows so
+    far, for their reader to raise.
     """
 
     path: Path
@@ -43,6 +43,7 @@ class Table:
     is_named: bool
     rows: Sequence[tuple[int, Row]]
     errors: Errors
+    names: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -197,5 +198,6 @@ def read_table(
     _note_rivals(names, cells, known, errors)
     called = {quantity: names[i] for quantity, i in places.items()}
     is_named = bool(layout.names)
+    plain_rows = _in_plain_form(rows, errors)
     unknown = _unknown(names, known)
-    return Table(path, called, line, is_named, _in_plain_form(rows, errors), errors, unknown, layout.remarks)
+    return Table(path, called, line, is_named, plain_rows, errors, tuple(names), unknown, layout.remarks)

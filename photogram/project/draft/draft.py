@@ -10,8 +10,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.files.tables.position_files import PositionRow
-from photogram.geodesy.crs import NO_CRS, height_system_of, neighbouring_zones, projected_crs, vertical_of
-from photogram.geodesy.frames import map_from_geodetic
+from photogram.geodesy.crs import NO_CRS, WGS84, height_system_of, projected_crs, vertical_of
 from photogram.geodesy.height_systems import HeightSystem, is_gnss_ellipsoid
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import (
@@ -21,7 +20,16 @@ from photogram.project.draft.cameras import (
     camera_names,
     tagged_camera,
 )
-from photogram.project.draft.positions import Gnss, GnssKind, gnss_of, gnss_with, height_reference, offset_prior
+from photogram.project.draft.control import ControlFile, in_fitting_grid, in_fitting_order
+from photogram.project.draft.positions import (
+    Gnss,
+    GnssKind,
+    gnss_of,
+    gnss_stated,
+    gnss_with,
+    height_reference,
+    offset_prior,
+)
 from photogram.project.draft.rigs import DraftRig, draft_rigs
 from photogram.project.draft.sites import (
     Exposure,
@@ -33,10 +41,8 @@ from photogram.project.draft.sites import (
     utm_crs,
 )
 from photogram.project.positions.frozen import frozen_positions
-from photogram.survey import Role
 from photogram.wording import some
 
-NEAR_M = 20_000.0
 _OUTSIDE_AREA_DEG = 4.0
 _RARE_SHARE, _RARE = 0.1, 3
 
@@ -83,11 +89,14 @@ class DraftPhotograph:
 @dataclass(frozen=True)
 class DraftPositions:
     """A file of positions beside the photographs, as the project names it: its rows by the names of the photographs, or
-    the ``error`` for which it is not used."""
+    the ``error`` for which it is not used; ``is_table`` where it is a table of positions of the camera, ``degrees``
+    longitude, latitude and height by the lines of its rows, where they are known."""
 
     path: str
     rows: Mapping[str, PositionRow] = field(default_factory=dict)
     error: str = ""
+    is_table: bool = False
+    degrees: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,35 +107,6 @@ class DraftMasks:
     path: str
     photographs: int = 0
     error: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class ControlFile:
-    """A file of ground points as the project names it; ``crs``, ``geographic`` and ``position`` (N, 3) as it says.
-
-    ``grid`` is the map grid in which the points of a file that names none lie among the photographs, where that is not
-    the one of the project, in which they would lie ``off_m`` away. ``marks`` is the table of marks that its entry
-    names, which has none yet where it is ``unmarked``. ``sigma_m`` and ``mark_sigma_px`` hold where the file has none.
-    """
-
-    path: str
-    role: Role
-    position: FloatArray
-    crs: str | None = None
-    geographic: bool | None = None
-    has_marks: bool = True
-    has_sigmas: bool = False
-    marks: str | None = None
-    unmarked: bool = False
-    picture_size_px: tuple[int, int] | None = None
-    sigma_m: Sigma3 | None = None
-    grid: str | None = None
-    off_m: float = 0.0
-
-    @property
-    def lacks_marks(self) -> bool:
-        """Return whether nobody has marked its points yet, as far as files say."""
-        return not self.has_marks and (self.marks is None or self.unmarked)
 
 
 @dataclass(frozen=True)
@@ -198,7 +178,8 @@ def named(crs: str) -> tuple[str, str]:
     return f"EPSG:{code}", str(projected_crs(f"EPSG:{code}").name)
 
 
-def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
+def _check_place(crs: str, middle: tuple[float, float] | None, of: str = "crs") -> None:
+    """Raise ProjectError where photographs lie outside the area of a map grid, the one ``of`` what says it."""
     area = projected_crs(crs).area_of_use
     if area is None or middle is None or area.west > area.east:
         return
@@ -209,41 +190,10 @@ def _check_place(crs: str, middle: tuple[float, float] | None) -> None:
         or not area.south - margin <= latitude <= area.north + margin
     ):
         raise ProjectError(
-            f"crs: {crs} ({projected_crs(crs).name}) is valid for longitude {area.west:g} to {area.east:g}, latitude "
+            f"{of}: {crs} ({projected_crs(crs).name}) is valid for longitude {area.west:g} to {area.east:g}, latitude "
             f"{area.south:g} to {area.north:g}; the photographs lie at {longitude:.4f}, {latitude:.4f}: "
             f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
         )
-
-
-def _distance_m(file: ControlFile, crs: str, middle: tuple[float, float]) -> float:
-    """Return how far the points of a file lie from the photographs if they are in a map grid."""
-    here = map_from_geodetic(crs, np.array([[*middle, 0.0]]))[0, :2]
-    return float(np.hypot(*(np.median(file.position[:, :2], axis=0) - here)))
-
-
-def _in_fitting_grid(
-    file: ControlFile, crs: str, middle: tuple[float, float] | None, *, is_proposed: bool
-) -> ControlFile:
-    """Return a file that does not name its map grid with the zone beside ``crs`` in which its points lie among the
-    photographs, where they do not in ``crs``. Raises ProjectError where there are several such zones, and where there
-    is none and ``crs`` is only proposed from the photographs."""
-    if crs == NO_CRS or middle is None or file.crs is not None or file.geographic or not len(file.position):
-        return file
-    distance_m = _distance_m(file, crs, middle)
-    if distance_m <= NEAR_M:
-        return file
-    zones = neighbouring_zones(crs)
-    fitting = [zone for zone in zones if _distance_m(file, zone, middle) <= NEAR_M]
-    if len(fitting) == 1:
-        return replace(file, grid=fitting[0], off_m=distance_m)
-    if fitting or is_proposed:
-        of_zones = ", ".join(fitting or zones)
-        others = f"among them in each of {of_zones}" if fitting else f"not among them in {of_zones} either"
-        raise ProjectError(
-            f"{file.path}: the file does not name its map grid; in {crs} its points would lie "
-            f"{distance_m / 1000:.0f} km from the photographs, and {others}: give the file's map grid with --crs EPSG:…"
-        )
-    return file
 
 
 def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str, str, str]:
@@ -261,7 +211,7 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
             crs, name = named(file.crs)
         except FrameError:
             continue  # geographic, or in feet: its points are transformed to the map grid chosen below
-        _check_place(crs, middle)
+        _check_place(crs, middle, file.path)
         return crs, name, f"the one of {file.path}"
     if middle is None and not wishes.control:
         return NO_CRS, "local frame", "neither the tags nor ground points say where the photographs were taken"
@@ -272,8 +222,9 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
         )
     own, name = named(utm_crs(*middle))
     where = f"longitude {middle[0]:.4f}, latitude {middle[1]:.4f}"
-    files = [_in_fitting_grid(file, own, middle, is_proposed=True) for file in wishes.control]
+    files = [in_fitting_grid(file, own, middle, is_proposed=True) for file in wishes.control]
     grids = {file.grid or own: file for file in files if file.crs is None and not file.geographic}
+    grids.pop(WGS84, None)
     if len(grids) != 1 or own in grids:
         return own, name, f"the UTM zone of the photographs, at {where}"
     ((crs, file),) = grids.items()
@@ -440,11 +391,11 @@ def _gnss(
     """Return how good the position of each photograph is, that of its row in a file before that of its tags, and the
     names of those whose tags are not used because the receiver had stopped."""
     frozen = _frozen([p for p in photographs if p.name not in rows])
-    gnss = []
+    gnss = list[Gnss | None]()
     for photograph in photographs:
         row = rows.get(photograph.name)
         if row is not None:
-            gnss.append(gnss_with(row.solution, row.sigma_m))
+            gnss.append(gnss_with(row.solution, row.sigma_m) or gnss_stated(row.sigma_m))
         else:
             gnss.append(None if photograph.name in frozen else gnss_of(photograph.tags))
     return gnss, [p.name for p in photographs if p.name in frozen]
@@ -503,7 +454,7 @@ def _used(files: Sequence[DraftPositions], names: set[str]) -> tuple[DraftPositi
             )
         elif not rows and not error:
             error = "none of its photographs is used"
-        used.append(DraftPositions(file.path, {} if error else rows, error))
+        used.append(replace(file, rows={} if error else rows, error=error))
     return tuple(used)
 
 
@@ -531,8 +482,11 @@ def draft_project(
     place = _degrees(kept)
     known = _located(place)
     middle = middle_of(*place[known].T) if known.any() else None
+    if middle is not None:
+        grid = wishes.crs or utm_crs(*middle)
+        wishes = replace(wishes, control=tuple(in_fitting_order(file, grid, middle) for file in wishes.control))
     crs, crs_name, crs_reason = _choose_crs(wishes, middle)
-    control = tuple(_in_fitting_grid(file, crs, middle, is_proposed=False) for file in wishes.control)
+    control = tuple(in_fitting_grid(file, crs, middle, is_proposed=False) for file in wishes.control)
     if crs == NO_CRS:
         gnss, positions = [None] * len(kept), ()
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))

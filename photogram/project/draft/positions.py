@@ -45,6 +45,13 @@ def gnss_with(solution: Solution, sigma_m: Sigma3 | None) -> Gnss | None:
     return Gnss(kind, sigma, sigma_m is None and solution == "single")
 
 
+def gnss_stated(sigma_m: Sigma3 | None) -> Gnss:
+    """Return how good a position is of which nothing but its sigmas may be known."""
+    if sigma_m is None:
+        return Gnss("without stated accuracy", AUTONOMOUS_M, assumed=True)
+    return Gnss("with stated accuracy", _rounded(at_least(sigma_m, FLOOR_M["fix"])))
+
+
 def _rounded(sigma_m: Sigma3) -> Sigma3:
     east, north, up = (round(s, 3) for s in sigma_m)
     return east, north, up
@@ -61,10 +68,8 @@ def gnss_of(tags: PhotographTags) -> Gnss | None:
     if flag is not None and flag > 0:
         return gnss_with(solution_of_rtk_flag(flag), sigma)
     if flag is None and sigma is not None:
-        return Gnss("with stated accuracy", _rounded(at_least(sigma, FLOOR_M["fix"])))
-    if error is not None:
-        return Gnss("with stated accuracy", _rounded(at_least((error, error, 2.0 * error), FLOOR_M["fix"])))
-    return Gnss("without stated accuracy", AUTONOMOUS_M, assumed=True)
+        return gnss_stated(sigma)
+    return gnss_stated(None if error is None else (error, error, 2.0 * error))
 
 
 def _is_precise(gnss: Gnss | None) -> bool:

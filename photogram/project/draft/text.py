@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.crs import NO_CRS, WGS84
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
-from photogram.project.draft.draft import ControlFile, DraftPhotograph, LeftOut, OtherSite, ProjectDraft
+from photogram.project.draft.control import ControlFile
+from photogram.project.draft.draft import DraftPhotograph, DraftPositions, LeftOut, OtherSite, ProjectDraft
 from photogram.project.draft.positions import Gnss
 from photogram.project.draft.rigs import rig_lines
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
@@ -125,6 +126,10 @@ def _gnss_comment(draft: ProjectDraft) -> list[str]:
     )
 
 
+def _whose(file: DraftPositions) -> str:
+    return ", position_of: camera" if file.is_table else ""
+
+
 def _positions(draft: ProjectDraft) -> list[str]:
     used = [file for file in draft.positions if not file.error]
     if not used:
@@ -137,7 +142,10 @@ def _positions(draft: ProjectDraft) -> list[str]:
             2,
         ),
         "  positions:",
-        *(f"    - {{path: {scalar(file.path)}}} # {things(len(file.rows), 'photograph')}" for file in used),
+        *(
+            f"    - {{path: {scalar(file.path)}{_whose(file)}}} # {things(len(file.rows), 'photograph')}"
+            for file in used
+        ),
     ]
 
 
@@ -203,12 +211,18 @@ def _control_file(file: ControlFile, crs: str) -> list[str]:
     lines = [f"    - path: {scalar(file.path)}", f"      role: {file.role}"]
     if file.crs is None and file.geographic:
         lines.append("      crs: EPSG:4326 # longitude and latitude; WGS 84 is assumed")
+    elif file.grid == WGS84:
+        text = "its longitude and latitude; easting and northing do not lie among the photographs in the map grid"
+        lines.append(f"      crs: {WGS84} # {text}")
     elif file.grid is not None:
         lines.append(
             f"      crs: {scalar(file.grid)} # not stated in the file; its points lie among the photographs in it"
         )
     elif file.crs is None:
         lines.append(f"      crs: {scalar(crs)} # not stated in the file")
+    if file.columns:
+        names = ", ".join(map(scalar, file.columns))
+        lines.append(f"      columns: [{names}] # only so its points lie among the photographs")
     if file.marks is not None:
         whose = " # what photogram mark changes; all others are those of the file" if file.has_marks else ""
         whose = " # the file has none: photogram mark writes them" if file.lacks_marks else whose
