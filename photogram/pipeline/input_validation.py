@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
-import numpy as np
-
 from photogram.arrays import BoolArray
-from photogram.errors import FrameError, ImageError, ProjectError
+from photogram.errors import ImageError, ProjectError
 from photogram.files.atomic import unwritable
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.headers import PhotographHeader, read_headers
@@ -26,16 +24,13 @@ from photogram.pipeline.costs.forecast import Forecast, compiled_share, forecast
 from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
-from photogram.pipeline.stages.comparison import reference_extent
+from photogram.pipeline.reference_placement import reference_findings
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.project.findings import Finding, Findings
-from photogram.project.measured.measured_survey import control_positions, usable_survey
 from photogram.project.project import Project, photograph_paths
 from photogram.project.start import start_findings
 from photogram.project.validation.check import by_severity, check_survey, header_findings, project_errors
 from photogram.project.validation.masks import marks_in_masks, mask_findings
-from photogram.quality.cloud_comparison import FAR_M
-from photogram.quality.far_references import ABOVE_REMEDY, BESIDE_REMEDY, above, beside, extent_of
 from photogram.wording import some
 
 WORTH_TESTING_S = 20.0
@@ -106,34 +101,6 @@ def given_mask_findings(project: Project) -> list[Finding]:
 
     marks = marks_in_masks(project, mask_of)
     return mask_findings(list(dict.fromkeys(errors)), marks)
-
-
-def reference_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
-    """Return what is wrong with where the reference lies, from its header: beside the survey, or far off in height."""
-    where = "comparison.reference"
-    try:
-        reference = reference_extent(project)
-        survey = usable_survey(project, tags) if reference is not None else None
-    except (FrameError, ProjectError) as error:
-        return [Finding("error", where, str(error))]
-    if reference is None or survey is None:
-        return []
-    control_m = control_positions(project)
-    centres_m = survey.gnss_map_m[survey.positioned]
-    shown_m = float(np.nanmax(survey.footprint_m, initial=0.0)) if len(centres_m) else 0.0
-    places_m = np.concatenate([control_m[:, :2], centres_m[:, :2] - shown_m, centres_m[:, :2] + shown_m])
-    if not len(places_m):
-        return []
-    apart = beside(reference, extent_of(places_m))
-    if apart:
-        return [Finding("error", where, f"{project.reference} does not overlap the survey; {apart}", BESIDE_REMEDY)]
-    if not len(control_m):
-        return []
-    low, high = reference[:, 2] - extent_of(control_m)[::-1, 2]
-    off_m = low if low > 0 else min(high, 0.0)
-    if not abs(off_m) > FAR_M:
-        return []
-    return [Finding("warning", where, f"{project.reference}: {above(off_m)}", ABOVE_REMEDY)]
 
 
 @dataclass(frozen=True)

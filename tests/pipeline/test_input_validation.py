@@ -5,15 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from photogram.errors import ProjectError
-from photogram.files.clouds.points import write_cloud
 from photogram.pipeline.input_validation import check_project
-from photogram.pipeline.pipeline import load_project
 from photogram.project.findings import Finding, Findings
-from photogram.project.measured.measured_survey import control_positions
-from photogram.survey import PointCloud
 
 Run = Callable[..., Any]
 
@@ -58,24 +53,3 @@ def test_findings_show_themselves() -> None:
     assert not found.ready
     assert found.notes.ready
     assert Findings().ready
-
-
-@pytest.mark.parametrize(
-    ("shift_m", "severity", "says"),
-    [
-        ((20_000.0, 0.0, 0.0), "error", "east of the survey"),
-        ((0.0, 0.0, 500.0), "warning", "above the survey: check its height system"),
-        ((0.0, 0.0, 0.0), None, ""),
-    ],
-)
-def test_a_reference_far_off_is_seen_from_its_header(
-    survey: Path, shift_m: tuple[float, float, float], severity: str | None, says: str
-) -> None:
-    path = survey / "project.yaml"
-    control_m = control_positions(load_project(path))
-    write_cloud(survey / "reference.laz", PointCloud(control_m + shift_m), load_project(path).crs)
-    values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    path.write_text(yaml.safe_dump(values | {"comparison": {"reference": "reference.laz"}}), encoding="utf-8")
-    found = [f for f in check_project(path) if f.where == "comparison.reference"]
-    assert [f.severity for f in found] == ([] if severity is None else [severity])
-    assert all(says in str(f) for f in found)

@@ -14,6 +14,7 @@ from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.files.records import read_record, write_record
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import map_heights
+from photogram.grid import Window
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import Costs, Rate
 from photogram.pipeline.stages.stored_adjustment import CLOUDS, stored_cloud
@@ -70,6 +71,18 @@ def reference_extent(project: Project) -> FloatArray | None:
         return np.array([[grid.west_map_m, south, np.nan], [east, grid.north_map_m, np.nan]])
     corners = PointCloud(las_extent(path, project.product_crs))
     return _with_map_heights(project, corners).position_map_m  # type: ignore[union-attr]
+
+
+def reference_heights(project: Project, raster: Path, places_map_m: FloatArray) -> FloatArray:
+    """Return the heights (N,) in the map, m, of a raster as reference, in the cells that places (N, 2 or more) lie in;
+    NaN without data. Raises ProjectError, FrameError where the file cannot be used."""
+    file = open_raster(raster)
+    windows = [Window(r, c, r + 1, c + 1) for r, c in np.column_stack(file.grid.cells_at(places_map_m)).tolist()]
+    height_m = np.array([file.read(window)[0, 0] for window in windows], dtype=np.float64)
+    known = np.isfinite(height_m)
+    cells = PointCloud(np.column_stack([places_map_m[known, :2], height_m[known]]))
+    height_m[known] = _with_map_heights(project, cells).position_map_m[:, 2]  # type: ignore[union-attr]
+    return height_m
 
 
 def compare_clouds(run: Run, folder: Path, progress: Progress) -> ComparisonSummary:
