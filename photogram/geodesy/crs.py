@@ -252,9 +252,13 @@ def same_plan(first: str, second: str) -> bool:
     return a == b or bool(a.equals(b, ignore_axis_order=True))
 
 
+_HEMISPHERES = {"N": "S", "S": "N"}
+
+
 def neighbouring_zones(name: str) -> tuple[str, ...]:
-    """Return the codes of up to three zones on each side of a map grid that is one of several zones, of one datum, the
-    nearest first; none of a map without zones, or without a code. Raises FrameError as projected_crs."""
+    """Return the codes of the other zones that a map grid, one of several of a datum, is mistaken for: up to three on
+    each side, the nearest first, and the one of its number in the other hemisphere; none of a map without zones, or
+    without a code. Raises FrameError as projected_crs."""
     if name == NO_CRS:
         return ()
     plan = projected_crs(name)
@@ -269,7 +273,18 @@ def neighbouring_zones(name: str) -> tuple[str, ...]:
             continue  # the codes beside the first and the last zone mean something else, or nothing
         if other is not None and (other[1], other[3]) == (zoned[1], zoned[3]):
             zones.append(f"EPSG:{code + step}")
-    return tuple(zones)
+    return (*zones, *_other_hemisphere(zoned))
+
+
+def _other_hemisphere(zoned: re.Match[str]) -> tuple[str, ...]:
+    """Return the code of the zone of the same number in the other hemisphere, none where its datum has none there."""
+    if zoned[3] not in _HEMISPHERES:
+        return ()
+    try:
+        code = projected_crs(f"{zoned[1]}{zoned[2]}{_HEMISPHERES[zoned[3]]}").to_epsg()
+    except FrameError:
+        return ()
+    return () if code is None else (f"EPSG:{code}",)
 
 
 def crs_in_metres(name: str) -> str:

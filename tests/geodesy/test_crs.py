@@ -20,7 +20,9 @@ from photogram.geodesy.crs import (
     metric_crs,
     metric_only,
     middle_deg,
+    neighbouring_zones,
     product_crs,
+    projected_crs,
     same_plan,
 )
 from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_crs, map_from_geodetic
@@ -242,3 +244,21 @@ def test_a_plan_is_the_same_whatever_is_said_of_heights(first: str, second: str,
         assert "ellipsoidal height" in second
     assert same_plan(first, second) is expected
     assert same_plan(second, first) is expected
+
+
+@pytest.mark.parametrize(
+    ("grid", "beside", "across"),
+    [
+        ("EPSG:32632", ["EPSG:32633", "EPSG:32631"], ["EPSG:32732"]),
+        ("EPSG:32732", ["EPSG:32733", "EPSG:32731"], ["EPSG:32632"]),
+        ("EPSG:31982", ["EPSG:31983", "EPSG:31981"], ["EPSG:31976"]),  # codes in no order across the equator
+        ("EPSG:25832", ["EPSG:25833", "EPSG:25831"], []),  # of the north alone
+        ("EPSG:2056", [], []),  # no zone
+    ],
+)
+def test_a_zone_is_mistaken_for_those_beside_it_and_across_the_equator(
+    grid: str, beside: list[str], across: list[str]
+) -> None:
+    zones = list(neighbouring_zones(grid))
+    assert zones[:2] == beside
+    assert [zone for zone in zones if projected_crs(zone).name[-1:] != projected_crs(grid).name[-1:]] == across

@@ -678,6 +678,20 @@ def test_points_in_another_zone_propose_the_one_in_which_they_lie_among_the_phot
     assert draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:25832", control=(here,))).control[0].grid is None
 
 
+@pytest.mark.parametrize(
+    ("stated", "remedy"),
+    [
+        ("EPSG:32732", "write EPSG:32632 into the file, as its points lie among the photographs there"),
+        ("EPSG:32640", "give the map grid of the site, EPSG:32632 for example"),
+    ],
+)
+def test_a_file_that_names_a_zone_without_the_photographs_is_told_the_right_one(stated: str, remedy: str) -> None:
+    points = map_from_geodetic("EPSG:32632", np.array([[LONGITUDE, LATITUDE, 440.0]]))
+    wishes = Wishes(control=(ControlFile("points.csv", "control", points, crs=stated),))
+    with pytest.raises(ProjectError, match=f"points.csv: {stated} .* is valid for .*: {remedy}"):
+        draft_project(PHOTOGRAPHS, [], wishes)
+
+
 def test_control_in_degrees_leaves_the_map_grid_to_the_photographs() -> None:
     file = ControlFile("c.txt", "control", geodetic_from_map("EPSG:2056", PLACE), crs="EPSG:4326")
     assert draft_project(PHOTOGRAPHS, [], Wishes(control=(file,))).crs == "EPSG:32632"

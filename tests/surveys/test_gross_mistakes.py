@@ -293,6 +293,11 @@ def test_control_whose_file_names_another_zone(tiny: Tiny, zone: str) -> None:
     only(tiny.findings(), "error", "in EPSG:25832 they would lie among them", "give EPSG:25832 as their crs")
 
 
+def test_a_zone_of_the_other_hemisphere(tiny: Tiny) -> None:
+    tiny.values["crs"] = "EPSG:32732"
+    only(tiny.findings(), "error", "GNSS positions are outside the area of use of EPSG:32732", "EPSG:32632 for example")
+
+
 def test_a_single_altitude_of_zero(tiny: Tiny) -> None:
     tiny.tags[4] = replace(tiny.tags[4], height_m=0.0)
     found = tiny.findings()

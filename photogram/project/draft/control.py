@@ -51,6 +51,13 @@ class ControlFile:
         return not self.has_marks and (self.marks is None or self.unmarked)
 
 
+def fitting_zones(file: ControlFile, crs: str, middle: tuple[float, float]) -> list[str]:
+    """Return the zones beside a map grid in which the points of a file lie among the photographs."""
+    if not len(file.position):
+        return []
+    return [zone for zone in neighbouring_zones(crs) if _distance_m(file, zone, middle) <= NEAR_M]
+
+
 def _distance_m(file: ControlFile, crs: str, middle: tuple[float, float]) -> float:
     """Return how far the points of a file lie from the photographs if they are in a map grid."""
     here = map_from_geodetic(crs, np.array([[*middle, 0.0]]))[0, :2]
@@ -89,12 +96,11 @@ def in_fitting_grid(
         return file
     if file.geodetic is not None and _is_near(file.geodetic, middle):
         return replace(file, grid=WGS84, off_m=distance_m)
-    zones = neighbouring_zones(crs)
-    fitting = [zone for zone in zones if _distance_m(file, zone, middle) <= NEAR_M]
+    fitting = fitting_zones(file, crs, middle)
     if len(fitting) == 1:
         return replace(file, grid=fitting[0], off_m=distance_m)
     if fitting or is_proposed:
-        of_zones = ", ".join(fitting or zones)
+        of_zones = ", ".join(fitting or neighbouring_zones(crs))
         others = f"among them in each of {of_zones}" if fitting else f"not among them in {of_zones} either"
         raise ProjectError(
             f"{file.path}: the file does not name its map grid; in {crs} its points would lie "

@@ -20,7 +20,7 @@ from photogram.project.draft.cameras import (
     camera_names,
     tagged_camera,
 )
-from photogram.project.draft.control import ControlFile, in_fitting_grid, in_fitting_order
+from photogram.project.draft.control import ControlFile, fitting_zones, in_fitting_grid, in_fitting_order
 from photogram.project.draft.positions import (
     Gnss,
     GnssKind,
@@ -178,8 +178,9 @@ def named(crs: str) -> tuple[str, str]:
     return f"EPSG:{code}", str(projected_crs(f"EPSG:{code}").name)
 
 
-def _check_place(crs: str, middle: tuple[float, float] | None, of: str = "crs") -> None:
-    """Raise ProjectError where photographs lie outside the area of a map grid, the one ``of`` what says it."""
+def _check_place(crs: str, middle: tuple[float, float] | None, file: ControlFile | None = None) -> None:
+    """Raise ProjectError where the photographs lie far outside the area of a map grid, with the zone in which the
+    points of the ``file`` that names it lie among them."""
     area = projected_crs(crs).area_of_use
     if area is None or middle is None or area.west > area.east:
         return
@@ -189,10 +190,14 @@ def _check_place(crs: str, middle: tuple[float, float] | None, of: str = "crs") 
         not area.west - margin <= longitude <= area.east + margin
         or not area.south - margin <= latitude <= area.north + margin
     ):
+        remedy = f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
+        fitting = fitting_zones(file, crs, middle) if file is not None else []
+        if fitting:
+            remedy = f"write {' or '.join(fitting)} into the file, as its points lie among the photographs there"
         raise ProjectError(
-            f"{of}: {crs} ({projected_crs(crs).name}) is valid for longitude {area.west:g} to {area.east:g}, latitude "
-            f"{area.south:g} to {area.north:g}; the photographs lie at {longitude:.4f}, {latitude:.4f}: "
-            f"give the map grid of the site, {utm_crs(longitude, latitude)} for example"
+            f"{'crs' if file is None else file.path}: {crs} ({projected_crs(crs).name}) is valid for longitude "
+            f"{area.west:g} to {area.east:g}, latitude {area.south:g} to {area.north:g}; the photographs lie at "
+            f"{longitude:.4f}, {latitude:.4f}: {remedy}"
         )
 
 
@@ -211,7 +216,7 @@ def _choose_crs(wishes: Wishes, middle: tuple[float, float] | None) -> tuple[str
             crs, name = named(file.crs)
         except FrameError:
             continue  # geographic, or in feet: its points are transformed to the map grid chosen below
-        _check_place(crs, middle, file.path)
+        _check_place(crs, middle, file)
         return crs, name, f"the one of {file.path}"
     if middle is None and not wishes.control:
         return NO_CRS, "local frame", "neither the tags nor ground points say where the photographs were taken"

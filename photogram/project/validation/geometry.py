@@ -11,9 +11,10 @@ from photogram.constraints.between_points import gives_scale
 from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.frames import geodetic_from_map
 from photogram.measures.collinearity import collinear
 from photogram.project.cross_checks import AreaOfUse
-from photogram.project.draft.sites import gap_between_sites_m, group_sites
+from photogram.project.draft.sites import gap_between_sites_m, group_sites, utm_crs
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import (
     MeasuredSurvey,
@@ -74,11 +75,23 @@ def area_findings(project: Project, gnss_map_m: FloatArray) -> list[Finding]:
     if len(foreign) == len(known):
         reading = other_reading(project.crs, gnss_map_m[known], control_positions(project))
         if reading is None:
-            return [Finding("error", "crs", text, "give the CRS of the site")]
+            longitude, latitude, _ = np.median(geodetic_from_map(project.crs, gnss_map_m[known]), axis=0)
+            return [
+                Finding("error", "crs", text, f"give the CRS of the site, {utm_crs(longitude, latitude)} for example")
+            ]
         text += f"; {reading[0]} they would lie among the control points"
         return [Finding("error", "GNSS positions", text, reading[1])]
     names = some([project.photographs[i].name for i in foreign])
     return [Finding("error", names, text, "remove these photographs, or correct their positions")]
+
+
+def _for_example(crs: str, gnss_map_m: FloatArray) -> str:
+    """Return in words the UTM zone of positions (N, 3) of the map ``crs``, nothing where they have none."""
+    try:
+        longitude, latitude, _ = np.median(geodetic_from_map(crs, gnss_map_m), axis=0).tolist()
+        return f", {utm_crs(longitude, latitude)} for example"
+    except FrameError:
+        return ""  # beyond where UTM ends, or no place on Earth
 
 
 def base_findings(survey: MeasuredSurvey) -> list[Finding]:
