@@ -295,7 +295,7 @@ def test_events_of_rtklib_are_matched_in_order_and_their_times_checked(folder: P
 def test_photographs_that_a_file_leaves_out_are_named(folder: Path) -> None:
     mrk(folder, numbers=(1, 2))
     project = project_of(folder, "  positions: [{path: images/100_0001_Timestamp.MRK}]\n")
-    found = warnings(project, [TAGS] * 3)
+    found = warnings(project, [replace(TAGS, latitude_deg=47.4 + 9e-5 * n) for n in (1, 2, 3)])
     assert [(f.where, f.severity) for f in found] == [("DJI_0003.JPG", "warning")]
     assert "in no position file" in found[0].text
 

@@ -298,6 +298,51 @@ def test_a_zone_of_the_other_hemisphere(tiny: Tiny) -> None:
     only(tiny.findings(), "error", "GNSS positions are outside the area of use of EPSG:32732", "EPSG:32632 for example")
 
 
+def positions_given(tiny: Tiny, positions: np.ndarray[Any, Any], names: Sequence[int] = range(12)) -> None:
+    """Give positions of photographs in a table, and leave the ground points out of it."""
+    rows = [f"{i:02d}.JPG,{x!r},{y!r},{z!r}" for i, (x, y, z) in zip(names, positions.tolist(), strict=True)]
+    (tiny.folder / "positions.csv").write_text("\n".join(["name,easting,northing,height", *rows]) + "\n")
+    entry = {"path": "positions.csv", "position_of": "camera", "heights": "ellipsoidal"}
+    tiny.values["photographs"] |= {"gnss_sigma_m": [0.02, 0.02, 0.04], "positions": [entry]}
+    tiny.points[:, 2] = np.nan
+    del tiny.values["control_points"]
+    tiny.listed = False
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda c: np.roll(c, -1, axis=0)[:11], "each agrees with the photograph after its own: check that"),
+        (
+            lambda c: np.roll(c, 2, axis=0)[2:],
+            "each agrees with the second photograph before its own: check",
+        ),
+        (lambda c: map_from_geodetic("EPSG:25833", geodetic_from_map(CRS, c)), "in EPSG:25833 they would lie among"),
+        (lambda c: c + np.array([0.0, 0.0, 40.0]), "positions.csv: its heights lie 40.0 m above those in the tags"),
+        (
+            lambda c: np.where(np.arange(12)[:, None] == 4, c + np.array([90.0, 0.0, 0.0]), c),
+            "1 of 12 positions (04.JPG) lie up",
+        ),
+    ],
+)
+def test_positions_that_contradict_the_tags(
+    tiny: Tiny, change: Callable[[np.ndarray[Any, Any]], np.ndarray[Any, Any]], says: str
+) -> None:
+    given = change(CENTRES)
+    positions_given(tiny, given, range(12)[-len(given) :] if "second" in says else range(len(given)))
+    only(tiny.findings(), "warning", "positions.csv: ", says)
+
+
+@pytest.mark.parametrize("sigma_m", [(0.02, 0.02, 0.04), None])
+def test_positions_that_are_better_than_the_tags(tiny: Tiny, sigma_m: tuple[float, float, float] | None) -> None:
+    """Of tags without RTK positions may be metres off, and heights be a barometer's."""
+    positions_given(tiny, CENTRES)
+    off_m = np.array([1.5, -1.0, 2.0]) if sigma_m else np.array([5.0, -6.0, 60.0])
+    off = tags_of(geodetic_from_map(CRS, CENTRES + off_m))
+    tiny.tags = [replace(t, gnss_sigma_m=sigma_m, rtk_flag=50 if sigma_m else 16) for t in off]
+    assert [f for f in tiny.findings() if f.where == "positions.csv"] == []
+
+
 def test_a_single_altitude_of_zero(tiny: Tiny) -> None:
     tiny.tags[4] = replace(tiny.tags[4], height_m=0.0)
     found = tiny.findings()

@@ -23,6 +23,7 @@ from photogram.project.measured.measured_positions import (
     source_of,
 )
 from photogram.project.project import Project, ProjectPhotograph
+from photogram.project.validation.tagged_positions import tagged_position_findings
 from photogram.wording import some, things
 
 CLOCK_S = 3.0
@@ -217,4 +218,5 @@ def gnss_findings(project: Project, tags: Sequence[PhotographTags | None]) -> li
         *long_arm_findings(known),
         *file_findings(known),
         *time_findings([(photograph, tags.time) for photograph, tags in known]),
+        *tagged_position_findings(project, known),
     ]
