@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from photogram.errors import ProjectError
+from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.headers import PhotographHeader
 from photogram.files.photographs.placeholders import (
     stray_zero_heights,
@@ -22,7 +22,7 @@ from photogram.files.photographs.placeholders import (
 from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
-from photogram.project.measured.measured_survey import of_tags
+from photogram.project.measured.measured_survey import gnss_positions, of_tags
 from photogram.project.project import Project
 from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.geometry import geometry_findings
@@ -156,17 +156,17 @@ def _overview(
     project: Project, tags: Sequence[PhotographTags | None], needs: MachineNeeds, twins: Sequence[Sequence[int]]
 ) -> Finding:
     copies = {i for group in twins for i in group[1:]}
-    positions = [
-        p.gnss_map_m is not None or p.file_position is not None or (t is not None and t.longitude_deg is not None)
-        for i, (p, t) in enumerate(zip(project.photographs, tags, strict=True))
-        if i not in copies
-    ]
+    own = [i for i in range(len(project.photographs)) if i not in copies]
+    try:
+        positioned = np.asarray(np.isfinite(gnss_positions(project, tags)).all(axis=1))
+    except FrameError:
+        positioned = np.zeros(len(project.photographs), dtype=bool)  # the geometry's own check says so
     roles = Counter(p.role for p in project.control_points)
     heights = [t.height_above_take_off_m for t in tags if t is not None and t.height_above_take_off_m]
     facts = [
-        things(len(positions), "photograph"),
+        things(len(own), "photograph"),
         things(len(project.cameras), "camera"),
-        f"{sum(positions)} with GNSS",
+        f"{int(positioned[own].sum())} with GNSS",
         things(roles["control"], "control point"),
         things(roles["check"], "check point"),
         f"{gigabytes(needs.disk_bytes)} of disk space",

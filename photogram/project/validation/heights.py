@@ -19,6 +19,7 @@ from photogram.project.findings import Finding, Severity
 from photogram.project.measured.measured_block import PhotographNote, measured_arrays
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
+from photogram.project.validation.control_positions import control_position_findings
 from photogram.project.validation.height_shift import HeightEvidence, HeightShift, height_shift
 from photogram.project.validation.image_scale import ScaleFit, fit_scales
 from photogram.survey import Block, Role
@@ -346,8 +347,8 @@ def height_system_findings(project: Project, tags: Sequence[PhotographTags | Non
         survey = usable_survey(project, tags)
     except FrameError:
         return []  # the geometry's own check says so
-    if survey is None:
-        return []
+    if survey is None or any(f.severity == "error" for f in control_position_findings(project, survey)):
+        return []  # heights of points that lie elsewhere say nothing of a system
     ellipsoidal = [None if t is None else t.height_is_ellipsoidal for t in tags]
     evidence = {role: _evidence_of_survey(project, survey, role) for role in _ROLES}
     shift, findings = _of_both_roles(project, evidence, survey.frame, ellipsoidal)
