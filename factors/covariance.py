@@ -21,7 +21,9 @@ from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.ground_terms import GroundTerms, bundle_of, eliminated, variable_at
 from photogram.factors.variables import CONTROL_POINT, DATUM, POSE, TIE_POINT
+from photogram.measures.rough_place import HEADING_SIGMA_RAD, rough_place
 from photogram.projection import PARAMETERS
+from photogram.survey import Block
 
 RANK_TOLERANCE = 1e-13
 RANK_SHIFT = 1e-11  # makes a singular system solvable for its null vectors
@@ -351,18 +353,22 @@ def _checked_factor(normal: NormalEquations, scale: FloatArray, whole: Datum) ->
     return factor
 
 
-def _check_attitudes(covariances: Covariances, whole: Datum) -> None:
-    """Raise IndeterminateError where an attitude may be any, naming the block that turns or the photograph."""
+def _check_attitudes(covariances: Covariances, whole: Datum, block: Block) -> None:
+    """Raise IndeterminateError where an attitude may be any, naming the block that turns or the photograph; but for the
+    heading of a block that is placed roughly, and said to be open."""
+    rough = rough_place(block)
+    heading_rad = HEADING_SIGMA_RAD if rough is not None and rough.open_heading else 0.0
+    limit = MEANINGLESS_SIGMA_RAD**2 + heading_rad**2
     variance = np.einsum("naa->na", covariances.poses)[:, :3].max(axis=1, initial=0.0)
-    if not np.any(variance > MEANINGLESS_SIGMA_RAD**2):
+    if not np.any(variance > limit):
         return
     worst = int(np.argmax(variance))
     turn = covariances.between(whole.fit, whole.fit)[3:6, 3:6]
-    if covariances.layout.free > 1 and float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
+    if covariances.layout.free > 1 and float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * limit:
         steady = weights_of(covariances.poses, whole.distance_m)
         again = datum_of(covariances.layout, whole.state, whole.distance_m, steady)
         turn = covariances.between(again.fit, again.fit)[3:6, 3:6]
-        if float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * MEANINGLESS_SIGMA_RAD**2:
+        if float(np.linalg.eigvalsh(turn)[-1]) > 0.5 * limit:
             raise IndeterminateError((DATUM, TURN))
     raise IndeterminateError((POSE, worst))
 
@@ -388,7 +394,7 @@ def covariances(problem: Problem, state: State) -> Covariances:
         T = factor.T * scale[m:] / scale[:m, None]
         border = factor.border_covariance() / np.outer(scale[m:], scale[m:])
         of_cameras = Covariances(layout, factor, scale, inverse, T, border, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)))
-        _check_attitudes(of_cameras, whole)
+        _check_attitudes(of_cameras, whole, problem.block)
         cameras, blocks = state.cameras, (inverse, T, border)
         ties, controls = Points.unknown(state.tie_point), Points(state.control, terms.control_prior)
         tie, lost = point_covariances(bundle.tie, cameras, ties, layout, bundle.loss, blocks, pool)

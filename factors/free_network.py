@@ -29,6 +29,7 @@ from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import ground_columns, parts_of, ray_covariances
 from photogram.factors.priors import known_rotation
 from photogram.factors.variables import POSE, key
+from photogram.measures.open_scale import open_scale
 from photogram.measures.rough_place import rough_place
 from photogram.survey import Block
 
@@ -69,10 +70,19 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
 
 def datum_conditions(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
     """Return what makes the datum of a block regular whose measurements do not: the conditions of a free network, and
-    what holds a block upright whose positions scatter by more than its photographs stand apart."""
-    rough = rough_place(block)
-    upright = () if rough is None else (known_rotation(rough.photograph, rough.rotation, rough.sigma_rad),)
-    return (*minimal_datum(block), *upright)
+    what holds a block upright, or at a positive scale, whose positions scatter by more than its photographs stand
+    apart."""
+    rough, scale = rough_place(block), None if is_scaled(block) else open_scale(block)
+    conditions = [*minimal_datum(block)]
+    if rough is not None:
+        conditions.append(known_rotation(rough.photograph, rough.rotation, rough.sigma_rad))
+    if scale is not None:
+        ends, noise = (
+            (key(POSE, scale.first), key(POSE, scale.last)),
+            gtsam.noiseModel.Isotropic.Sigma(1, scale.sigma_m),
+        )
+        conditions.append(gtsam.RangeFactorPose3(*ends, scale.distance_m, noise))
+    return tuple(conditions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 Positions that tell the vertical worse than the way in which photographs are taken does are joined by this: the tilt of
 the block is observed, to VERTICAL_SIGMA_RAD about every level axis. A heading that they leave open is held where the
-orientation found it, to HEADING_SIGMA_RAD, more than which no linearised turn means anything. Both are observations of
-one photograph in the middle of the block, since its photographs hold each other.
+orientation found it, to HEADING_SIGMA_RAD, by which it is off where it may be any. Both are observations of one
+photograph in the middle of the block, since its photographs hold each other.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from photogram.measures.collinearity import collinear
 from photogram.measures.vertical import VERTICAL_SIGMA_RAD, turn_sigmas_rad, vertical_near
 from photogram.survey import Block
 
-HEADING_SIGMA_RAD = 0.75
+HEADING_SIGMA_RAD = float(np.pi / np.sqrt(3.0))
+"""Of an angle that may be any: the standard deviation of a uniform distribution from −π to π."""
 OPEN_HEADING_RAD = 0.5
 """Standard deviation of the heading by the positions, from which it is held."""
 _FREE_RAD = 100.0

@@ -24,15 +24,18 @@ from photogram.survey import Block
 OFFSET_M = np.array([2.0, 2.0, 3.0])
 
 
-def small_survey(width_m: float, noise_m: float, seed: int) -> tuple[Block, FloatArray, Structure]:
-    """A block without attitudes or ground points, its true projection centres, and its structure in another frame."""
+def plan_of(width_m: float, noise_m: float) -> SurveyPlan:
     height_m = 1.33 * width_m
-    plan = SurveyPlan(
+    return SurveyPlan(
         strips=4, photographs_per_strip=5, flying_height_m=height_m, position_noise_m=0.04 * height_m,
         relief_m=0.15 * height_m, control_points=0, check_points=0, buildings=0, trees=0, cell_m=height_m / 200,
         attitude_noise_deg=4.0, gnss_offset_sigma_m=(0.0, 0.0, 0.0), gnss_sigma_m=(noise_m,) * 3,
     )  # fmt: skip
-    made = simulated(plan, tie_points=150, seed=seed)
+
+
+def small_survey(width_m: float, noise_m: float, seed: int) -> tuple[Block, FloatArray, Structure]:
+    """A block without attitudes or ground points, its true projection centres, and its structure in another frame."""
+    made = simulated(plan_of(width_m, noise_m), tie_points=150, seed=seed)
     photographs = tuple(
         replace(p, attitude_world_from_camera=None, attitude_sigma_rad=None, velocity_world_m_s=None, time=None)
         for p in made.block.photographs
@@ -95,6 +98,24 @@ def test_errors_are_what_is_said_where_positions_scatter_by_more_than_the_block_
     assert np.mean(shape) < 0.005 * width_m  # as of the rays alone
 
 
+def test_an_open_heading_is_off_by_its_sigma() -> None:
+    """An adjusted one: the positions turn the block by what they scatter by, and their sigma is that of its size."""
+    squares = []
+    for seed in seeds(20, few=20):
+        block, truth, structure = small_survey(2.0, 5.0, seed)
+        result = adjusted(block, structure)
+        rough = rough_place(result.block)
+        assert rough is not None
+        if not rough.open_heading:
+            continue
+        found = fit_similarity(truth, np.array([p.position_world_m for p in result.block.poses if p is not None]))
+        off_rad = np.arctan2(found.rotation[1, 0] - found.rotation[0, 1], found.rotation[0, 0] + found.rotation[1, 1])
+        turn = rough.rotation @ result.covariances.rotation_rad2[rough.photograph] @ rough.rotation.T
+        squares.append(float(off_rad**2 / turn[2, 2]))
+    assert len(squares) > 10
+    assert 0.6 < np.sqrt(np.mean(squares)) < 1.6
+
+
 def test_what_is_not_determined_is_said_and_what_is_known_with_its_sigma() -> None:
     block, _, structure = small_survey(2.0, 5.0, 1)
     lost = next(w for w in adjusted(block, structure).warnings if w.startswith("The block is placed roughly"))
@@ -121,3 +142,21 @@ def test_good_positions_control_points_or_attitudes_place_a_block_as_before() ->
         replace(p, attitude_world_from_camera=np.eye(3), attitude_sigma_rad=0.02) for p in noisy.photographs
     )
     assert rough_place(replace(noisy, photographs=levelled)) is None
+
+
+@pytest.mark.parametrize("width_m", [2.0, 5.0])
+def test_no_block_with_attitudes_shrinks_to_a_point(width_m: float) -> None:
+    squares = []
+    for seed in seeds(20, few=20):
+        block, truth, structure = small_survey(width_m, 5.0, seed)
+        made = simulated(plan_of(width_m, 5.0), tie_points=150, seed=seed).block.photographs
+        levelled = tuple(
+            replace(p, attitude_world_from_camera=m.attitude_world_from_camera, attitude_sigma_rad=m.attitude_sigma_rad)
+            for p, m in zip(block.photographs, made, strict=True)
+        )
+        result = adjusted(replace(block, photographs=levelled), structure)
+        found = np.array([p.position_world_m for p in result.block.poses if p is not None])
+        assert fit_similarity(truth, found).scale > 0.3
+        normal = np.linalg.inv(result.covariances.position_m2)
+        squares.append(float(np.mean(np.einsum("ni,nij,nj->n", found - truth, normal, found - truth)) / 3.0))
+    assert 0.7 < np.sqrt(np.mean(squares)) < 1.35
