@@ -708,6 +708,17 @@ def test_a_map_grid_that_is_none_is_refused() -> None:
         draft_project(PHOTOGRAPHS, [], Wishes(crs="EPSG:4258"))
 
 
+@pytest.mark.parametrize(
+    ("count", "says"), [(1, "the only one of 64 × 48 px by X"), (2, "one of 2 of 64 × 48 px by X")]
+)
+def test_photographs_of_a_camera_that_took_next_to_none_are_left_out(count: int, says: str) -> None:
+    many = [TaggedPhotograph(f"m{i}.jpg", t) for i, t in enumerate(flown(60))]
+    other = [TaggedPhotograph(f"x{i}.jpg", replace(t, model="X")) for i, t in enumerate(flown(count))]
+    draft = draft_project([*many, *other], [], Wishes())
+    assert [p.name for p in draft.left_out] == [p.name for p in other]
+    assert all(p.reason.startswith(says) for p in draft.left_out)
+
+
 def test_focal_length_of_several_cameras_must_be_wanted_by_one() -> None:
     other = [replace(t, model="X", focal_35mm_mm=None) for t in flown(3)]
     both = [*PHOTOGRAPHS, *(TaggedPhotograph(f"x{i}.jpg", t) for i, t in enumerate(other))]

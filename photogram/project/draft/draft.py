@@ -318,6 +318,10 @@ def _depth(tags: PhotographTags) -> str:
     return f" and {tags.bits} bits" if tags.bits > 8 else ""
 
 
+def _one_of(count: int) -> str:
+    return f"one of {count}" if count > 1 else "the only one"
+
+
 def _cameras(
     photographs: Sequence[TaggedPhotograph], given_focal_px: float | None, focal_px_of: Mapping[str, float]
 ) -> tuple[dict[CameraKey, TaggedCamera], list[LeftOut]]:
@@ -330,7 +334,7 @@ def _cameras(
     left_out = [
         LeftOut(
             p.name,
-            f"one of {len(members[key])} of {p.tags.width_px} × {p.tags.height_px} px{_depth(p.tags)} by "
+            f"{_one_of(len(group))} of {p.tags.width_px} × {p.tags.height_px} px{_depth(p.tags)} by "
             f"{p.tags.model or 'a camera'}, "
             "too few for a self-calibration",
         )
