@@ -111,6 +111,10 @@ def test_names_comments_tabs_and_blanks(tmp_path: Path) -> None:
             ["3: point A is marked twice in a.jpg, first in line 2: write their folders if two photographs"],
         ),
         (
+            "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 a.jpg A\n2 2 3 4 5 b.jpg B\n2 2 3 9 9 b.jpg B\n",
+            ["3: point A is marked twice in a.jpg, first in line 2, and so are B in b.jpg (4 and 5): write their folders"],
+        ),
+        (
             "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 b.jpg B\n1 2 3 9 9 c.jpg\n",
             ["4: has no name, and its position is that of A and B: name the point"],
         ),

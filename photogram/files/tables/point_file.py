@@ -10,6 +10,7 @@ from photogram.files.tables.column_units import NO_UNITS, UnitsM
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, MarkSource, SurveyedPoint
 from photogram.files.text_lines import Errors, Note
 from photogram.gnss import Solution
+from photogram.wording import some
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,18 @@ def mark_of(
 
 
 def check_marks(marks: Iterable[Mark], errors: Errors) -> None:
-    """Note every second mark of a point in a photograph."""
+    """Note what is marked twice in a photograph, in one sentence."""
     first: dict[tuple[str, str], int] = {}
+    twice: list[tuple[Mark, int]] = []
     for mark in marks:
         line = mark.source.line
         if (before := first.setdefault(mark.key, line)) != line:
-            text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
-            errors.note(
-                line, f"{text}: write their folders if two photographs are called so, else remove one of the marks"
-            )
+            twice.append((mark, before))
+    if not twice:
+        return
+    mark, before = twice[0]
+    text = f"point {mark.point} is marked twice in {mark.photograph}, first in line {before}"
+    others = some([f"{m.point} in {m.photograph} ({n} and {m.source.line})" for m, n in twice[1:]])
+    text += f", and so are {others}" if others else ""
+    remedy = "write their folders if two photographs are called so, else remove one of the marks"
+    errors.note(mark.source.line, f"{text}: {remedy}")
