@@ -34,6 +34,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "matio": ("files.matlab",),
     "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.matchers.byte_distances"),
+    "pillow_heif": ("files.photographs.heic",),
     "pyogrio": ("files.maps", "change.files"),
     "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),

@@ -10,7 +10,7 @@ from photogram.pipeline.new_project import Request, read_back, write_project
 from photogram.project.draft.assumptions import assumptions
 from photogram.project.draft.draft import ProjectDraft
 from photogram.terminal.console import console, steps
-from photogram.wording import things
+from photogram.wording import some, things
 
 _OPTIONS = {
     "picture_size_px": "--picture-size",
@@ -54,12 +54,18 @@ def _show(draft: ProjectDraft, project: Path) -> None:
         table.add_row(
             "another site, left out", f"{things(len(site.names), 'photograph')} {where}: {escape(_short(site.names))}"
         )
-    for photograph in draft.left_out[:10]:
-        table.add_row("left out", escape(f"{photograph.name}: {photograph.reason}"))
+    reasons = list(draft.left_out_for.items())
+    for reason, names in reasons[:10]:
+        table.add_row("left out", escape(f"{some(names)}: {reason}"))
     for warning in draft.warnings:
         table.add_row("[yellow]warning[/yellow]", escape(warning))
-    if len(draft.left_out) > 10:
-        table.add_row("left out", f"and {len(draft.left_out) - 10} more, see {escape(str(project))}")
+    more = sum(len(names) for _, names in reasons[10:])
+    if more:
+        table.add_row("left out", f"and {more} more, see {escape(str(project))}")
+    if draft.others:
+        table.add_row("not read", escape(f"{things(len(draft.others), 'other file')}: {some(draft.others)}"))
+    if draft.unsearched:
+        table.add_row("not searched", escape(f"{some(draft.unsearched)}: --recursive searches folders within"))
     console.print(table)
     assumed = Table("assumed, since nothing states it", "as", "what becomes of it")
     for assumption in assumptions(draft):

@@ -1,7 +1,7 @@
 """A project file from a folder of photographs: their tags, files of ground points, and those of positions beside."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from os.path import exists, isdir, isfile  # false, not an exception, for a name that cannot be
@@ -15,23 +15,17 @@ from photogram.files.marks.formats import read_marks, read_points
 from photogram.files.marks.mark_table import MARKS, has_rows
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
-from photogram.files.photographs.masks import find_masks, is_called_mask
-from photogram.files.photographs.names import (
-    PNG,
-    SUFFIXES,
-    UNREAD,
-    deep_twins,
-    unread_pictures,
-    without_raw_twins,
-)
+from photogram.files.photographs.masks import find_masks
+from photogram.files.photographs.names import deep_twins
 from photogram.files.tables.column_names import POINTS, quantity_of
 from photogram.files.tables.point_file import PointFile
-from photogram.files.tables.position_files import PositionFile, read_mrk
-from photogram.files.tables.position_tables import read_positions_table
+from photogram.files.tables.position_files import PositionFile
+from photogram.files.tables.position_tables import read_positions
 from photogram.geodesy.crs import is_geographic
 from photogram.geodesy.frames import geodetic_from_map
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
+from photogram.pipeline.photograph_folder import MASKS_FOLDER, look_into
 from photogram.pipeline.pipeline import load_project
 from photogram.project.control.mark_entries import of_page
 from photogram.project.draft.control import ControlFile
@@ -50,13 +44,13 @@ from photogram.project.positions.matching import match_rows
 from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within
 from photogram.survey import Role
-from photogram.wording import Progress, html_table, silent, some, things
+from photogram.wording import Progress, html_table, silent, things
 
 GEO_TXT = "geo.txt"
-"""OpenDroneMap's table of the photographs' positions."""
+"""OpenDroneMap's table of the positions of cameras, in the folder of the photographs or above it."""
 
-MASKS_FOLDER = "masks"
-"""Name of a folder beside the photographs, or in their folder, that is taken for that of their masks."""
+_POSITIONS = (".mrk", ".pos", ".csv", ".txt")
+"""Of files that may hold positions of photographs, in small letters."""
 
 
 @dataclass(frozen=True)
@@ -128,59 +122,6 @@ class NewProject:
 # ---- what lies in the folder -----------------------------------------------------------------------------------------
 
 
-def _is_hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
-
-
-def _is_mask(path: Path) -> bool:
-    """Return whether a picture, by its path in the folder of the photographs, lies in a folder of masks."""
-    return MASKS_FOLDER in path.parts[:-1]
-
-
-def _files(folder: Path, recursive: bool, suffixes: Sequence[str]) -> Iterator[Path]:
-    """Yield the files of a folder, or of those within too, that end so."""
-    paths = folder.rglob("*") if recursive else folder.iterdir()
-    return (path for path in paths if path.suffix.lower() in suffixes and path.is_file())
-
-
-def _names(folder: Path, recursive: bool) -> list[str]:
-    """Return the names of the photographs in the folder, relative to it."""
-    if not isdir(folder):
-        raise ImageError(f"{folder}: folder not found: give the folder of the photographs")
-    usable = _pictures(folder, recursive, SUFFIXES)
-    # PNG beside photographs of another kind are masks, overviews and screenshots
-    others = [name for name in usable if not name.lower().endswith(PNG)]
-    names = sorted(without_raw_twins(others or [name for name in usable if not is_called_mask(name)]))
-    if not names:
-        within = "" if recursive else "; --recursive searches subfolders"
-        unread = _passed_over(folder, recursive)
-        if unread:
-            raise ImageError(
-                f"{folder}: {things(len(unread), 'picture')} ({some([p.name for p in unread])}) of kinds that are not "
-                f"read: convert them to JPEG or TIFF, with their tags{within}"
-            )
-        raise ImageError(
-            f"{folder}: no photographs (JPEG, TIFF, DNG or PNG) found: give the folder of the photographs{within}"
-        )
-    return names
-
-
-def _pictures(folder: Path, recursive: bool, suffixes: Sequence[str]) -> list[str]:
-    """Return the names of pictures in the folder, relative to it, without hidden ones and masks."""
-    try:
-        paths = [p.relative_to(folder) for p in _files(folder, recursive, suffixes)]
-    except OSError as error:
-        raise ImageError(f"{folder}: cannot be read ({error.strerror}): check its permissions") from error
-    return [p.as_posix() for p in paths if not _is_hidden(p) and not _is_mask(p)]
-
-
-def _passed_over(folder: Path, recursive: bool) -> list[LeftOut]:
-    """Return the pictures of kinds that are not read."""
-    unread = unread_pictures(_pictures(folder, recursive, (*SUFFIXES, *UNREAD)))
-    reason = "pictures of its kind are not read: convert it to JPEG or TIFF, with its tags"
-    return [LeftOut(name, reason) for name in sorted(unread)]
-
-
 def _inspected(folder: Path, name: str) -> TaggedPhotograph | LeftOut:
     if not name.isprintable():
         return LeftOut(repr(name), "its name has unprintable characters: rename it")
@@ -229,6 +170,18 @@ def _without_deep_twins(photographs: list[TaggedPhotograph]) -> tuple[list[Tagge
     )
 
 
+def _without_other_pngs(
+    photographs: list[TaggedPhotograph], pngs: frozenset[str]
+) -> tuple[list[TaggedPhotograph], list[LeftOut]]:
+    """Return the photographs without those of ``pngs`` whose tags name no camera, and these."""
+    reason = (
+        "a PNG without a camera in its tags, beside photographs of another kind, is taken for an overview: save it as "
+        "TIFF if it is a photograph"
+    )
+    others = {p.name for p in photographs if p.name in pngs and p.tags.make is None and p.tags.model is None}
+    return [p for p in photographs if p.name not in others], [LeftOut(name, reason) for name in sorted(others)]
+
+
 def _relative(path: Path, project: Path) -> str:
     return Path(os.path.relpath(path.absolute(), project.absolute().parent)).as_posix()
 
@@ -275,32 +228,44 @@ def _geoid(geoid: str | None, project: Path) -> str | None:
     return geoid if geoid is None or not isfile(geoid) else _relative(Path(geoid), project)
 
 
-def _positions(folder: Path, names: list[str], recursive: bool, project: Path) -> tuple[DraftPositions, ...]:
-    """Return the MRK files beside the photographs, and OpenDroneMap's geo.txt there or above them, with their rows;
-    those that cannot be used with the reason."""
-    paths = sorted(p for p in _files(folder, recursive, (".mrk",)) if not _is_hidden(p.relative_to(folder)))
-    files = []
-    for path in paths:
-        here = path.relative_to(folder).parent.as_posix()
-        neighbours = [name for name in names if PurePosixPath(name).parent.as_posix() == here]
-        files.append(_draft_positions(path, read_mrk, neighbours or names, project))
-    tables = [path for path in (folder / GEO_TXT, folder.absolute().parent / GEO_TXT) if path.is_file()]
-    files += [_draft_positions(path, read_positions_table, names, project) for path in tables[:1]]
-    return tuple(files)
-
-
-def _draft_positions(
-    path: Path, reader: Callable[[Path], PositionFile], names: list[str], project: Path
-) -> DraftPositions:
-    written = _relative(path, project)
-    try:
-        file = reader(path)
-        matching = match_rows(file, names)
-        return DraftPositions(written, matching.rows, matching.error, file.format == "csv", _degrees_of(file))
-    except (ProjectError, FrameError) as error:
-        lines = str(error).splitlines()
-        more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
-        return DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more)
+def _positions(
+    folder: Path, files: Sequence[str], names: list[str], project: Path
+) -> tuple[tuple[DraftPositions, ...], set[str]]:
+    """Return the files of positions beside the photographs, and which of ``files`` they are: MRK files and a geo.txt
+    with their rows, those that cannot be used with the reason, and tables of which nobody says what their positions are
+    of."""
+    found, there = list[DraftPositions](), set[str]()
+    above = [f"../{GEO_TXT}"] if (folder.absolute().parent / GEO_TXT).is_file() else []
+    for file in (*files, *above):
+        kind, is_geo = PurePosixPath(file).suffix.lower(), PurePosixPath(file).name.lower() == GEO_TXT
+        if kind not in _POSITIONS:
+            continue
+        path = folder.absolute().parent / GEO_TXT if file in above else folder / file
+        here = PurePosixPath(file).parent
+        neighbours = [name for name in names if PurePosixPath(name).parent == here]
+        written, is_used = _relative(path, project), kind == ".mrk" or is_geo
+        try:
+            read = read_positions(path)
+            matching = match_rows(read, neighbours or names)
+            degrees = _degrees_of(read) if is_geo else {}
+        except (ProjectError, FrameError) as error:
+            if not is_used:
+                continue  # a table of something else
+            lines = str(error).splitlines()
+            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
+            found.append(DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more))
+        else:
+            if not is_used and not matching.rows:
+                continue
+            use = f"positions of {things(len(matching.rows), 'photograph')}, of the camera or of the antenna: to use "
+            use += f"them, add {{path: {written}, position_of: camera}}, or antenna, under photographs.positions"
+            found.append(
+                DraftPositions(written, matching.rows, matching.error, is_geo, degrees)
+                if is_used
+                else DraftPositions(written, error=use)
+            )
+        there.add(file)
+    return tuple(found), there
 
 
 def _degrees_of(file: PositionFile) -> Mapping[int, tuple[float, float, float]]:
@@ -358,15 +323,16 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
         raise ProjectError(
             f"{project}: the project file exists already: give another with --project FILE, or --force to overwrite it"
         )
-    names = _names(photographs, wanted.recursive)
+    inside = look_into(photographs, recursive=wanted.recursive)
     files = tuple(
         _control_file(path, role, wanted.marks, project, wanted.picture_size_px, wanted.control_sigma_m)
         for path, role in wanted.ground_points
     )
-    tagged, unreadable = _inspect(photographs, names, progress)
+    tagged, unreadable = _inspect(photographs, inside.names, progress)
+    tagged, pngs = _without_other_pngs(tagged, inside.pngs)
     tagged, twins = _without_deep_twins(tagged)
     tagged, duplicates = _without_duplicates(photographs, tagged)
-    positions = _positions(photographs, [p.name for p in tagged], wanted.recursive, project)
+    positions, tables = _positions(photographs, inside.others, [p.name for p in tagged], project)
     tagged = _with_places(tagged, positions)
     masks = _masks(photographs, [p.name for p in tagged], project)
     wishes = Wishes(
@@ -379,8 +345,12 @@ def write_project(wanted: Request, progress: Progress = silent) -> ProjectDraft:
         positions,
         masks,
     )
-    unread = _passed_over(photographs, wanted.recursive)
-    draft = draft_project(tagged, [*unreadable, *twins, *duplicates, *unread], wishes)
+    draft = draft_project(tagged, [*unreadable, *pngs, *twins, *duplicates, *inside.left_out], wishes)
+    given = {
+        path.absolute() for path in (project, *(path for path, _ in wanted.ground_points), wanted.marks or project)
+    }
+    others = [n for n in inside.others if n not in tables and (photographs / n).absolute() not in given]
+    draft = replace(draft, others=tuple(others), unsearched=inside.unsearched)
     with replacing(project) as partial:
         partial.write_text(project_text(draft, _relative(photographs, project)), encoding="utf-8")
     return draft

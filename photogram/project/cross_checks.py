@@ -15,7 +15,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import FrameError
-from photogram.files.photographs.names import SUFFIXES, without_raw_twins
+from photogram.files.photographs.names import SUFFIXES, twins
 from photogram.geodesy.crs import NO_CRS, crs_label, projected_crs
 from photogram.geodesy.frames import map_from_geodetic
 from photogram.project.constraints import check_constraints, used_points
@@ -123,8 +123,8 @@ def photographs_of(document: Document, file: ProjectFile, folder: Path | None) -
         document.add_error(key, f"folder {folder} not found: give it with --photographs DIR")
         return None
     try:
-        there = (p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
-        names = sorted(without_raw_twins(list(there)))
+        there = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+        names = sorted(set(there) - twins(there).keys())
     except OSError as error:
         document.add_error(key, f"the folder {folder} cannot be read ({error.strerror})")
         return None

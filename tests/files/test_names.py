@@ -2,13 +2,15 @@
 
 import pytest
 
-from photogram.files.photographs.names import deep_twins, joined_names, without_raw_twins
+from photogram.files.photographs.names import deep_twins, joined_names, twins
 
 
 def test_raw_files_beside_a_picture_are_left_out() -> None:
     names = ["a/DJI_1.JPG", "a/DJI_1.DNG", "a/DJI_2.dng", "b/DJI_1.DNG", "a/DJI_3.TIF", "a/dji_3.dng"]
-    assert without_raw_twins(names) == ["a/DJI_1.JPG", "a/DJI_2.dng", "b/DJI_1.DNG", "a/DJI_3.TIF"]
-    assert without_raw_twins(["1.DNG", "2.DNG"]) == ["1.DNG", "2.DNG"]
+    assert twins(names) == {"a/DJI_1.DNG": "a/DJI_1.JPG", "a/dji_3.dng": "a/DJI_3.TIF"}
+    assert twins(["1.DNG", "2.DNG"]) == {}
+    assert twins(["1.ARW", "1.heic", "2.cr3", "2.webp"]) == {"1.ARW": "1.heic"}
+    assert twins(["1.heic", "1.DNG", "2.HEIC", "2.jpg", "3.hif"]) == {"1.DNG": "1.heic", "2.HEIC": "2.jpg"}
 
 
 def test_deep_photographs_beside_one_of_8_bits() -> None:

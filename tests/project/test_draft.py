@@ -272,7 +272,8 @@ def test_raw_and_deep_files_beside_their_pictures_are_not_taken(folder: Path, ph
     assert found == alone == [f"DJI_{i:04d}.JPG" for i in range(1, 7)]
     text = squeezed(Path("project.yaml").read_text())
     assert "the same exposure as DJI_0003.JPG, which has 8 bits - {name: DJI_0003.tif}" in text
-    assert "DNG" not in text
+    twin = "another picture of its name shows the same exposure, and is used - {name: DJI_0001.DNG}"
+    assert twin in text
 
 
 def test_raw_files_alone_are_photographs(folder: Path, photogram: Run) -> None:
@@ -742,21 +743,23 @@ def test_focal_length_of_several_cameras_must_be_wanted_by_one() -> None:
 
 def test_pictures_that_are_not_read_are_listed(folder: Path, photogram: Run) -> None:
     photographed(folder, flown(4))
-    (folder / "IMG_1.HEIC").write_bytes(b"heic")
+    (folder / "IMG_1.bmp").write_bytes(b"bmp")
     (folder / "DJI_0002.ARW").write_bytes(b"the raw picture of a photograph")
     (folder / "IMG_2.webp").write_bytes(b"webp")
     outcome = photogram("init", folder)
     assert outcome.code == 0
     said = squeezed(outcome.out)
-    assert "IMG_1.HEIC: pictures of its kind are not read: convert it to JPEG or TIFF, with its tags" in said
-    assert "IMG_2.webp: pictures of its kind" in said
-    assert "ARW" not in said
+    assert (
+        "IMG_1.bmp, IMG_2.webp: pictures of this kind are not read: convert them to JPEG or TIFF, with their tags"
+        in said
+    )
+    assert "DJI_0002.ARW: another picture of its name shows the same exposure, and is used" in said
     for path in folder.glob("*.JPG"):
         path.unlink()
     (folder / "DJI_0002.ARW").unlink()
     outcome = photogram("init", folder, "--force")
     assert outcome.code == 1
-    assert "2 pictures (IMG_1.HEIC, IMG_2.webp) of kinds that are not read" in " ".join(outcome.err.split())
+    assert "2 pictures (IMG_1.bmp, IMG_2.webp) of kinds that are not read" in " ".join(outcome.err.split())
 
 
 # ---- real photographs ------------------------------------------------------------------------------------------------

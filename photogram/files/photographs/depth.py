@@ -1,7 +1,7 @@
-"""Photographs of 9 to 16 bits a channel, TIFF and PNG: their pixel values, and the stretch that makes 8 bits of them.
+"""Photographs of 9 to 16 bits a channel, TIFF, PNG and HEIF: their values, and the stretch that makes 8 bits of them.
 
 Pillow keeps the upper 8 bits of a colour picture without a word, and has no 16-bit colour of its own; GDAL decodes
-both formats whole. A stretch is linear and the same for all photographs and channels of a camera, so neither colours
+TIFF and PNG whole. A stretch is linear and the same for all photographs and channels of a camera, so neither colours
 nor the differences between photographs change.
 """
 
@@ -23,6 +23,7 @@ from rasterio.windows import Window
 
 from photogram.arrays import ByteArray
 from photogram.errors import ImageError
+from photogram.files.photographs.heic import FORMAT, deep_values, is_heic
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 
 Values = NDArray[np.uint16]
@@ -107,14 +108,19 @@ def layout_of(picture: Image.Image, data: bytes) -> Layout:
     """Return how the pixels of an identified picture, the content of whose file is ``data``, are stored."""
     if isinstance(picture, TiffImageFile):
         return tiff_layout(picture.tag_v2)
-    if picture.format != "PNG":
-        return Layout(8, len(picture.getbands()))
-    bits, channels = data[_PNG_DEPTH_AT], _PNG_CHANNELS.get(data[_PNG_COLOUR_AT], 0)
+    bits, channels = 8, len(picture.getbands())
+    if picture.format == FORMAT:
+        bits = picture.info["bit_depth"]
+    elif picture.format == "PNG":
+        bits, channels = data[_PNG_DEPTH_AT], _PNG_CHANNELS.get(data[_PNG_COLOUR_AT], 0)
     return Layout(bits, channels, error=f"{channels} channels of {bits} bits" if bits > 8 and channels == 2 else "")
 
 
 def _strips(data: bytes, layout: Layout) -> Iterator[tuple[int, Values]]:
     """Yield the first row of each strip of a picture and its values (rows, width) or (rows, width, 3)."""
+    if is_heic(data):
+        yield 0, deep_values(data)
+        return
     bands = 1 if layout.channels == 1 else [1, 2, 3]  # transparency is left out
     with MemoryFile(data) as memory:
         with recorded_warnings():  # of a picture without a place on Earth

@@ -27,7 +27,7 @@ def _read_header(path: Path) -> PhotographHeader:
     try:
         return PhotographHeader(path.name, inspect_photograph(path))
     except ImageError as error:
-        return PhotographHeader(path.name, None, str(error))
+        return PhotographHeader(path.name, None, str(error).removeprefix(f"photograph {path}: "))
 
 
 def read_headers(paths: Sequence[Path], executor: Executor) -> list[PhotographHeader]:

@@ -17,6 +17,7 @@ from PIL import Image, UnidentifiedImageError
 from photogram.errors import ImageError, PhotogramError
 from photogram.files.photographs.depth import Layout, damaged, layout_of, tiff_layout
 from photogram.files.photographs.dng import Directory, first_directory, is_dng, is_tiff, preview_of, with_tags
+from photogram.files.photographs.heic import is_heic, open_heic
 from photogram.files.photographs.tag_packets import DAMAGE, recorded_warnings
 from photogram.files.photographs.tags import PhotographTags, tags_of
 from photogram.files.reading import check_size, read_rest
@@ -29,7 +30,7 @@ MOST_BYTES = 4_000_000_000
 
 FORMATS = ("JPEG", "TIFF", "PNG")
 """The only ones that are opened, whatever a file is called: Pillow starts Ghostscript for an EPS, for example. MPO,
-JPEG with further pictures, is opened as JPEG."""
+JPEG with further pictures, is opened as JPEG; HEIF by its own library."""
 
 _SIGNATURES = (b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PNG\r\n\x1a\n")
 
@@ -73,7 +74,7 @@ def _opened_file(path: Path) -> Iterator[tuple[bytes, BinaryIO]]:
         size = check_size(path, MOST_BYTES)
         with path.open("rb") as stream:
             head = stream.read(16)
-            if not head.startswith(_SIGNATURES):
+            if not (head.startswith(_SIGNATURES) or is_heic(head)):
                 raise damaged(path, f"{size} bytes in no known image format")
             yield head, stream
     except FileNotFoundError as error:
@@ -160,12 +161,14 @@ def open_picture(path: Path, data: bytes, first: Directory) -> Image.Image:
     ImageError where it has more, or is damaged."""
     try:
         with recorded_warnings():  # of a file whose further pictures are damaged, which are not read
-            picture = Image.open(io.BytesIO(data), formats=FORMATS)
+            picture = open_heic(path, data) if is_heic(data) else Image.open(io.BytesIO(data), formats=FORMATS)
     except UnidentifiedImageError as error:
         unfit = tiff_layout(first).error if first else ""
         if unfit:
             raise _unfit(path, unfit) from error
         raise damaged(path, f"{len(data)} bytes in no known image format") from error
+    except PhotogramError:
+        raise
     except DAMAGE as error:
         raise damaged(path, error) from error
     if picture.width * picture.height > LARGEST_PIXELS:

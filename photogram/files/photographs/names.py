@@ -11,13 +11,14 @@ from photogram.wording import some
 
 PNG = ".png"
 _RAW = ".dng"
+_HEIC = (".heic", ".heif", ".hif")
 
-SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", PNG, _RAW)
+SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", PNG, _RAW, *_HEIC)
 """Of files that can be photographs, in small letters."""
 
 
 UNREAD = (
-    ".heic", ".heif", ".hif", ".avif", ".webp", ".bmp", ".gif", ".jp2", ".insp", ".cr2", ".cr3", ".nef", ".arw",
+    ".avif", ".webp", ".bmp", ".gif", ".jp2", ".insp", ".cr2", ".cr3", ".nef", ".arw",
     ".raf", ".orf", ".rw2", ".pef", ".srw", ".iiq", ".3fr",
 )  # fmt: skip
 """Of files that are pictures and are not read, in small letters."""
@@ -28,17 +29,16 @@ def _exposure(name: str) -> str:
     return str(PurePosixPath(name).with_suffix("")).casefold()
 
 
-def without_raw_twins(names: Sequence[str]) -> list[str]:
-    """Return the names without those of DNG files that lie beside another picture of the same exposure: cameras write
-    both, and the picture is what a DNG file would give."""
-    pictures = {_exposure(name) for name in names if not name.lower().endswith(_RAW)}
-    return [name for name in names if not name.lower().endswith(_RAW) or _exposure(name) not in pictures]
+def twins(names: Sequence[str]) -> dict[str, str]:
+    """Return the files that another one of the same exposure stands for, and this: for HEIF a picture of another kind,
+    for DNG one of either, for what is not read any of these; cameras write both, or a program has converted them."""
+    first = {_exposure(name): name for name in sorted(names, key=_rank, reverse=True)}
+    return {name: own for name in names if _rank(name) > _rank(own := first[_exposure(name)])}
 
 
-def unread_pictures(names: Sequence[str]) -> list[str]:
-    """Return the names of pictures that are not read, but for those of an exposure that another one shows."""
-    read = {_exposure(name) for name in names if name.lower().endswith(SUFFIXES)}
-    return [name for name in names if name.lower().endswith(UNREAD) and _exposure(name) not in read]
+def _rank(name: str) -> int:
+    kinds = (_HEIC, (_RAW,), UNREAD)
+    return next((rank for rank, kind in enumerate(kinds, 1) if name.lower().endswith(kind)), 0)
 
 
 def deep_twins(names: Sequence[str], bits: Sequence[int]) -> dict[str, str]:

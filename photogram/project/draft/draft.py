@@ -159,6 +159,18 @@ class ProjectDraft:
     warnings: tuple[str, ...] = ()
     masks: DraftMasks | None = None
     rigs: tuple[DraftRig, ...] = ()
+    others: tuple[str, ...] = ()
+    """Files beside the photographs that nothing reads."""
+    unsearched: tuple[str, ...] = ()
+    """Folders within theirs that were not searched, and how many pictures each holds."""
+
+    @property
+    def left_out_for(self) -> dict[str, list[str]]:
+        """The names of the photographs that are left out, by the reason."""
+        reasons: dict[str, list[str]] = {}
+        for photograph in self.left_out:
+            reasons.setdefault(photograph.reason, []).append(photograph.name)
+        return reasons
 
     @property
     def flights(self) -> int:

@@ -7,7 +7,7 @@ from photogram.geodesy.crs import NO_CRS, WGS84
 from photogram.gnss import Sigma3
 from photogram.project.draft.cameras import SIGMA_NAMES, TaggedCamera
 from photogram.project.draft.control import ControlFile
-from photogram.project.draft.draft import DraftPhotograph, DraftPositions, LeftOut, OtherSite, ProjectDraft
+from photogram.project.draft.draft import DraftPhotograph, DraftPositions, OtherSite, ProjectDraft
 from photogram.project.draft.positions import Gnss
 from photogram.project.draft.rigs import rig_lines
 from photogram.project.draft.yaml_text import comment, flow, numbers, scalar, sigma3
@@ -92,17 +92,14 @@ def _item(photograph: DraftPhotograph, common: Sigma3 | None, several_cameras: b
     )
 
 
-def _left_out(left_out: Sequence[LeftOut]) -> list[str]:
-    return [
-        line for p in left_out for line in (*comment(f"Left out: {p.reason}", 4), f"    # - {{name: {scalar(p.name)}}}")
-    ]
+def _left_out(reason: str, names: Sequence[str]) -> list[str]:
+    return [*comment(f"Left out: {reason}", 4), *(f"    # - {{name: {scalar(name)}}}" for name in names)]
 
 
 def _other_site(site: OtherSite) -> list[str]:
     where = f"longitude {site.longitude_deg:.5f}, latitude {site.latitude_deg:.5f}"
     photographs = things(len(site.names), "photograph")
-    text = f"Left out: another site, {site.distance_m / 1000:.1f} km away at {where}, {photographs}"
-    return [*comment(text, 4), *(f"    # - {{name: {scalar(name)}}}" for name in site.names)]
+    return _left_out(f"another site, {site.distance_m / 1000:.1f} km away at {where}, {photographs}", site.names)
 
 
 def _gnss_comment(draft: ProjectDraft) -> list[str]:
@@ -132,9 +129,11 @@ def _whose(file: DraftPositions) -> str:
 
 def _positions(draft: ProjectDraft) -> list[str]:
     used = [file for file in draft.positions if not file.error]
+    unused = [line for p in draft.positions if p.error for line in comment(f"{p.path} is not used: {p.error}", 2)]
     if not used:
-        return []
+        return unused
     return [
+        *unused,
         *comment(
             "Position files take precedence over the tags. DJI's MRK gives the camera's position, lever arm "
             "applied; for a PPK solution name its table here instead, and with position_of: antenna the MRK as "
@@ -187,7 +186,7 @@ def _photographs(draft: ProjectDraft, folder: str) -> list[str]:
     lines += [_item(p, common, not one_camera, draft.flights > 1) for p in draft.photographs]
     for site in draft.other_sites:
         lines += _other_site(site)
-    return [*lines, *_left_out(draft.left_out)]
+    return [*lines, *(line for reason, names in draft.left_out_for.items() for line in _left_out(reason, names))]
 
 
 def assumed_control(reason: str) -> list[str]:

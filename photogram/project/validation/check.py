@@ -58,10 +58,14 @@ def header_findings(
     ``twins`` are groups of indices of the same photograph; ``fisheye`` says which photographs the project gives
     a fisheye as camera, empty where there is no project.
     """
-    unreadable = [h for h in headers if h.tags is None]
-    findings = [Finding("error", h.name, h.error) for h in unreadable[:_MOST_LINES]]
-    if len(unreadable) > _MOST_LINES:
-        rest = [h.name for h in unreadable[_MOST_LINES:]]
+    unreadable = defaultdict[str, list[str]](list)
+    for header in headers:
+        if header.tags is None:
+            unreadable[header.error].append(header.name)
+    reasons = list(unreadable.items())
+    findings = [Finding("error", some(names), reason) for reason, names in reasons[:_MOST_LINES]]
+    rest = [name for _, names in reasons[_MOST_LINES:] for name in names]
+    if rest:
         findings.append(Finding("error", some(rest), f"{things(len(rest), 'more photograph')} cannot be read"))
     for group in twins:
         names = some([headers[i].name for i in group])
