@@ -35,7 +35,30 @@ DAMAGE = (
 )
 """What Pillow and the parser of XML raise where a file is damaged."""
 
+_SPACES = (("/camera/", "Camera:"), ("/drone-skydio/", "Skydio:"), ("/drone-yuneec/", "Yuneec:"))
+"""Parts of the addresses of name spaces whose names mean something else in others, and what stands before these."""
+
+_ALIASES = {
+    **{f"Skydio:CameraOrientationNED:{axis}": f"Gimbal{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},
+    **{f"Skydio:VehicleOrientationNED:{axis}": f"Flight{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},
+    **{f"Yuneec:Gimbal{axis}": f"Gimbal{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},
+    **{f"Yuneec:Drone{axis}": f"Flight{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},
+    **{f"Camera{axis}Degree": f"Gimbal{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},  # Parrot
+    **{f"Drone{axis}Degree": f"Flight{axis}Degree" for axis in ("Yaw", "Pitch", "Roll")},  # Parrot
+    "GpsLongtitude": "GpsLongitude",  # older firmware of DJI and Autel
+    "Skydio:Latitude": "GpsLatitude",
+    "Skydio:Longitude": "GpsLongitude",
+    "Skydio:AbsoluteAltitude": "AbsoluteAltitude",
+    "Skydio:RelativeAltitude": "RelativeAltitude",
+    "Skydio:GpsHorizontalAccuracy": "Camera:GPSXYAccuracy",
+    "Skydio:GpsVerticalAccuracy": "Camera:GPSZAccuracy",
+    "Skydio:VertCS": "Camera:VertCS",
+    "Yuneec:AboveHomeAltitude": "RelativeAltitude",
+}
+"""Names by which other makers call what has a name of DJI's or Pix4D's, in the same convention, and these."""
+
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+_META = "adobe:ns:meta/"
 _NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
 _RECORDING = Lock()
 
@@ -48,6 +71,9 @@ class Properties(Mapping[str, str]):
         self._values: dict[str, str] = {}
         for name, value in named:
             self._values.setdefault(name.casefold(), value)
+        for alias, name in _ALIASES.items():
+            if alias.casefold() in self._values:
+                self._values.setdefault(name.casefold(), self._values.pop(alias.casefold()))
 
     def __getitem__(self, name: str) -> str:
         """Return a value."""
@@ -66,18 +92,39 @@ class Properties(Mapping[str, str]):
         return Properties((own, value) for own, value in self.items() if own != name.casefold())
 
 
-def _properties(root: Element) -> Iterator[tuple[str, str]]:
-    for element in root.iter():
-        yield from element.attrib.items()
-        items = [item.text or "" for item in element.findall(f"./*/{{{_RDF}}}li")]
-        yield element.tag, (element.text or "") if not items else ",".join(items)
+def _properties(element: Element, within: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the names and values of an element and what is in it; those in a structure follow its name and a colon."""
+    space, name = _named(element.tag)
+    items = [item.text or "" for item in element.findall(f"./*/{{{_RDF}}}li")]
+    inside = within
+    if space not in (_RDF, _META):
+        full = f"{within}{_before(space) if not within else ''}{name}"
+        inside = f"{full}:"
+        yield full, (element.text or "") if not items else ",".join(items)
+    for qualified, value in element.attrib.items():
+        space, name = _named(qualified)
+        if space != _RDF:
+            yield f"{inside}{_before(space) if not inside else ''}{name}", value
+    for child in element if not items else ():
+        yield from _properties(child, inside)
+
+
+def _named(qualified: str) -> tuple[str, str]:
+    """Return the address of a name's space, and the name."""
+    match = _NAME.fullmatch(qualified)
+    return (match[1] or "", match[2]) if match else ("", qualified)
+
+
+def _before(space: str) -> str:
+    return next((prefix for part, prefix in _SPACES if part in f"{space.casefold()}/"), "")
 
 
 def xmp_of(picture: Image.Image) -> tuple[Properties, str]:
     """Return the XMP properties by their names, and in words why there are none where they are not valid XML.
 
     Those of the name space Camera are called ``Camera:Yaw``, because other name spaces have a Yaw that is not the
-    camera's. Lists are joined by commas.
+    camera's, those in a structure ``Structure:Name``. Lists are joined by commas, and what other makers call otherwise
+    has the name of DJI or Pix4D.
     """
     packet = picture.info.get("xmp")
     if not isinstance(packet, bytes) or b"<" not in packet:
@@ -86,16 +133,10 @@ def xmp_of(picture: Image.Image) -> tuple[Properties, str]:
         return Properties(()), f"the XMP tags are damaged ({len(packet) / 1e6:.0f} MB), only EXIF is used"
     try:
         root = fromstring(packet[packet.index(b"<") :].rstrip(b"\0 "))  # GDAL writes xml:XMP= before the packet
-    except (ParseError, DefusedXmlException, LookupError, ValueError) as error:
+        named = [(name, printable(text.strip())) for name, text in _properties(root) if text.strip()]
+    except (ParseError, DefusedXmlException, LookupError, ValueError, RecursionError) as error:
         return Properties(()), f"the XMP tags are not valid XML ({printable(shortened(str(error)))}), only EXIF is used"
-    values = list[tuple[str, str]]()
-    for qualified, text in _properties(root):
-        match = _NAME.fullmatch(qualified)
-        space, name = (match[1] or "", match[2]) if match else ("", qualified)
-        if space != _RDF and text.strip():
-            key = f"Camera:{name}" if "/camera/" in f"{space.casefold()}/" else name
-            values.append((key, printable(text.strip())))
-    return Properties(values), ""
+    return Properties(named), ""
 
 
 @contextmanager

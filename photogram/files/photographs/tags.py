@@ -1,9 +1,10 @@
 """What EXIF and XMP say of a photograph, in the conventions of the makers of drones and cameras.
 
 - DJI, and Autel since it follows DJI: XMP tags of their own (``GimbalYawDegree``, ``RtkFlag``, ``DewarpData`` …).
-- Parrot: ``CameraYawDegree`` … of ``drone-parrot``, a gimbal's angles as DJI's.
+- Parrot (``CameraYawDegree`` … of ``drone-parrot``), Skydio (``CameraOrientationNED``) and Yuneec (``GimbalYaw`` …):
+  a gimbal's angles as DJI's, under names of their own, which are read as DJI's.
 - senseFly, Parrot Sequoia, older Autel, MicaSense, Sentera: the name space ``Camera`` that Pix4D defined
-  (``Camera:Yaw`` …), where pitch 0 looks straight down.
+  (``Camera:Yaw`` …), where pitch 0 looks straight down; Autel writes a gimbal's angles there too.
 - Everything else, a Sony with geotags for example: EXIF alone.
 """
 
@@ -49,6 +50,9 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "rtk_flag": (0, 255),
 }
 """What the figures of PhotographTags may be, ends included."""
+
+AUTEL_GIMBAL_DEG = -10.0
+"""Camera:Pitch of Autel below which it is a gimbal's, −90 straight down: no gimbal of theirs looks so far backwards."""
 
 LARGEST_FIGURE = 1e9
 """Of a maker's calibration, without sign."""
@@ -266,13 +270,9 @@ _OTHER_NUMBERS = (
     "Camera:Pitch",
     "Camera:Roll",
     "Camera:Yaw",
-    "CameraPitchDegree",
-    "CameraRollDegree",
-    "CameraYawDegree",
     "DewarpFlag",
     "GpsLatitude",
     "GpsLongitude",
-    "GpsLongtitude",
     "RtkFlag",
     "RtkStdHgt",
     "RtkStdLat",
@@ -381,17 +381,15 @@ def gimbal_from_camera_angles(yaw_deg: float, pitch_deg: float, roll_deg: float)
     return gimbal_from_rotation(rotation_from_gimbal(yaw_deg, pitch_deg, roll_deg) @ down_from_ahead)
 
 
-def _attitude(xmp: Mapping[str, str], path: Path) -> dict[str, float | None]:
-    for names in (
-        [DJI_NUMBERS[field] for field in _GIMBAL],
-        ["CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"],
-    ):
-        angles = [_xmp_number(xmp, name, path) for name in names]
-        if any(angle is not None for angle in angles):
-            return dict(zip(_GIMBAL, angles, strict=True))
+def _attitude(xmp: Mapping[str, str], path: Path, *, is_autel: bool) -> dict[str, float | None]:
+    angles = [_xmp_number(xmp, DJI_NUMBERS[field], path) for field in _GIMBAL]
+    if any(angle is not None for angle in angles):
+        return dict(zip(_GIMBAL, angles, strict=True))
     yaw, pitch, roll = (_xmp_number(xmp, f"Camera:{name}", path) for name in ("Yaw", "Pitch", "Roll"))
     # Cameras without an attitude sensor write zeros.
     if yaw is not None and pitch is not None and roll is not None and (yaw, pitch, roll) != (0.0, 0.0, 0.0):
+        if is_autel and pitch < AUTEL_GIMBAL_DEG:
+            return dict(zip(_GIMBAL, (yaw, pitch, roll), strict=True))
         return dict(zip(_GIMBAL, gimbal_from_camera_angles(yaw, pitch, roll), strict=True))
     return {}
 
@@ -405,11 +403,9 @@ def _position(
     """Return longitude, latitude and height, XMP before EXIF, and in words why they are not used where the height is
     none; longitude and latitude of exactly zero mean no fix."""
     damage: tuple[str, ...] = ()
-    longitude = _xmp_number(xmp, "GpsLongitude", path)
-    if longitude is None:
-        # The older firmware of DJI and Autel spells it so.
-        longitude = _xmp_number(xmp, "GpsLongtitude", path)
-    latitude, height = _xmp_number(xmp, "GpsLatitude", path), _xmp_number(xmp, "AbsoluteAltitude", path)
+    longitude, latitude, height = (
+        _xmp_number(xmp, name, path) for name in ("GpsLongitude", "GpsLatitude", "AbsoluteAltitude")
+    )
     if longitude is None or latitude is None:
         longitude = _exif_degrees(gps, ExifTags.GPS.GPSLongitude, ExifTags.GPS.GPSLongitudeRef, "W")
         latitude = _exif_degrees(gps, ExifTags.GPS.GPSLatitude, ExifTags.GPS.GPSLatitudeRef, "S")
@@ -448,12 +444,14 @@ def _whole(value: object) -> int | None:
     return int(value) if isinstance(value, int | float) else None
 
 
-def _is_ellipsoidal(xmp: Mapping[str, str], gps: Mapping[int, object], rtk_flag: int | None) -> bool | None:
+def _is_ellipsoidal(
+    xmp: Mapping[str, str], gps: Mapping[int, object], rtk_flag: int | None, *, is_autel: bool
+) -> bool | None:
     written = xmp.get("AltitudeType", "").lower()
     if written:
         return written == "rtkalt"
-    system = xmp.get("Camera:VerticCS", "").lower()
-    if system:
+    system = (xmp.get("Camera:VertCS") or xmp.get("Camera:VerticCS", "")).lower()
+    if system and not is_autel:  # whose older firmware calls heights above the sea ellipsoidal
         return system == "ellipsoidal"
     if _height_reference(gps) in (2, 3):
         return True
@@ -496,10 +494,12 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     xmp, unreadable = _readable(written, path)
     position, position_damage = _position(xmp, gps, path)
     sigma, sigma_damage = _gnss_sigma(xmp, path)
+    make, xmp_make = _text(main.get(ExifTags.Base.Make)), xmp.get("Make")
+    is_autel = any("autel" in (name or "").casefold() for name in (make, xmp_make))
     values: dict[str, object] = {
         **{field: _xmp_number(xmp, name, path) for field, name in DJI_NUMBERS.items() if field not in _GIMBAL},
         **position,
-        **_attitude(xmp, path),
+        **_attitude(xmp, path, is_autel=is_autel),
         **_camera_calibration(xmp, path),
     }
     if values["height_above_take_off_m"] is None:
@@ -515,7 +515,7 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
     flag = values["rtk_flag"] = _whole(values["rtk_flag"])
     has_position = values["longitude_deg"] is not None
     return PhotographTags(
-        make=_text(main.get(ExifTags.Base.Make)) or xmp.get("Make"),
+        make=make or xmp_make,
         model=_text(main.get(ExifTags.Base.Model)) or xmp.get("Model"),
         serial=_text(exif.get(ExifTags.Base.BodySerialNumber)) or _text(main.get(ExifTags.Base.CameraSerialNumber)),
         lens=_text(exif.get(ExifTags.Base.LensModel)),
@@ -525,7 +525,7 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         width_px=picture.width,
         height_px=picture.height,
         time=_exif_time(exif),
-        height_is_ellipsoidal=_is_ellipsoidal(xmp, gps, flag) if has_position else None,
+        height_is_ellipsoidal=_is_ellipsoidal(xmp, gps, flag, is_autel=is_autel) if has_position else None,
         gnss_sigma_m=sigma,
         velocity_m_s=velocity_of(xmp, exif.get(ExifTags.Base.MakerNote)),
         dewarp=_dewarp(xmp, path),

@@ -509,7 +509,11 @@ def draft_project(
     crs, crs_name, crs_reason = _choose_crs(wishes, middle)
     control = tuple(in_fitting_grid(file, crs, middle, is_proposed=False) for file in wishes.control)
     if crs == NO_CRS:
-        gnss, positions = [None] * len(kept), ()
+        gnss = [None] * len(kept)
+        needed = "GNSS positions need a map grid: give it with --crs EPSG:…"
+        positions = tuple(
+            DraftPositions(file.path, error="; ".join(filter(None, (file.error, needed)))) for file in positions
+        )
     offset, offset_reason = offset_prior(gnss, any(file.role == "control" for file in wishes.control))
     pixels = {camera.name: camera.width_px * camera.height_px for camera in cameras.values()}
     angles = [(p.tags.gimbal_yaw_deg, p.tags.gimbal_pitch_deg, p.tags.gimbal_roll_deg) for p in kept]
