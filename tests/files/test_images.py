@@ -647,6 +647,20 @@ def test_the_case_of_xmp_names_and_name_spaces_does_not_count(tmp_path: Path, wr
     assert (tags.rtk_flag, tags.kind, tags.band, tags.capture) == (50, "thermal", "LWIR", "x7")
 
 
+def test_names_in_structures_are_not_those_beside_them(tmp_path: Path) -> None:
+    """Whatever stands around the packet; one written as elements, one as attributes."""
+    elements = (
+        '<s:CameraOrientationFLU s:Yaw="1" s:Pitch="2" s:Roll="3"/><s:CameraOrientationNED rdf:parseType="Resource">'
+        "<s:Yaw>146.5</s:Yaw><s:Pitch>-84</s:Pitch><s:Roll>0.2</s:Roll></s:CameraOrientationNED>"
+        "<s:Other><rdf:Description><drone:RtkFlag>0</drone:RtkFlag></rdf:Description></s:Other>"
+    )
+    spaces = {"s": "https://www.skydio.com/drone-skydio/1.0/", "drone": AUTEL}
+    path = with_xmp(tmp_path / "a.jpg", spaces, 'drone:RtkFlag="50"', elements)
+    assert (camera_angles(read_tags(path)), read_tags(path).rtk_flag) == ((146.5, -84.0, 0.2), 50)
+    path.write_bytes(path.read_bytes().replace(b"adobe:ns:meta/", b"other:ns:meta/"))
+    assert camera_angles(read_tags(path)) == (146.5, -84.0, 0.2)
+
+
 def test_xmp_that_gdal_has_copied_is_read(tmp_path: Path) -> None:
     path = with_xmp(tmp_path / "a.jpg", {"drone": AUTEL}, 'drone:RtkFlag="16"', before="xml:XMP=")
     assert read_tags(path).rtk_flag == 16

@@ -58,7 +58,6 @@ _ALIASES = {
 """Names by which other makers call what has a name of DJI's or Pix4D's, in the same convention, and these."""
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-_META = "adobe:ns:meta/"
 _NAME = re.compile(r"(?:\{([^}]*)\})?(.*)")
 _RECORDING = Lock()
 
@@ -96,8 +95,8 @@ def _properties(element: Element, within: str = "") -> Iterator[tuple[str, str]]
     """Yield the names and values of an element and what is in it; those in a structure follow its name and a colon."""
     space, name = _named(element.tag)
     items = [item.text or "" for item in element.findall(f"./*/{{{_RDF}}}li")]
-    inside = within
-    if space not in (_RDF, _META):
+    inside = "" if (space, name) == (_RDF, "RDF") else within  # whatever stands around it is no structure
+    if space != _RDF:
         full = f"{within}{_before(space) if not within else ''}{name}"
         inside = f"{full}:"
         yield full, (element.text or "") if not items else ",".join(items)
