@@ -62,6 +62,8 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     more = sum(len(names) for _, names in reasons[10:])
     if more:
         table.add_row("left out", f"and {more} more, see {escape(str(project))}")
+    if draft.tags_passed_over:
+        table.add_row("tags not read", escape(some(draft.tags_passed_over, 10)))
     if draft.others:
         table.add_row("not read", escape(f"{things(len(draft.others), 'other file')}: {some(draft.others)}"))
     if draft.unsearched:

@@ -29,6 +29,8 @@ SPACES = {
     "sensefly": "http://ns.sensefly.com/Camera/1.0/",
     "MicaSense": "http://micasense.com/MicaSense/1.0/",
     "DLS": "http://micasense.com/DLS/1.0/",
+    "aerial": "http://www.phaseone.com/namespaces/aerialgps",
+    "exif": "http://ns.adobe.com/exif/1.0/",
     "tiff": "http://ns.adobe.com/tiff/1.0/",
 }
 
@@ -52,6 +54,8 @@ class Maker:
     heights: str = "the tags do not say"
     looks: tuple[float, float, float] | None = None
     """Yaw, pitch and roll of a camera that looks ahead, to north and level, at 0, 0, 0."""
+    passed_over: tuple[str, ...] = ()
+    """XMP tags that nothing reads, and init names."""
 
 
 def dji(**other: object) -> dict[str, str]:
@@ -115,7 +119,8 @@ MAKERS: dict[str, Maker] = {
         "Parrot", "Anafi",
         {"parrot:CameraYawDegree": "176.310745", "parrot:CameraPitchDegree": "-78.362686",
          "parrot:CameraRollDegree": "-0.322913", "parrot:DroneYawDegree": "-148.0", "parrot:DronePitchDegree": "1.0",
-         "parrot:DroneRollDegree": "2.0", "Camera:AboveGroundAltitude": "6000/100"},
+         "parrot:DroneRollDegree": "2.0", "exif:GPSLatitude": "47,15.006N", "exif:GPSLongitude": "8,30E",
+         "Camera:AboveGroundAltitude": "6000/100"},
         focal=(4.0, 23), names="P000000{}.JPG", means=FLOWN, looks=(176.310745, -78.362686, -0.322913),
     ),
     "senseFly S.O.D.A.": Maker(
@@ -129,6 +134,7 @@ MAKERS: dict[str, Maker] = {
         "Skydio", "X10", elements=SKYDIO, focal=(4.5, 20), names="S100000{}.JPG", means=FLOWN,
         kind="with stated accuracy", sigma_m=(0.35, 0.35, 0.62), heights="above the ellipsoid",
         looks=(146.5, -84.0, 0.2),
+        passed_over=tuple(f"Skydio:CameraOrientationFLU:{axis}" for axis in ("Roll", "Pitch", "Yaw")),
     ),
     "Yuneec E90": Maker(
         "Yuneec", "E90",
@@ -136,6 +142,7 @@ MAKERS: dict[str, Maker] = {
          "yuneec:DronePitch": "-3.72", "yuneec:DroneRoll": "1.64", "yuneec:GimbalYaw": "73.230003",
          "yuneec:GimbalPitch": "-89.95999", "yuneec:GimbalRoll": "0.000000"},
         focal=(8.29, 23), names="YUN0000{}.jpg", means=FLOWN, looks=(73.230003, -89.95999, 0.0),
+        passed_over=("Yuneec:GPSAltitude",),
     ),
     "Canon compact with GNSS": Maker(
         "Canon", "Canon PowerShot S100", focal=(5.2, 24), names="IMG_000{}.JPG", gps={ExifTags.GPS.GPSStatus: "A"}
@@ -147,7 +154,9 @@ MAKERS: dict[str, Maker] = {
         means={"gnss_horizontal_error_m": 4.75}, kind="with stated accuracy", sigma_m=(4.75, 4.75, 9.5),
     ),
     "survey camera with heights above the ellipsoid": Maker(
-        "Phase One", "iXM-RS150F", focal=(50.0, 50), names="P000{}.JPG", altitude_ref=2,
+        "Phase One", "iXM-RS150F",
+        {"aerial:GPSIMUYaw": "31.5", "aerial:GPSIMUPitch": "1", "exif:GPSLatitude": "47,15N"},
+        passed_over=("GPSIMUYaw", "GPSIMUPitch"), focal=(50.0, 50), names="P000{}.JPG", altitude_ref=2,
         heights="above the ellipsoid",
     ),
 }  # fmt: skip
@@ -230,6 +239,7 @@ def test_the_project_has_all_of_it(maker: Maker, draft: ProjectDraft) -> None:
     assert dict(draft.gnss_kinds) == {maker.kind: 4}
     assert all(p.has_attitude == (maker.looks is not None) for p in draft.photographs)
     assert draft.heights.endswith(maker.heights)
+    assert draft.tags_passed_over == maker.passed_over
     if maker.sigma_m is not None:
         assert {p.gnss.sigma_m for p in draft.photographs if p.gnss is not None} == {maker.sigma_m}
 
@@ -263,6 +273,7 @@ def test_bands_of_a_multispectral_camera(tmp_path: Path) -> None:
     (rig,) = draft.rigs
     assert (len(rig.companions), rig.exposures) == (4, 4)
     assert not any(p.has_attitude for p in draft.photographs)
+    assert draft.tags_passed_over == ("Yaw", "Pitch", "Roll")
 
 
 def test_a_table_of_geotags_beside_photographs_without_positions(tmp_path: Path) -> None:

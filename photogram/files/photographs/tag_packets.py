@@ -35,7 +35,12 @@ DAMAGE = (
 )
 """What Pillow and the parser of XML raise where a file is damaged."""
 
-_SPACES = (("/camera/", "Camera:"), ("/drone-skydio/", "Skydio:"), ("/drone-yuneec/", "Yuneec:"))
+_SPACES = (
+    ("/camera/", "Camera:"),
+    ("/exif/", "exif:"),
+    ("/drone-skydio/", "Skydio:"),
+    ("/drone-yuneec/", "Yuneec:"),
+)
 """Parts of the addresses of name spaces whose names mean something else in others, and what stands before these."""
 
 _ALIASES = {
@@ -68,8 +73,10 @@ class Properties(Mapping[str, str]):
     def __init__(self, named: Iterable[tuple[str, str]]) -> None:
         """Take names and values."""
         self._values: dict[str, str] = {}
+        self._written: dict[str, str] = {}
         for name, value in named:
             self._values.setdefault(name.casefold(), value)
+            self._written.setdefault(name.casefold(), name)
         for alias, name in _ALIASES.items():
             if alias.casefold() in self._values:
                 self._values.setdefault(name.casefold(), self._values.pop(alias.casefold()))
@@ -86,9 +93,13 @@ class Properties(Mapping[str, str]):
         """Return the number of properties."""
         return len(self._values)
 
+    def written(self, name: str) -> str:
+        """Return a name as the file writes it."""
+        return self._written.get(name.casefold(), name)
+
     def without(self, name: str) -> "Properties":
         """Return all but one."""
-        return Properties((own, value) for own, value in self.items() if own != name.casefold())
+        return Properties((self.written(own), value) for own, value in self.items() if own != name.casefold())
 
 
 def _properties(element: Element, within: str = "") -> Iterator[tuple[str, str]]:

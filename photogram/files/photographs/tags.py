@@ -169,6 +169,8 @@ class PhotographTags:
     CaptureId of MicaSense."""
     damage: tuple[str, ...] = ()
     """Tags that could not be read, in words."""
+    passed_over: tuple[str, ...] = ()
+    """Names of XMP tags that seem to give a position, an attitude or an accuracy, and that nothing reads."""
 
 
 def damage_by_kind(damaged: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str, list[str]]]:
@@ -279,6 +281,15 @@ _OTHER_NUMBERS = (
     "RtkStdLon",
 )
 """Tags that are numbers, beside DJI_NUMBERS."""
+
+
+_MEASURED = re.compile(r"yaw|pitch|roll(?!ing)|heading|altitude|latitude|longitude|accuracy")
+
+
+def _passed_over(xmp: Properties) -> tuple[str, ...]:
+    known = {name.casefold() for name in (*DJI_NUMBERS.values(), *_OTHER_NUMBERS, "AltitudeType")}
+    names = [name for name in xmp if _MEASURED.search(name) and name not in known]
+    return tuple(xmp.written(name) for name in names if not name.startswith("exif:"))  # copies of EXIF's own
 
 
 def _xmp_number(xmp: Mapping[str, str], name: str, path: Path) -> float | None:
@@ -531,5 +542,6 @@ def _tags_of(picture: Image.Image, path: Path) -> PhotographTags:
         dewarp=_dewarp(xmp, path),
         capture=_capture(xmp),
         damage=(*damage, *filter(None, (xmp_damage,)), *unreadable, *position_damage, *sigma_damage, *value_damage),
+        passed_over=_passed_over(written),
         **values,  # type: ignore[arg-type]
     )

@@ -161,6 +161,8 @@ class ProjectDraft:
     rigs: tuple[DraftRig, ...] = ()
     others: tuple[str, ...] = ()
     """Files beside the photographs that nothing reads."""
+    tags_passed_over: tuple[str, ...] = ()
+    """Names of the XMP tags of positions, attitudes and accuracies that nothing reads."""
     unsearched: tuple[str, ...] = ()
     """Folders within theirs that were not searched, and how many pictures each holds."""
 
@@ -544,6 +546,7 @@ def draft_project(
         gnss_kinds=dict(Counter(g.kind for g in gnss if g is not None).most_common()),
         positions=positions,
         warnings=_warnings(kept, frozen),
+        tags_passed_over=tuple(dict.fromkeys(name for p in kept for name in p.tags.passed_over)),
         masks=wishes.masks,
         rigs=draft_rigs([p.camera for p in listed], [p.tags.capture for p in kept], pixels),
     )
