@@ -32,6 +32,8 @@ def _show(draft: ProjectDraft, project: Path) -> None:
     table.add_row(
         "GNSS", ", ".join(part for part in (kinds, f"{without} without a position" if without else "") if part)
     )
+    if draft.heights:
+        table.add_row("heights", escape(draft.heights))
     for positions in draft.positions:
         text = f"of {things(len(positions.rows), 'photograph')}" if positions.rows else f"not used: {positions.error}"
         table.add_row("positions", f"{escape(positions.path)}: {escape(text)}")
