@@ -112,9 +112,7 @@ def test_names_comments_tabs_and_blanks(tmp_path: Path) -> None:
         ),
         (
             "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 a.jpg A\n2 2 3 4 5 b.jpg B\n2 2 3 9 9 b.jpg B\n",
-            [
-                "3: point A is marked twice in a.jpg, first in line 2, and so are B in b.jpg (4 and 5): write their folders"
-            ],
+            ["3: point A is marked twice in a.jpg, first in line 2, and so are B in b.jpg (4 and 5): write"],
         ),
         (
             "EPSG:32617\n1 2 3 4 5 a.jpg A\n1 2 3 9 9 b.jpg B\n1 2 3 9 9 c.jpg\n",

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
+from PIL import Image
 
 from photogram.errors import ImageError, ProjectError
 from photogram.pipeline.new_project import init
@@ -113,3 +114,26 @@ def test_what_cannot_be_is_refused_before_a_photograph_is_read(survey: Path) -> 
     with pytest.raises(ImageError, match="folder not found"):
         init(survey / "pictures", project=project)
     assert not project.exists()
+
+
+@pytest.mark.parametrize("place", ["photographs/geo.txt", "geo.txt"])
+def test_positions_of_opendronemaps_table_are_those_of_photographs_without_any(survey: Path, place: str) -> None:
+    """Beside the photographs or above them; the positions are the camera's, by that table's definition."""
+    listed = yaml.safe_load((survey / "project.yaml").read_text(encoding="utf-8"))
+    names = [p["name"] for p in listed["photographs"]["list"]]
+    for name in names:
+        path = survey / "photographs" / name
+        with Image.open(path) as picture:
+            bare = picture.copy()
+        bare.save(path, quality=95)  # without tags
+    places = {name: (602_300.0 + 20 * i, 5_794_100.0, 200.0) for i, name in enumerate(names)}
+    rows = [f"{name} {x:.3f} {y:.3f} {z:.3f} 0 0 0 0.02 0.04" for name, (x, y, z) in places.items()]
+    (survey / place).write_text("\n".join(["EPSG:25832", *rows]) + "\n", encoding="utf-8")
+    found = init(survey / "photographs", focal_px=600.0, project=survey / "g.yaml")
+    written = yaml.safe_load((survey / "g.yaml").read_text(encoding="utf-8"))
+    assert written["photographs"]["positions"] == [{"path": place, "position_of": "camera"}]
+    assert found.draft.crs == "EPSG:32632", "the zone in which the positions of the table lie"
+    project = load_project(survey / "g.yaml")
+    assert {p.name: tuple(p.file_position.position_map_m.round(2)) for p in project.photographs if p.file_position} == {
+        name: pytest.approx(xyz, abs=0.02) for name, xyz in places.items()
+    }

@@ -247,7 +247,7 @@ def test_photographs_that_cannot_be_used_are_named_with_the_reason(folder: Path,
         ("DJI_0020.JPG", "thermal"),
         ("DJI_0021.JPG", "panorama"),
         ("DJI_0030.JPG", "80 × 48 px"),
-        ("deep.tif", "1 of 64 × 48 px and 16 bits by a camera, too few"),
+        ("deep.tif", "the only one of 64 × 48 px and 16 bits by a camera, too few"),
     ):
         assert re.search(rf"Left out: [^{{]*{re.escape(reason)}[^{{]*- {{name: {name}}}", text)
         assert name in outcome.out
