@@ -6,6 +6,9 @@ from typing import Literal
 Sigma3 = tuple[float, float, float]
 """Standard deviations along easting, northing and height, m."""
 
+UNKNOWN_M = 1000.0
+"""Standard deviation of a height, or of an offset, that nothing tells."""
+
 Solution = Literal["fix", "float", "single", "unknown"]
 """Carrier phases with their ambiguities fixed, or not fixed; one receiver by itself; a source that does not say."""
 

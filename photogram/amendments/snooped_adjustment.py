@@ -15,6 +15,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.amendments.amendment import amended
 from photogram.amendments.check_marks import CheckMarks
+from photogram.amendments.constant_heights import constant_heights
 from photogram.amendments.contradicted_measurements import ContradictedMeasurements
 from photogram.amendments.estimated_unknowns import decided_by_adjustment
 from photogram.amendments.first_explanation import first_solution
@@ -107,7 +108,8 @@ def _verdict(
     solutions = Solutions(settings, progress, start)
     of_another_size, size = marks_of_another_size(given, start)
     repeated, repeating = repeated_positions(given)
-    beforehand = [*of_another_size, *repeated]
+    constant, constants = constant_heights(given)
+    beforehand = [*of_another_size, *repeated, *constant]
     declared = without(given, beforehand)
     block = with_heights_open(declared)
     robust = attempted(lambda: gross_suspects(block, settings, start)) or Gross((), solutions.begun)
@@ -140,7 +142,7 @@ def _verdict(
         _with_fields(given, solution.block),
         result,
         (*beforehand, *solution.rejected),
-        (*size, *repeating, *name_blunders(named, replace(solution, result=result).explanation)),
+        (*size, *repeating, *constants, *name_blunders(named, replace(solution, result=result).explanation)),
         before if whole is None else _checks(whole, block.control_points),
         _checks(result, block.control_points),
         focal.decisions,

@@ -273,13 +273,21 @@ CASES: dict[str, tuple[Callable[[Survey], Survey], list[Expected]]] = {
     "a frozen receiver": (
         frozen,
         [
-            ("warning", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+            (
+                "warning",
+                "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more",
+                "12 photographs have the GNSS position of another time",
+            ),
         ],
     ),
     "a frozen receiver and no control": (
         on_all(keep_points([]), frozen),
         [
-            ("error", "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more", "12 photographs taken at different times"),
+            (
+                "error",
+                "00.JPG, 01.JPG, 02.JPG, 03.JPG, 04.JPG and 7 more",
+                "12 photographs have the GNSS position of another time",
+            ),
             ("error", "the block", "neither control points nor GNSS positions: the survey cannot be georeferenced"),
         ],
     ),

@@ -375,10 +375,18 @@ def test_positions_of_a_frozen_receiver_are_not_used(folder: Path, photogram: Ru
     photographed(folder, [*tags[:4], *(replace(t, latitude_deg=tags[3].latitude_deg) for t in tags[4:])])
     outcome = photogram("init", folder)
     assert outcome.code == 0
-    assert "5 photographs taken at different times have the same GNSS position" in squeezed(outcome.out)
+    assert "4 photographs have the GNSS position of another time, which is not used" in squeezed(outcome.out)
     text = squeezed(Path("project.yaml").read_text())
-    assert "Warning: DJI_0004.JPG, DJI_0005.JPG, DJI_0006.JPG, DJI_0007.JPG, DJI_0008.JPG: 5 photographs" in text
-    assert "3 without stated accuracy, 5 without a position" in text
+    assert "Warning: DJI_0005.JPG, DJI_0006.JPG, DJI_0007.JPG, DJI_0008.JPG: 4 photographs" in text
+    assert "4 without stated accuracy, 4 without a position" in text
+
+
+def test_a_project_whose_positions_are_all_one_can_be_checked(folder: Path, photogram: Run) -> None:
+    """No position is used, and none lacks its standard deviation."""
+    photographed(folder, [replace(t, latitude_deg=46.0) for t in flown(8)])
+    assert photogram("init", folder).code == 0
+    assert load_project(Path("project.yaml")).photographs[0].gnss_sigma_m is not None
+    assert "standard deviation" not in squeezed(photogram("check", "project.yaml").out)
 
 
 def test_cameras_are_listed_and_photographs_say_which(folder: Path, photogram: Run) -> None:

@@ -26,7 +26,7 @@ def test_a_receiver_that_stops_on_the_way() -> None:
     position = FLOWN.copy()
     position[12:] = position[12] + RNG.uniform(-0.004, 0.004, (8, 3))
     position[15] = np.nan
-    expected = np.arange(20) >= 12
+    expected = np.arange(20) > 12  # the first of them was measured
     expected[15] = False
     np.testing.assert_array_equal(frozen_positions(position, times(20)), expected)
 
@@ -35,7 +35,7 @@ def test_a_receiver_that_stops_on_the_way() -> None:
 def test_it_takes_three_at_different_times(number: int) -> None:
     position = FLOWN.copy()
     position[:number] = position[0]
-    assert frozen_positions(position, times(20)).sum() == (number if number >= 3 else 0)
+    assert frozen_positions(position, times(20)).sum() == (number - 1 if number >= 3 else 0)
 
 
 def test_cameras_of_one_aircraft_may_share_positions() -> None:
@@ -65,7 +65,17 @@ def test_cameras_triggered_together_are_one_moment_whatever_their_clocks_say() -
     """Five bands of four exposures, some milliseconds apart: their positions are the same, and were measured."""
     position = np.repeat(FLOWN[:4], 5, axis=0)
     captures = [f"exposure {i // 5}" for i in range(20)]
-    assert frozen_positions(position, times(20, 0.01)).all()
+    assert frozen_positions(position, times(20, 0.01)).sum() == 16
     assert not frozen_positions(position, times(20, 0.01), captures).any()
     standing = np.repeat(FLOWN[:1], 20, axis=0)
     assert frozen_positions(standing, times(20, 0.01), captures).all()
+
+
+def test_a_receiver_slower_than_the_camera_has_measured_the_first_of_each() -> None:
+    position = np.repeat(FLOWN[:5], 4, axis=0)
+    backwards = times(20)[::-1]
+    np.testing.assert_array_equal(frozen_positions(position, times(20)), np.arange(20) % 4 > 0)
+    np.testing.assert_array_equal(frozen_positions(position, backwards), np.arange(20) % 4 < 3)
+    bands = np.repeat(position, 2, axis=0)
+    captures = [f"exposure {i // 2}" for i in range(40)]
+    np.testing.assert_array_equal(frozen_positions(bands, times(40, 0.01), captures), np.arange(40) % 8 > 1)

@@ -470,7 +470,7 @@ def test_all_positions_equal(tiny: Tiny, control: bool) -> None:
     only(
         tiny.findings(),
         severity,
-        "12 photographs taken at different times have the same GNSS position, which is not used",
+        "12 photographs have the GNSS position of another time, which is not used",
     )
 
 
@@ -620,7 +620,7 @@ def test_a_frozen_receiver_leaves_the_block_to_control(survey: Path, edit: Run, 
     report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
     (warning,) = report["gnss"]["warnings"]
     assert "4 photographs" in warning
-    assert "the receiver had stopped updating, these positions were not used" in warning
+    assert "the receiver had stopped updating, or is slower than the camera; these positions were not used" in warning
     assert np.isfinite(report["adjustment"]["sigma0"])
     assert report["check_points"]["rmse_v_m"] < 0.3
 
@@ -646,6 +646,30 @@ def test_zeros_for_a_height_are_said(tiny: Tiny) -> None:
     tiny.values["photographs"]["gnss_sigma_m"] = [2, 2, 3]
     tiny.values["gnss"] = {"offset_sigma_m": [3, 3, 30]}
     only(tiny.findings(), "warning", "the tags of all 12 photographs give a height of 0: heights are known by control")
+
+
+def test_one_height_for_positions_that_rose_and_sank_is_said(tiny: Tiny) -> None:
+    flown_m = [FLYING_M + 2.0 * (i % 3) for i in range(12)]
+    tiny.tags = [replace(t, height_above_take_off_m=h) for t, h in zip(tiny.tags, flown_m, strict=True)]
+    only(tiny.findings(), "warning", "the tags of all 12 photographs give a height of 110 m: heights are known by")
+
+
+def test_a_flying_height_that_cannot_be_is_not_used(tiny: Tiny) -> None:
+    tiny.tags = [replace(t, height_above_take_off_m=1.0) for t in tiny.tags]
+    findings = tiny.findings()
+    only(findings, "warning", "the tags of all 12 photographs give 1 m above ground", "it is not used")
+    assert len(findings) == 1
+
+
+def test_a_receiver_slower_than_the_camera(tiny: Tiny) -> None:
+    firsts = [tiny.tags[i - i % 3] for i in range(12)]
+    tiny.tags = [
+        replace(t, longitude_deg=f.longitude_deg, latitude_deg=f.latitude_deg, height_m=f.height_m)
+        for t, f in zip(tiny.tags, firsts, strict=True)
+    ]
+    findings = tiny.findings()
+    only(findings, "warning", "8 photographs have the GNSS position of another time, which is not used", "slower than")
+    assert len(findings) == 1
 
 
 def with_tags(survey: Path, **changed: float | None) -> None:

@@ -20,6 +20,7 @@ from photogram.adjustment.reliability import LEAST_REDUNDANCY
 from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
 from photogram.arrays import FloatArray, IntArray
 from photogram.factors.graph import Problem
+from photogram.gnss import UNKNOWN_M
 from photogram.measures.mark_covariances import scaled
 from photogram.results import EstimatedSigmas, Reliability, SigmaKind
 from photogram.survey import Block, ControlPoints
@@ -101,15 +102,17 @@ def assumed_scatters(problem: Problem, tested: Reliability, assumed: Block) -> l
 def _of_positions(problem: Problem, tested: Reliability) -> Iterator[AssumedScatter]:
     photographs = problem.block.photographs
     assumed = np.array([p.gnss_sigma_assumed and p.gnss_sigma_m is not None for p in photographs], dtype=bool)
+    sigma_m = np.array([np.zeros(3) if p.gnss_sigma_m is None else p.gnss_sigma_m for p in photographs]).reshape(-1, 3)
     for flight in problem.flights:
         own = np.flatnonzero(assumed & np.array([p.flight == flight for p in photographs], dtype=bool))
         for kind, axes in PARTS:
-            r, w = tested.gnss_redundancy[own, axes].ravel(), tested.gnss_w[own, axes].ravel()
+            members = own[sigma_m[own, axes].max(axis=1) < UNKNOWN_M]
+            r, w = tested.gnss_redundancy[members, axes].ravel(), tested.gnss_w[members, axes].ravel()
             known = np.isfinite(w) & (r > LEAST_REDUNDANCY)
             total = float(r[known].sum())
             if total >= FEWEST:
                 factor = robust_factor(w[known], r[known])
-                yield AssumedScatter(kind, flight, own, axes, int(known.sum()), total, factor)
+                yield AssumedScatter(kind, flight, members, axes, int(known.sum()), total, factor)
 
 
 def _of_control(points: ControlPoints, tested: Reliability, assumed: ControlPoints) -> Iterator[AssumedScatter]:

@@ -27,6 +27,7 @@ from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CONSTRAINT_KINDS, observations, rejecting
 from photogram.constraints.rigs import exposure_names, rejecting_exposures
 from photogram.errors import PhotogramError
+from photogram.gnss import UNKNOWN_M
 from photogram.measures.mark_covariances import rejecting_marks
 from photogram.quality.accuracy import FALSE_ALARMS
 from photogram.results import Adjustment
@@ -60,9 +61,6 @@ blunder in one of few moves them all."""
 
 SOURCE_REJECTED = 3.0
 """Standard deviations from which the source of a focal length is rejected: tags are wrong more often than chance."""
-
-OPEN_OFFSET_M = 1000.0
-"""Prior standard deviation of a GNSS offset that is free."""
 
 _POINT_PARTS = ((0,), (1,), (2,), (0, 1), (0, 1, 2))
 _POSITION_PARTS = ((2,), (0, 1), (0, 1, 2))
@@ -160,10 +158,15 @@ def _without_position(photograph: Photograph) -> Photograph:
     return replace(photograph, gnss_world_m=None, gnss_sigma_m=None, lever_arm_camera_m=None)
 
 
+def _without_height(photograph: Photograph) -> Photograph:
+    sigma_m = photograph.gnss_sigma_m
+    return photograph if sigma_m is None else replace(photograph, gnss_sigma_m=np.array([*sigma_m[:2], UNKNOWN_M]))
+
+
 def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
     """Return the block without the rejected measurements: sigmas of coordinates and marks infinite, positions and
-    attitudes removed, a focal length as uncertain as a wrong tag, GNSS offsets free, sigmas of constraints and of
-    exposures infinite.
+    attitudes removed, heights of positions unknown, a focal length as uncertain as a wrong tag, GNSS offsets free,
+    sigmas of constraints and of exposures infinite.
 
     A point without any coordinate left becomes a tie point, if it has at least two marks.
     """
@@ -175,11 +178,14 @@ def without(block: Block, rejected: Sequence[Hypothesis]) -> Block:
         if a.kind == "GNSS position":
             i = names.index(a.name)
             photographs[i] = _without_position(photographs[i])
+        elif a.kind == "GNSS height":
+            i = names.index(a.name)
+            photographs[i] = _without_height(photographs[i])
         elif a.kind == "attitude":
             i = names.index(a.name)
             photographs[i] = replace(photographs[i], attitude_world_from_camera=None, attitude_sigma_rad=None)
         elif a.kind == "GNSS offset":
-            offset_m = np.full(3, OPEN_OFFSET_M)
+            offset_m = np.full(3, UNKNOWN_M)
         elif a.kind == "focal length":
             c = [camera.name for camera in cameras].index(a.name)
             sigmas = np.concatenate([[WRONG_BY * cameras[c].focal_px], cameras[c].sigmas[1:]])

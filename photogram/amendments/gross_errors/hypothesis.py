@@ -8,7 +8,15 @@ from scipy.stats import chi2
 from photogram.constraints.between_points import CONSTRAINT_KINDS, ConstraintKind
 
 Suspected = Literal[
-    "control point", "mark", "GNSS position", "attitude", "focal length", "GNSS offset", "exposure", ConstraintKind
+    "control point",
+    "mark",
+    "GNSS position",
+    "GNSS height",
+    "attitude",
+    "focal length",
+    "GNSS offset",
+    "exposure",
+    ConstraintKind,
 ]
 
 
@@ -61,6 +69,6 @@ def unmeasured(kind: Suspected, name: str, photograph: str | None = None) -> Hyp
     """Return the hypothesis for a gross blunder of unknown size."""
     single = kind == "focal length" or kind in CONSTRAINT_KINDS
     count = 1 if single else 2 if kind == "mark" else 6 if kind == "exposure" else 3
-    axes = tuple(range(count))
+    axes = (2,) if kind == "GNSS height" else tuple(range(count))
     unknown = (float("nan"),) * len(axes)
     return Hypothesis(kind, name, photograph, axes, unknown, unknown, float("inf"))

@@ -20,7 +20,7 @@ from photogram.adjustment.outliers import first_agreement
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.stochastic_model.assumed_sigmas import CONTROL, CONTROL_PARTS
 from photogram.adjustment.stochastic_model.estimated_sigmas import sigmas_of
-from photogram.amendments.gross_errors.data_snooping import OPEN_OFFSET_M, PRICE
+from photogram.amendments.gross_errors.data_snooping import PRICE
 from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
 from photogram.arrays import BoolArray, FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
@@ -31,6 +31,7 @@ from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.rigs.exposures import whitened_exposures
+from photogram.gnss import UNKNOWN_M
 from photogram.measures.mark_covariances import scaled
 from photogram.projection import recalibrated
 from photogram.results import EstimatedSigmas
@@ -288,9 +289,9 @@ def _shifted(problem: Problem, state: State, settings: AdjustmentSettings) -> _R
     where they may be already."""
     block = problem.block
     known = any(p.gnss_world_m is not None for p in block.photographs)
-    if not known or block.is_free or np.all(block.gnss_offset_sigma_m >= OPEN_OFFSET_M):
+    if not known or block.is_free or np.all(block.gnss_offset_sigma_m >= UNKNOWN_M):
         return None
-    open_block = replace(block, gnss_offset_sigma_m=np.full(3, OPEN_OFFSET_M))
+    open_block = replace(block, gnss_offset_sigma_m=np.full(3, UNKNOWN_M))
     opened = make_problem(open_block, settings).with_tie_observations(problem.tie)
     return _robust(opened, replace(state, offset=np.zeros((len(opened.flights), 3))), settings)
 

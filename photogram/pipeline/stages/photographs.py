@@ -14,7 +14,6 @@ from photogram.files.npz_json import file_fingerprint, fingerprint, read_json_as
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import check_photograph, read_tags
-from photogram.files.photographs.placeholders import stray_zero_heights, zero_attitudes, zero_heights
 from photogram.files.photographs.stretches import camera_stretches
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.stage import Stage, line_of
@@ -30,6 +29,7 @@ from photogram.project.measured.measured_block import (
     photograph_note,
 )
 from photogram.project.measured.measured_positions import measured_position
+from photogram.project.measured.unmeasured import withdraw_placeholders, withdraw_position
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.datum import datum_findings
@@ -69,11 +69,6 @@ def _decode(work: StageWork, index: int) -> tuple[PhotographNote, PhotographTags
 _DECODED = PieceType(stage_work, _decode)
 
 
-def _withdraw_position(note: PhotographNote) -> None:
-    """Note that a photograph has no position; what was known of its source stays noted."""
-    note["gnss_map_m"] = note["gnss_sigma_m"] = None
-
-
 def _leave_out_copies(
     project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags], executor: Executor
 ) -> int:
@@ -83,7 +78,7 @@ def _leave_out_copies(
     groups = find_duplicates([p.path for p in photographs], tags, [p.camera for p in photographs], executor)
     for original, *duplicates in groups:
         for i in duplicates:
-            _withdraw_position(notes[i])
+            withdraw_position(notes[i])
             notes[i]["attitude_deg"] = None
             notes[i]["copy_of"] = photographs[original].name
     return sum(len(group) - 1 for group in groups)
@@ -96,31 +91,16 @@ def _leave_out_frozen(notes: Sequence[PhotographNote], times: Sequence[datetime 
     frozen = frozen_positions(stated, times, [note["capture"] for note in notes])
     for note, stopped in zip(notes, frozen, strict=True):
         if stopped:
-            _withdraw_position(note)
+            withdraw_position(note)
             note["gnss_frozen"] = True
     return int(frozen.sum())
-
-
-def _leave_out_zeros(project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags]) -> None:
-    """Note which attitudes of tags were not measured, and which heights; the former are not used."""
-    own = [photograph.attitude_deg is None for photograph in project.photographs]
-    for note, zero, tagged in zip(notes, zero_attitudes(tags).tolist(), own, strict=True):
-        if zero and tagged:
-            note["attitude_deg"] = None
-    listed = [p.gnss_map_m is not None or p.file_position is not None for p in project.photographs]
-    for note, zero, elsewhere in zip(notes, zero_heights(tags).tolist(), listed, strict=True):
-        if zero and not elsewhere:
-            note["gnss_height_is_none"] = True
-    for note, zero, elsewhere in zip(notes, stray_zero_heights(tags).tolist(), listed, strict=True):
-        if zero and not elsewhere:
-            _withdraw_position(note)
 
 
 def leave_out(
     project: Project, notes: Sequence[PhotographNote], tags: Sequence[PhotographTags], executor: Executor
 ) -> tuple[int, int]:
-    """Take out of the ``notes`` what measures nothing: zeros of all photographs of a camera, photographs that are there
-    twice, and positions of a receiver that had stopped. Returns how many there are of the last two.
+    """Take out of the ``notes`` what measures nothing: placeholders in the tags, photographs that are there twice, and
+    positions of a receiver that had stopped. Returns how many there are of the last two.
 
     Raises ProjectError where times or height references contradict the project.
     """
@@ -129,7 +109,7 @@ def leave_out(
     contradictions = [f for f in (*time_findings(timed), *datum_findings(project, tags)) if f.severity == "error"]
     if contradictions:
         raise ProjectError("\n".join(map(str, contradictions)))
-    _leave_out_zeros(project, notes, tags)
+    withdraw_placeholders(project, notes, tags)
     return _leave_out_copies(project, notes, tags, executor), _leave_out_frozen(notes, times)
 
 

@@ -414,13 +414,15 @@ def _gnss(
     """Return how good the position of each photograph is, that of its row in a file before that of its tags, and the
     names of those whose tags are not used because the receiver had stopped."""
     frozen = _frozen([p for p in photographs if p.name not in rows])
+    # where all are, the project still needs a standard deviation for them
+    unused = frozen if len(frozen) < len(photographs) else set[str]()
     gnss = list[Gnss | None]()
     for photograph in photographs:
         row = rows.get(photograph.name)
         if row is not None:
             gnss.append(gnss_with(row.solution, row.sigma_m) or gnss_stated(row.sigma_m))
         else:
-            gnss.append(None if photograph.name in frozen else gnss_of(photograph.tags))
+            gnss.append(None if photograph.name in unused else gnss_of(photograph.tags))
     return gnss, [p.name for p in photographs if p.name in frozen]
 
 
@@ -430,8 +432,8 @@ def _warnings(photographs: Sequence[TaggedPhotograph], frozen: Sequence[str]) ->
     words = [f"{some(names)}: {text}" for text, names in damaged]
     if frozen:
         words.append(
-            f"{some(frozen)}: {len(frozen)} photographs taken at different times have the same GNSS position, "
-            "which is not used: the receiver had stopped updating"
+            f"{some(frozen)}: {len(frozen)} photographs have the GNSS position of another time, which is not "
+            "used: the receiver had stopped updating, or is slower than the camera"
         )
     return tuple(words)
 

@@ -79,8 +79,6 @@ class PositionNote(TypedDict):
     """Lever arm from the antenna to the camera along true east, north and up, None where there is none of this kind."""
     lever_arm_camera_m: NotRequired[list[float] | None]
     """Lever arm from the antenna to the camera along its axes x, y, z, None where there is none of this kind."""
-    gnss_height_is_none: NotRequired[bool]
-    """True if its tags give a height of 0, as those of all photographs of its camera do."""
     gnss_frozen: NotRequired[bool]
     """Whether a position is not used because the receiver had stopped."""
     copy_of: NotRequired[str]

@@ -13,6 +13,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.measured.measured_block import measured_arrays, measured_block, photograph_note, survey_frame
 from photogram.project.measured.measured_positions import known_position, positions_map_m
+from photogram.project.measured.unmeasured import withdraw_placeholders
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project
 from photogram.survey import ControlPoints
@@ -75,6 +76,7 @@ def measured_survey(
         photograph_note(photograph, tag, known_position(photograph, tag, position))
         for photograph, tag, position in zip(project.photographs, tags, gnss_map_m, strict=True)
     ]
+    withdraw_placeholders(project, notes, tags)
     control_map_m = control_positions(project)
     frame = survey_frame(project, notes)
     if frame is None and len(control_map_m):  # check points alone adjust nothing, but there is something to say of them

@@ -1,4 +1,5 @@
-"""Positions of a receiver that has stopped: the same figures for photograph after photograph."""
+"""Positions of a receiver that has stopped, or is slower than the camera: the same figures for photograph after
+photograph."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -35,9 +36,10 @@ def frozen_positions(
     """Return which positions (F, 3), in m along any axes, were not measured when their photographs were taken.
 
     Those are the positions that FEWEST photographs or more have in common to SAME_M, taken at as many different
-    ``times``. Photographs taken at once, as by several cameras on one aircraft, may share a position: those of one
-    identifier in ``captures`` (F,) are one moment, whatever their clocks say; without any times only a block in which
-    every photograph has the same position is frozen. NaN marks photographs without a position, which are never frozen.
+    ``times``; the first of them was measured, unless there is no other position in the block. Photographs taken at
+    once, as by several cameras on one aircraft, may share a position: those of one identifier in ``captures`` (F,) are
+    one moment, whatever their clocks say; without any times only a block in which every photograph has the same
+    position is frozen. NaN marks photographs without a position, which are never frozen.
     """
     frozen = np.zeros(len(position_m), dtype=bool)
     captures = captures or (None,) * len(position_m)
@@ -46,9 +48,11 @@ def frozen_positions(
         return frozen
     label = clusters(position_m[known], SAME_M)
     for group in np.flatnonzero(np.bincount(label) >= FEWEST):
-        own = known[label == group]
-        taken = ((times[i], captures[i]) for i in own.tolist())
-        moments = {capture or time.replace(tzinfo=None) for time, capture in taken if time is not None}
-        untimed = not moments and len(own) == len(known)
-        frozen[own] = len(moments) >= FEWEST or untimed
+        own, whole = known[label == group], np.count_nonzero(label == group) == len(known)
+        clock = {i: time.replace(tzinfo=None) for i in own.tolist() if (time := times[i]) is not None}
+        moments = {i: captures[i] or time for i, time in clock.items()}
+        frozen[own] = len(set(moments.values())) >= FEWEST or (not moments and whole)
+        if moments and not whole:
+            first = moments[min(clock, key=clock.__getitem__)]
+            frozen[[i for i, moment in moments.items() if moment == first]] = False
     return frozen

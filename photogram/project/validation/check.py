@@ -11,13 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from photogram.arrays import BoolArray
 from photogram.errors import FrameError, ProjectError
 from photogram.files.photographs.headers import PhotographHeader
 from photogram.files.photographs.placeholders import (
+    constant_flying_heights,
+    constant_heights,
     stray_zero_heights,
     without_zero_attitudes,
     zero_attitudes,
-    zero_heights,
 )
 from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
@@ -181,29 +183,55 @@ def _overview(
     return Finding("note", "survey", ", ".join(facts))
 
 
+def _figures(tags: Sequence[PhotographTags | None], chosen: BoolArray, name: str) -> str:
+    """Return the figures of a tag of the chosen photographs (F,) in metres, in words."""
+    values = {getattr(t, name) for t, is_chosen in zip(tags, chosen.tolist(), strict=True) if t and is_chosen}
+    return " and ".join(f"{value:g} m" if value else "0" for value in sorted(values))
+
+
 def _placeholder_findings(project: Project, tags: Sequence[PhotographTags | None]) -> list[Finding]:
     """Return which figures of the tags stand for nothing."""
-    findings, names = list[Finding](), np.array([p.name for p in project.photographs], dtype=object)
-    tagged = np.array([p.attitude_deg is None for p in project.photographs], dtype=bool)
-    zero = zero_attitudes(tags) & tagged
-    if zero.any():
-        text = f"the tags of all {things(int(zero.sum()), 'photograph')} give an attitude of 0, 0, 0: it is not used"
-        remedy = "nothing, if the camera has no sensor for it; else give the attitudes under photographs.list"
-        findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
-    own = of_tags(project)
-    zero = zero_heights(tags) & own
-    if zero.any():
-        text = f"the tags of all {things(int(zero.sum()), 'photograph')} give a height of 0: heights are known by "
-        text += "control points alone, without them to a kilometre"
-        remedy = "give control points, or positions with heights under photographs.positions"
-        findings.append(Finding("warning", some(names[zero].tolist()), text, remedy))
-    stray = stray_zero_heights(tags) & own
-    if stray.any():
-        others = np.median([t.height_m for t, s in zip(tags, stray, strict=True) if t and t.height_m and not s])
-        text = f"a height of 0 in the tags, where the others have {others:.0f} m: this GNSS position is not used"
-        remedy = "nothing, or give the position under photographs.list"
-        findings.append(Finding("warning", some(names[stray].tolist()), text, remedy))
-    return findings
+    photographs, own = project.photographs, of_tags(project)
+    turned = zero_attitudes(tags) & np.array([p.attitude_deg is None for p in photographs], dtype=bool)
+    same, stray = constant_heights(tags) & own, stray_zero_heights(tags) & own
+    flown = constant_flying_heights(tags) & np.array([p.height_above_ground_m is None for p in photographs], dtype=bool)
+    heights_m = [t.height_m for t in tags if t and t.height_m]
+    texts = (
+        (
+            turned,
+            "the tags of all {count} give an attitude of 0, 0, 0: it is not used",
+            "nothing, if the camera has no sensor for it; else give the attitudes under photographs.list",
+        ),
+        (
+            same,
+            f"the tags of all {{count}} give a height of {_figures(tags, same, 'height_m')}: heights are known by "
+            "control points alone, without them to a kilometre",
+            "give control points, or positions with heights under photographs.positions",
+        ),
+        (
+            flown,
+            f"the tags of all {{count}} give {_figures(tags, flown, 'height_above_take_off_m')} above ground, from "
+            "where neighbours would show nothing in common: it is not used",
+            "nothing, or give height_above_ground_m under photographs",
+        ),
+        (
+            stray,
+            f"a height of 0 in the tags, where the others have {np.median(heights_m or [0.0]):.0f} m: this GNSS "
+            "position is not used",
+            "nothing, or give the position under photographs.list",
+        ),
+    )
+    names = np.array([p.name for p in photographs], dtype=object)
+    return [
+        Finding(
+            "warning",
+            some(names[chosen].tolist()),
+            text.format(count=things(int(chosen.sum()), "photograph")),
+            remedy,
+        )
+        for chosen, text, remedy in texts
+        if chosen.any()
+    ]
 
 
 def survey_findings(

@@ -12,6 +12,7 @@ from photogram.errors import FrameError, ImageError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import geodetic_from_map
+from photogram.gnss import UNKNOWN_M
 from photogram.measures.collinearity import collinear
 from photogram.project.cross_checks import AreaOfUse
 from photogram.project.draft.sites import gap_between_sites_m, group_sites, utm_crs
@@ -183,10 +184,10 @@ def frozen_findings(
     if not len(frozen):
         return []
     placed = survey is not None and max(survey.positioned.sum(), _placing(survey).sum()) >= 3
-    text = f"{len(frozen)} photographs taken at different times have the same GNSS position, which is not used"
+    text = f"{len(frozen)} photographs have the GNSS position of another time, which is not used"
     remedy = (
-        "the receiver had stopped updating: give the positions of the flight under photographs.positions, or "
-        "control points"
+        "the receiver had stopped updating, or is slower than the camera: give the positions of the flight under "
+        "photographs.positions, or control points"
     )
     names = some([project.photographs[i].name for i in frozen])
     return [Finding("warning" if placed else "error", names, text, remedy)]
@@ -272,7 +273,7 @@ def height_findings(project: Project, survey: MeasuredSurvey, *, declared: bool)
     error only where they are ``declared`` to be of one system."""
     points = survey.control
     photograph = points.mark_photograph
-    known = survey.positioned[photograph]
+    known = survey.positioned[photograph] & (np.nan_to_num(survey.gnss_sigma_m[photograph, 2]) < UNKNOWN_M)
     if not known.any():
         return []
     photograph, point = photograph[known], points.mark_point[known]

@@ -15,16 +15,10 @@ from photogram.project.project import Project
 from photogram.project.validation.heights import shift_of_block
 from photogram.survey import Block, Photograph, UndeclaredHeights
 
-UNKNOWN_M = 1000.0
-"""Standard deviation of what all GNSS heights are off by together where tags give 0 for all of them."""
-
 
 def with_undeclared_heights(project: Project, block: Block, notes: Sequence[PhotographNote]) -> Block:
     """Return the block with what is known of its heights where nobody declares them, as it is where they are declared,
     or there is nothing to be of one system. ``notes`` are what the first stage has noted of the photographs."""
-    if any(note.get("gnss_height_is_none") for note in notes):
-        sigma_m = np.array([*block.gnss_offset_sigma_m[:2], UNKNOWN_M])
-        block = replace(block, gnss_offset_sigma_m=sigma_m)
     tags = [note["height_is_ellipsoidal"] for note in notes]
     positioned = [photograph.gnss_world_m is not None for photograph in block.photographs]
     if not any(positioned) or not len(block.control_points) or project.heights_are_declared(tags, positioned):

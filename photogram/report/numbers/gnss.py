@@ -162,7 +162,7 @@ def _not_used(photographs: Sequence[Photograph], used: FloatArray, notes: Notes)
         if note.get("copy_of"):
             reason = f"the same photograph as {note['copy_of']}"
         elif note.get("gnss_frozen"):
-            reason = "the receiver had stopped updating: photographs taken at different times have the same position"
+            reason = "the receiver had stopped updating, or is slower than the camera: a position of another time"
         elif photograph.gnss_world_m is None and note.get("gnss_map_m") is not None:
             reason = "rejected: it contradicts all other observations"
         elif photograph.gnss_world_m is None:
@@ -339,8 +339,8 @@ def _warnings(notes: Notes, used: FloatArray) -> list[str]:
     frozen = [n["name"] for n in notes if n.get("gnss_frozen")]
     if frozen:
         warnings.append(
-            f"{things(len(frozen), 'photograph')} ({some(frozen)}) taken at different times with the same GNSS "
-            "position: the receiver had stopped updating, these positions were not used."
+            f"{things(len(frozen), 'photograph')} ({some(frozen)}) with the GNSS position of another time: "
+            "the receiver had stopped updating, or is slower than the camera; these positions were not used."
         )
     sources = Counter(n.get("gnss_source") for n in taken)
     if len(sources) > 1 and "tags" in sources:
