@@ -17,7 +17,10 @@ def decided_by_adjustment(result: Adjustment) -> Iterator[Decision]:
         of = [f"flight {error.flight}"] if error.flight is not None else []
         about = " of ".join([f"common {error.kind.replace('_', ' ')}", *of])
         rivals = (common.as_well,) if common.as_well else ()
-        sentence = f"{about}: estimated from {common.photographs} photographs, and removed"
+        size = ""
+        if error.kind == "attitude":
+            size = f"{np.rad2deg(np.linalg.norm(common.estimate)):.1f}° "
+        sentence = f"{about}: {size}estimated from {common.photographs} photographs, and removed"
         yield Decision(about, True, sentence, common.chi2, common.degrees, common.p, rivals)
     # of a block without rolling shutters nothing was looked for, and there are none
     for camera, readout_s, sigma_s in zip(

@@ -242,6 +242,21 @@ def test_attitudes_that_were_withdrawn_beforehand_are_named_unless_a_whole_fligh
     assert withdrawn_attitudes(survey(), everyone, clean().result) == []
 
 
+def test_attitudes_of_a_whole_flight_are_named_together_with_what_they_are_off_by() -> None:
+    pitched, believed = survey(), survey()
+    turn = Rotation.from_rotvec(np.deg2rad([10.0, 0.0, 0.0])).as_matrix()
+    for i, pose in enumerate(clean().result.block.poses):
+        assert pose is not None
+        off = pose.rotation_world_from_camera @ turn
+        pitched = with_photograph(pitched, i, attitude_world_from_camera=off, attitude_sigma_rad=0.03)
+        believed = with_photograph(believed, i, attitude_world_from_camera=None, attitude_sigma_rad=None)
+    (blunder,) = withdrawn_attitudes(pitched, believed, clean().result)
+    assert blunder.kind == "attitude"
+    assert f"attitudes of {len(pitched.photographs)} photographs of flight" in blunder.sentence
+    assert "by 10.0° in common (about the camera's axes right, down, forward +10.0, " in blunder.sentence
+    assert "and by 0.0° beside that" in blunder.sentence
+
+
 def test_where_too_little_is_left_every_culprit_is_named() -> None:
     """Three control points hold a block without GNSS; the marks of two of them lie elsewhere in all photographs."""
     plan = replace(NO_GNSS, control_points=3)

@@ -4,12 +4,12 @@ Two points exchanged, marks set on another point's target, easting and northing 
 named only where the prediction is precise enough to exclude chance.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from photogram.amendments.gross_errors.data_snooping import Search
 from photogram.amendments.gross_errors.hypothesis import Hypothesis, unmeasured
@@ -21,6 +21,7 @@ from photogram.factors.common_errors import common_shifts
 from photogram.quality.asprs import AXES
 from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints
+from photogram.wording import some, things
 
 SURE = 4.0  # sigmas within which a prediction is said to be what was meant
 CHANCE = 0.1  # probability by which some digit would explain a blunder that has nothing to do with it
@@ -286,23 +287,37 @@ def _of_exposure(result: Adjustment, block: Block, hypothesis: Hypothesis) -> Bl
     return Blunder("exposure", (), hypothesis.name, text)
 
 
-def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
-    """Return the measured attitudes of ``block`` that single photographs of a flight have lost in ``believed``, because
-    its oriented photographs contradict them; those of whole flights are no blunders of single photographs."""
-    lost = [
-        i
-        for i, (given, kept) in enumerate(zip(block.photographs, believed.photographs, strict=True))
-        if given.attitude_sigma_rad is not None
-        and (kept.attitude_sigma_rad is None or given.heading_known > kept.heading_known)
-    ]
-    of_flight = Counter(p.flight for p in block.photographs if p.attitude_sigma_rad is not None)
-    lost_of_flight = Counter(block.photographs[i].flight for i in lost)
-    single = (
-        i
-        for i in lost
-        if lost_of_flight[block.photographs[i].flight] <= SINGLE * of_flight[block.photographs[i].flight]
+def _of_flight(result: Adjustment, block: Block, flight: str, members: Sequence[int]) -> Blunder:
+    """Return what is wrong with the measured attitudes of most photographs of a flight: by which turn of the camera
+    they are off in common, and by how much beside it."""
+    poses = ((result.block.poses[i], block.photographs[i].attitude_world_from_camera) for i in members)
+    turns = Rotation.from_matrix([m.T @ pose.rotation_world_from_camera for pose, m in poses if pose and m is not None])
+    common = turns.mean()
+    off, beside = np.rad2deg(-common.as_rotvec()), np.rad2deg(np.median((common.inv() * turns).magnitude()))
+    names = some([block.photographs[i].name for i in members])
+    text = (
+        f"attitudes of {things(len(members), 'photograph')} of flight {flight} ({names}): all other observations "
+        f"contradict them, by {np.linalg.norm(off):.1f}° in common (about the camera's axes right, down, forward "
+        f"{', '.join(f'{angle:+.1f}' for angle in off)}°) and by {beside:.1f}° beside that; they are not used: check "
+        "how the angles of the gimbal are counted, a pitch of -90° looking straight down"
     )
-    return [_of_attitude(result, block, unmeasured("attitude", block.photographs[i].name)) for i in single]
+    return Blunder("attitude", (), None, text)
+
+
+def withdrawn_attitudes(block: Block, believed: Block, result: Adjustment) -> list[Blunder]:
+    """Return the measured attitudes of ``block`` that are lost in ``believed``, because its oriented photographs
+    contradict them: those of single photographs one by one, those of more of a flight together. A compass that a whole
+    flight contradicts is no blunder."""
+    blunders, photographs = list[Blunder](), list(zip(block.photographs, believed.photographs, strict=True))
+    for flight in sorted({p.flight for p in block.photographs if p.attitude_sigma_rad is not None}):
+        own = [i for i, (p, _) in enumerate(photographs) if p.flight == flight and p.attitude_sigma_rad is not None]
+        whole = [i for i in own if photographs[i][1].attitude_sigma_rad is None]
+        lost = [i for i in own if i in whole or photographs[i][0].heading_known > photographs[i][1].heading_known]
+        if len(lost) <= SINGLE * len(own):
+            blunders += [_of_attitude(result, block, unmeasured("attitude", block.photographs[i].name)) for i in lost]
+        elif len(whole) > SINGLE * len(own):
+            blunders.append(_of_flight(result, block, flight, whole))
+    return blunders
 
 
 def _with_rivals(blunder: Blunder, rejected: Sequence[Hypothesis]) -> Blunder:
