@@ -420,7 +420,7 @@ def test_numbers_that_are_none(tiny: Tiny, value: float, where: str) -> None:
         tiny.points[2, 1] = value
     if where == "table":
         tiny.table(tiny.points)
-        only(tiny.findings(), "error", f"points.csv:4: y of G2 must be a number, found '{value}'")
+        only(tiny.findings(), "error", f"points.csv:4: northing of G2 must be a number, found '{value}'")
     else:
         only(tiny.findings(), "error", "[G2]", "finite number")
 
