@@ -654,6 +654,18 @@ def test_one_height_for_positions_that_rose_and_sank_is_said(tiny: Tiny) -> None
     only(tiny.findings(), "warning", "the tags of all 12 photographs give a height of 110 m: heights are known by")
 
 
+def test_one_height_for_a_table_of_positions_is_said(tiny: Tiny) -> None:
+    """In another height system than the points, seemingly: the height of a plan is no system's."""
+    flown_m = [FLYING_M + 2.0 * (i % 3) for i in range(12)]
+    tiny.tags = [replace(t, height_above_take_off_m=h) for t, h in zip(tiny.tags, flown_m, strict=True)]
+    plan = np.column_stack([CENTRES[:, :2], np.full(12, 35.0)])
+    rows = [f"{i:02d}.JPG,{x!r},{y!r},{z!r}" for i, (x, y, z) in enumerate(plan.tolist())]
+    (tiny.folder / "positions.csv").write_text("\n".join(["name,easting,northing,height", *rows]) + "\n")
+    entry = {"path": "positions.csv", "position_of": "camera", "heights": "ellipsoidal"}
+    tiny.values["photographs"] |= {"gnss_sigma_m": [0.02, 0.02, 0.04], "positions": [entry]}
+    only(tiny.findings(), "warning", "positions.csv: all its 12 heights are the same", "known by control points alone")
+
+
 def test_a_flying_height_that_cannot_be_is_not_used(tiny: Tiny) -> None:
     tiny.tags = [replace(t, height_above_take_off_m=1.0) for t in tiny.tags]
     findings = tiny.findings()

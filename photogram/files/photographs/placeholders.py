@@ -64,17 +64,19 @@ def zero_attitudes(tags: Tags) -> BoolArray:
     return _marked(tags, (members for members, figures in alike if not any(figures)))
 
 
+def is_no_height(tags: Tags, members: Sequence[int], height_m: float) -> bool:
+    """Return whether one height of several photographs is none that was measured: 0, or another while their heights
+    above the place of take-off say that the camera rose and sank."""
+    flown_m = [t.height_above_take_off_m for i in members if (t := tags[i]) is not None]
+    known_m = [h for h in flown_m if h is not None]
+    return height_m == 0.0 or (len(known_m) == len(members) and max(known_m) - min(known_m) > FLOWN_M)
+
+
 def constant_heights(tags: Tags) -> BoolArray:
     """Return which photographs (F,) have a position with the height that all of their camera have, and that nothing
-    measured: 0, or another while the heights above the place of take-off say that the camera rose and sank."""
-
-    def is_none(members: list[int], height_m: float) -> bool:
-        flown_m = [t.height_above_take_off_m for i in members if (t := tags[i]) is not None]
-        known_m = [h for h in flown_m if h is not None]
-        return height_m == 0.0 or (len(known_m) == len(members) and max(known_m) - min(known_m) > FLOWN_M)
-
+    measured."""
     alike = _alike(tags, lambda own: (own.height_m if own.longitude_deg is not None else None,))
-    return _marked(tags, (members for members, (height_m,) in alike if is_none(members, height_m)))
+    return _marked(tags, (members for members, (height_m,) in alike if is_no_height(tags, members, height_m)))
 
 
 def constant_flying_heights(tags: Tags) -> BoolArray:

@@ -25,6 +25,7 @@ from photogram.files.photographs.stretches import MIXED_REMEDY, mixed_depths
 from photogram.files.photographs.tags import PhotographTags, damage_by_kind
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import gnss_positions, of_tags
+from photogram.project.measured.unmeasured import constant_heights_of_files
 from photogram.project.project import Project
 from photogram.project.validation.datum import datum_findings
 from photogram.project.validation.geometry import geometry_findings
@@ -222,7 +223,17 @@ def _placeholder_findings(project: Project, tags: Sequence[PhotographTags | None
         ),
     )
     names = np.array([p.name for p in photographs], dtype=object)
-    return [
+    in_files = [
+        Finding(
+            "warning",
+            source,
+            f"all its {len(members)} heights are the same, and the photographs' own heights above take-off are not: "
+            "heights are known by control points alone, without them to a kilometre",
+            "give positions with measured heights, or control points",
+        )
+        for source, members in constant_heights_of_files(project, tags).items()
+    ]
+    return in_files + [
         Finding(
             "warning",
             some(names[chosen].tolist()),
