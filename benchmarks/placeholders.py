@@ -97,7 +97,7 @@ WORDS = {
     "every position twice": ("repeat",),
     "every position three times": ("repeat", "position of another time"),
     "positions in feet": ("ft", "feet", "foot"),
-    "heights 120 m in a table": ("GNSS heights of",),
+    "heights 120 m in a table": ("GNSS heights of", "heights are the same"),
     "yaw off by 6°": ("common attitude",),
     "pitch off by 5°": ("common attitude", "attitudes of"),
     "pitch off by 10°": ("common attitude", "attitudes of"),

@@ -20,7 +20,7 @@ from photogram.geodesy.crs import NO_CRS, crs_label, projected_crs
 from photogram.geodesy.frames import map_from_geodetic
 from photogram.project.constraints import check_constraints, used_points
 from photogram.project.document import Document, Key, suggestion
-from photogram.project.misplaced import other_reading
+from photogram.project.misplaced import other_reading, zones_within
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
     CameraEntry,
@@ -57,7 +57,7 @@ class Located:
     """A position (3,) of the project in its CRS, and where its figures would lie the other way round.
 
     ``key`` is where the project file names it; ``columns`` are what its first two figures are. Of a position that comes
-    from another file ``line`` is that file and the line, and ``name`` what has it.
+    from another file ``line`` is that file and the line, and ``name`` what has it, ``crs`` its CRS.
     """
 
     key: Key
@@ -66,6 +66,7 @@ class Located:
     columns: tuple[str, str] = ("easting", "northing")
     line: str = ""
     name: str = ""
+    crs: str = ""
 
     @property
     def label(self) -> str:
@@ -408,6 +409,10 @@ def _check_plan(
                     if reading is not None:
                         figures += f"; {reading[0]} they would lie among the others"
                         order = reading[1]
+                    elif area is not None and place.crs:
+                        map_m = np.array([p.map_m for p in group])
+                        zones = zones_within(place.crs, crs, map_m, area.contains)
+                        order = f"correct {place.crs} to {zones[0]}" if len(zones) == 1 else order
                 document.add_error(
                     place.key if place.line or not whole else place.key[:2],
                     f"{place.label}{text.format(*place.columns)}{where}: found {figures}: {order}",

@@ -3,12 +3,12 @@
 Tried are the neighbouring zones of the map grid, easting and northing exchanged, and longitude and latitude exchanged.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.errors import FrameError
 from photogram.geodesy.crs import neighbouring_zones, plan_of
 from photogram.geodesy.frames import geodetic_from_map, map_from_crs, map_from_geodetic
@@ -42,6 +42,19 @@ def _readings(crs: str, points_map_m: FloatArray) -> Iterator[tuple[str, str, Fl
     yield "with easting and northing exchanged", "write easting before northing", points_map_m[:, [1, 0, 2]]
     exchanged = _degrees_exchanged(crs, points_map_m)
     yield "with longitude and latitude exchanged", "write longitude before latitude", exchanged
+
+
+def zones_within(
+    given_crs: str, crs: str, points_map_m: FloatArray, contains: Callable[[FloatArray], BoolArray]
+) -> list[str]:
+    """Return the zones beside the CRS ``given_crs`` of positions (N, 3) of the map ``crs`` in which the same figures
+    lie where the map ``contains`` them (N, 2)."""
+    try:
+        figures = map_from_crs(crs, plan_of(given_crs), points_map_m)
+        zones = [(zone, _in_zone(zone, crs, figures)) for zone in neighbouring_zones(given_crs)]
+    except FrameError:
+        return []  # of degrees, or of a place that this CRS does not have
+    return [zone for zone, places in zones if places is not None and contains(places[:, :2]).all()]
 
 
 def other_reading(crs: str, points_map_m: FloatArray, reference_map_m: FloatArray) -> tuple[str, str] | None:

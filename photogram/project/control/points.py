@@ -124,7 +124,9 @@ def _located(source: Source) -> list[Located]:
         return []
     places = zip(source.points.points, source.placed.map_m, source.placed.turned_map_m, strict=True)
     return [
-        Located(source.key, position, turned, source.columns, f"{source.entry.path}:{point.line}", point.name)
+        Located(
+            source.key, position, turned, source.columns, f"{source.entry.path}:{point.line}", point.name, source.crs
+        )
         for point, position, turned in places
     ]
 
