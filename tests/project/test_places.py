@@ -133,7 +133,7 @@ def test_the_zone_of_the_other_hemisphere_is_proposed(tmp_path: Path) -> None:
     """A latitude band, 32S, read as the south of zone 32."""
     text = "name,easting,northing,height\n" + rows(TRUTH)
     with pytest.raises(
-        ProjectError, match="outside the area of use of EPSG:25832 .*: correct EPSG:32732 to EPSG:32632"
+        ProjectError, match=r"outside the area of use of EPSG:25832 .*: correct EPSG:32732 to EPSG:32632"
     ):
         project(tmp_path, text, "crs: EPSG:32732")
     assert places(project(tmp_path, text, "crs: EPSG:32632"))[:, :2] == pytest.approx(TRUTH[:, :2], abs=1.0)
