@@ -210,7 +210,7 @@ def _is_gcp_list(path: Path, lines: Lines, *, is_headed: bool) -> bool:
     if glued_crs(first) is not None or any(_is_mark_row(text, is_headed=is_headed) for _, text in lines[:3]):
         return True
     rows = lines[1:] if names_crs(first) else lines
-    if not rows:
+    if not rows or (not is_headed and "gcp_list" in path.name.lower()):
         return True
     layout = layout_of(rows, POINTS)
     return not (path.suffix.lower() == ".csv" or is_headed or unnamed_columns(layout, POINTS))
