@@ -114,6 +114,12 @@ class Difference:
         return tuple(s.heights.path.name for s in surfaces if s.heights.zeros_are_none)
 
     @property
+    def impossible_heights(self) -> tuple[str, ...]:
+        """Return the names of the surfaces that hold heights beyond all ground, which they do not declare as none."""
+        surfaces = (self.earlier, self.later)
+        return tuple(s.heights.path.name for s in surfaces if s.heights.holds_impossible)
+
+    @property
     def correlation_m(self) -> tuple[float, float]:
         """Return the widths over which errors of the earlier and the later surface correlate."""
         return self.earlier.correlation_m, self.later.correlation_m

@@ -234,6 +234,7 @@ def _summary(
         resampled=difference.resampled,
         undeclared_heights=() if bases else difference.undeclared_heights,
         zeros_without_data=difference.zeros_without_data,
+        impossible_heights=difference.impossible_heights,
         registration=registration,
         registration_applied=applied,
         cells=int(counts.sum()),

@@ -186,6 +186,7 @@ def test_no_data_that_nobody_declares_is_none(tmp_path: Path, value: float) -> N
     inner[4:-4, 4:-4] = True
     np.testing.assert_array_equal(np.isfinite(values), inner)
     assert open_raster(path).zeros_are_none == (value == 0.0)
+    assert open_raster(path).holds_impossible == (value != 0.0)
     window = open_raster(path).read(Window(0, 0, 10, 10))
     np.testing.assert_array_equal(window, values[:10, :10])
 
@@ -200,6 +201,7 @@ def test_zeros_among_heights_near_zero_are_heights(tmp_path: Path) -> None:
     path = tmp_path / "beach.tif"
     strange(path, heights_with_rim(0.0, 3.0))
     assert not open_raster(path).zeros_are_none
+    assert not open_raster(path).holds_impossible
     assert np.isfinite(read_raster(path)[0].values).all()
     strange(path, heights_with_rim(0.0, 100.0), nodata=-9999.0)  # what is declared is believed
     assert np.isfinite(read_raster(path)[0].values).all()

@@ -55,6 +55,8 @@ class SurfaceChange:
     """The surface that does not say what its heights count from, where the other one does."""
     zeros_without_data: tuple[str, ...]
     """Surfaces whose zeros stand for no data, which they do not declare."""
+    impossible_heights: tuple[str, ...]
+    """Surfaces whose heights beyond all ground stand for no data, which they do not declare."""
     registration: Registration | None
     """How the later surface lies over the earlier one on stable ground; None without any."""
     registration_applied: bool

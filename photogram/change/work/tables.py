@@ -8,6 +8,7 @@ from photogram.change.figure import volume_label
 from photogram.change.files.change_files import SurfaceChange
 from photogram.change.stable_ground import Registration
 from photogram.change.volumes import Volume
+from photogram.files.maps.rasters import HIGHEST_M, LOWEST_M
 from photogram.terminal.console import console
 
 
@@ -66,6 +67,9 @@ def show_surface_change(change: SurfaceChange) -> None:
         _say(f"Heights of {name}: no height system is stated; they are taken to count from that of the other surface.")
     for name in change.zeros_without_data:
         _say(f"Zeros of {name} lie at its rim, far from all other heights: they are taken for no data.")
+    for name in change.impossible_heights:
+        low, high = f"{LOWEST_M:.0f}".replace("-", "−"), f"{HIGHEST_M:.0f}"
+        _say(f"{name} declares no value for no data: heights below {low} m and above {high} m are taken for it.")
     if change.interpolated_cells:
         _say(f"{change.interpolated_cells} cells are filled or without a sigma: they have no level of detection.")
     if change.registration is not None:

@@ -17,7 +17,7 @@ from rasterio.errors import RasterioError
 from rasterio.transform import Affine
 from rasterio.vrt import WarpedVRT
 
-from photogram.arrays import ByteArray, Float32Array
+from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.errors import FrameError, PhotogramError, ProjectError
 from photogram.files.maps.cogs import write_cog
 from photogram.files.reading import regular_file_size
@@ -107,14 +107,15 @@ class RasterFile:
     """Whether the file declares what stands for no data."""
     zeros_are_none: bool = False
     """Whether zeros stand for no data, which the file does not declare."""
+    holds_impossible: bool = False
+    """Whether values beyond all ground stand for no data, which the file does not declare."""
 
     def heights(self, band: np.ma.MaskedArray[Any, Any]) -> Float32Array:
         """Return the heights of cells of the file, m, NaN where they have none: masked, infinite, and where the file
         declares nothing beyond all ground, or zeros that stand for it."""
         values = _scaled(band, self.scale, self.offset)
         if not self.declares_none:
-            with np.errstate(invalid="ignore"):
-                values[(values < LOWEST_M) | (values > HIGHEST_M)] = np.nan
+            values[_impossible(values)] = np.nan
         if self.zeros_are_none:
             values[np.asarray(band.data) == 0] = np.nan
         return values
@@ -175,8 +176,7 @@ def _described(path: Path, dataset: rasterio.DatasetReader, local: bool) -> Rast
     file = RasterFile(path, grid, name, float(scale) * unit, float(offset) * unit)
     if dataset.nodata is not None or MaskFlags.all_valid not in dataset.mask_flag_enums[0]:
         return file
-    file = replace(file, declares_none=False)
-    return replace(file, zeros_are_none=_zeros_are_none(dataset, file))
+    return _looked_through(dataset, replace(file, declares_none=False))
 
 
 def _height_unit_m(path: Path, stated: str | None, units: MapUnits) -> float:
@@ -193,15 +193,23 @@ def _height_unit_m(path: Path, stated: str | None, units: MapUnits) -> float:
     return own
 
 
-def _zeros_are_none(dataset: rasterio.DatasetReader, file: RasterFile) -> bool:
-    """Return whether zeros stand for no data: they fill a part of the rim, and all other heights lie far off."""
+def _impossible(heights_m: Float32Array) -> BoolArray:
+    with np.errstate(invalid="ignore"):
+        return np.asarray((heights_m < LOWEST_M) | (heights_m > HIGHEST_M))
+
+
+def _looked_through(dataset: rasterio.DatasetReader, file: RasterFile) -> RasterFile:
+    """Return a file that declares nothing for no data with what stands for it: heights that no ground has, and zeros
+    that fill a part of the rim while all other heights lie far off."""
     step = max(1, int(np.ceil(max(dataset.height, dataset.width) / _LOOKED_AT)))
     shape = int(np.ceil(dataset.height / step)), int(np.ceil(dataset.width / step))
     band = dataset.read(1, out_shape=shape, masked=True)
+    impossible = bool(_impossible(_scaled(band, file.scale, file.offset)).any())
     zero, heights = np.asarray(band.data) == 0, file.heights(band)
     rim = np.concatenate([zero[0], zero[-1], zero[:, 0], zero[:, -1]])
     others = heights[~zero & np.isfinite(heights)]
-    return bool(rim.mean() > RIM_SHARE and len(others) and np.abs(others - file.offset).min() > FAR_M)
+    zeros = bool(rim.mean() > RIM_SHARE and len(others) and np.abs(others - file.offset).min() > FAR_M)
+    return replace(file, zeros_are_none=zeros, holds_impossible=impossible)
 
 
 def _crs_name(path: Path, crs: CRS | None, local: bool) -> tuple[str, MapUnits]:
