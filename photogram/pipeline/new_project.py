@@ -17,11 +17,10 @@ from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks
 from photogram.files.photographs.names import deep_twins
-from photogram.files.tables.column_names import POINTS, quantity_of
 from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.position_files import PositionFile
 from photogram.files.tables.position_tables import read_positions
-from photogram.geodesy.crs import is_geographic
+from photogram.geodesy.crs import is_geographic, map_units
 from photogram.geodesy.frames import geodetic_from_map
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
@@ -206,7 +205,6 @@ def _control_file(
 ) -> ControlFile:
     file = read_points(path)
     table = _mark_table(file, marks, project)
-    turned = {"x": "northing", "y": "easting"} if file.is_order_open else {}
     return ControlFile(
         _relative(path, project),
         role,
@@ -219,7 +217,7 @@ def _control_file(
         marks is None and table is not None and not has_rows(table),
         size,
         None if sigma_m is None else (sigma_m, sigma_m, sigma_m),
-        turned=tuple(turned.get(str(quantity_of(name, POINTS)), name) for name in file.columns) if turned else (),
+        turned=file.turned_columns,
         geodetic=None if file.geodetic is None else np.array(file.geodetic),
     )
 
@@ -231,41 +229,40 @@ def _geoid(geoid: str | None, project: Path) -> str | None:
 def _positions(
     folder: Path, files: Sequence[str], names: list[str], project: Path
 ) -> tuple[tuple[DraftPositions, ...], set[str]]:
-    """Return the files of positions beside the photographs, and which of ``files`` they are: MRK files and a geo.txt
-    with their rows, those that cannot be used with the reason, and tables of which nobody says what their positions are
-    of."""
-    found, there = list[DraftPositions](), set[str]()
-    above = [f"../{GEO_TXT}"] if (folder.absolute().parent / GEO_TXT).is_file() else []
-    for file in (*files, *above):
-        kind, is_geo = PurePosixPath(file).suffix.lower(), PurePosixPath(file).name.lower() == GEO_TXT
-        if kind not in _POSITIONS:
-            continue
-        path = folder.absolute().parent / GEO_TXT if file in above else folder / file
+    """Return the files of positions among ``files`` of the folder, and a geo.txt above it; and which of ``files`` they
+    are."""
+    found = dict[str, DraftPositions]()
+    for file in files:
         here = PurePosixPath(file).parent
         neighbours = [name for name in names if PurePosixPath(name).parent == here]
-        written, is_used = _relative(path, project), kind == ".mrk" or is_geo
-        try:
-            read = read_positions(path)
-            matching = match_rows(read, neighbours or names)
-            degrees = _degrees_of(read) if is_geo else {}
-        except (ProjectError, FrameError) as error:
-            if not is_used:
-                continue  # a table of something else
-            lines = str(error).splitlines()
-            more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
-            found.append(DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more))
-        else:
-            if not is_used and not matching.rows:
-                continue
-            use = f"positions of {things(len(matching.rows), 'photograph')}, of the camera or of the antenna: to use "
-            use += f"them, add {{path: {written}, position_of: camera}}, or antenna, under photographs.positions"
-            found.append(
-                DraftPositions(written, matching.rows, matching.error, is_geo, degrees)
-                if is_used
-                else DraftPositions(written, error=use)
-            )
-        there.add(file)
-    return tuple(found), there
+        positions = _position_file(folder / file, neighbours or names, project)
+        if positions is not None:
+            found[file] = positions
+    above = folder.absolute().parent / GEO_TXT
+    shared = _position_file(above, names, project) if above.is_file() else None
+    return (*found.values(), *([] if shared is None else [shared])), set(found)
+
+
+def _position_file(path: Path, names: list[str], project: Path) -> DraftPositions | None:
+    """Return an MRK file or a geo.txt with its rows, or the reason for which it cannot be used; a table of which nobody
+    says what its positions are of with how to use it; None where a file is something else."""
+    kind, is_geo = path.suffix.lower(), path.name.lower() == GEO_TXT
+    written, is_used = _relative(path, project), kind == ".mrk" or is_geo
+    if kind not in _POSITIONS:
+        return None
+    try:
+        read = read_positions(path)
+        matching = match_rows(read, names)
+        degrees = _degrees_of(read) if is_geo else {}
+    except (ProjectError, FrameError) as error:
+        lines = str(error).splitlines()
+        more = f" and {len(lines) - 1} more errors" if len(lines) > 1 else ""
+        return DraftPositions(written, error=lines[0].removeprefix(f"{path}:") + more) if is_used else None
+    if is_used:
+        return DraftPositions(written, matching.rows, matching.error, is_geo, degrees)
+    use = f"positions of {things(len(matching.rows), 'photograph')}, of the camera or of the antenna: to use them, add "
+    use += f"{{path: {written}, position_of: camera}}, or antenna, under photographs.positions"
+    return DraftPositions(written, error=use) if matching.rows else None
 
 
 def _degrees_of(file: PositionFile) -> Mapping[int, tuple[float, float, float]]:
@@ -273,7 +270,7 @@ def _degrees_of(file: PositionFile) -> Mapping[int, tuple[float, float, float]]:
     CRS they are. Raises FrameError where that is none."""
     given = np.array([row.position for row in file.rows])
     if file.crs is not None and not is_geographic(file.crs):
-        given = geodetic_from_map(file.crs, given)
+        given = geodetic_from_map(file.crs, map_units(file.crs).in_metres(given))
     elif not file.geographic:
         return {}
     return {row.line: (x, y, z) for row, (x, y, z) in zip(file.rows, given.tolist(), strict=True)}

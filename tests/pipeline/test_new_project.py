@@ -13,6 +13,7 @@ from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project
 
 Run = Callable[..., Any]
+FEET = "+proj=utm +zone=32 +ellps=GRS80 +units=ft +vunits=ft +type=crs"
 
 
 @pytest.fixture
@@ -116,8 +117,12 @@ def test_what_cannot_be_is_refused_before_a_photograph_is_read(survey: Path) -> 
     assert not project.exists()
 
 
-@pytest.mark.parametrize("place", ["photographs/geo.txt", "geo.txt"])
-def test_positions_of_opendronemaps_table_are_those_of_photographs_without_any(survey: Path, place: str) -> None:
+@pytest.mark.parametrize(
+    ("place", "crs"), [("photographs/geo.txt", "EPSG:25832"), ("geo.txt", "EPSG:25832"), ("geo.txt", FEET)]
+)
+def test_positions_of_opendronemaps_table_are_those_of_photographs_without_any(
+    survey: Path, place: str, crs: str
+) -> None:
     """Beside the photographs or above them; the positions are the camera's, by that table's definition."""
     listed = yaml.safe_load((survey / "project.yaml").read_text(encoding="utf-8"))
     names = [p["name"] for p in listed["photographs"]["list"]]
@@ -127,8 +132,12 @@ def test_positions_of_opendronemaps_table_are_those_of_photographs_without_any(s
             bare = picture.copy()
         bare.save(path, quality=95)  # without tags
     places = {name: (602_300.0 + 20 * i, 5_794_100.0, 200.0) for i, name in enumerate(names)}
-    rows = [f"{name} {x:.3f} {y:.3f} {z:.3f} 0 0 0 0.02 0.04" for name, (x, y, z) in places.items()]
-    (survey / place).write_text("\n".join(["EPSG:25832", *rows]) + "\n", encoding="utf-8")
+    unit_m = 0.3048 if crs == FEET else 1.0
+    rows = [
+        f"{name} {x / unit_m:.3f} {y / unit_m:.3f} {z / unit_m:.3f} 0 0 0 0.02 0.04"
+        for name, (x, y, z) in places.items()
+    ]
+    (survey / place).write_text("\n".join([crs, *rows]) + "\n", encoding="utf-8")
     found = init(survey / "photographs", focal_px=600.0, project=survey / "g.yaml")
     written = yaml.safe_load((survey / "g.yaml").read_text(encoding="utf-8"))
     assert written["photographs"]["positions"] == [{"path": place, "position_of": "camera"}]
