@@ -76,7 +76,7 @@ def test_where_nothing_decides_it_is_asked(tmp_path: Path) -> None:
 def test_degrees_in_a_map_grid_are_named(tmp_path: Path) -> None:
     degrees = geodetic_from_map(CRS, TRUTH)
     for header in ("name,x,y,z\n", "name,lon,lat,z\n"):
-        with pytest.raises(ProjectError, match="are longitude and latitude, but EPSG:25832 is a map grid: give crs"):
+        with pytest.raises(ProjectError, match="longitude and latitude, but EPSG:25832 is a map grid: give crs"):
             project(tmp_path, header + rows(degrees))
     made = project(tmp_path, "name,x,y,z\n" + rows(degrees), "crs: EPSG:4258")
     assert places(made) == pytest.approx(TRUTH, abs=0.5), "nine digits of a degree"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from photogram.errors import ControlPointError
+from photogram.files.tables.column_names import POINTS, quantity_of
 from photogram.files.tables.column_units import NO_UNITS, UnitsM
 from photogram.files.tables.surveyed_points import IMPORTED, Mark, MarkSource, SurveyedPoint
 from photogram.files.text_lines import Errors, Note
@@ -45,6 +46,13 @@ class PointFile:
     columns: tuple[str, ...] = ()
     unfixed: tuple[tuple[str, Solution], ...] = ()
     notes: tuple[Note, ...] = ()
+
+    @property
+    def turned_columns(self) -> tuple[str, ...]:
+        """Return the names of the columns with northing before easting, of a file whose order is open; none else."""
+        turned = {"x": "northing", "y": "easting"}
+        names = self.columns if self.is_order_open else ()
+        return tuple(turned.get(str(quantity_of(name, POINTS)), name) for name in names)
 
 
 def mark_of(

@@ -65,8 +65,7 @@ class PositionFile:
     the three coordinates that its columns state, m; None counts as the CRS does.
 
     ``crs`` is what the file itself says; ``heights_ellipsoidal`` what it says of its heights, None where it says
-    nothing; ``is_order_open`` where nothing says which of the first two coordinates is the easting; ``notes`` are what
-    is to be said of how it was read."""
+    nothing; ``notes`` are what is to be said of how it was read."""
 
     path: Path
     format: Format
@@ -75,7 +74,6 @@ class PositionFile:
     unit_m: UnitsM = NO_UNITS
     crs: str | None = None
     heights_ellipsoidal: bool | None = None
-    is_order_open: bool = False
     notes: tuple[Note, ...] = ()
 
 

@@ -140,7 +140,6 @@ def _file(table: Table, kind: Format, gps_times: Mapping[int, datetime]) -> Posi
         errors.raise_all()
     quantities = (first, second, height)
     rows = _rows(table, quantities, gps_times)
-    is_order_open = geographic is None
     if geographic is None:
         geographic = bool(rows) and all(abs(r.position[0]) <= 180.0 and abs(r.position[1]) <= 180.0 for r in rows)
     if geographic:
@@ -155,7 +154,6 @@ def _file(table: Table, kind: Format, gps_times: Mapping[int, datetime]) -> Posi
         table.units_m(quantities),
         crs_of_remarks(table.remarks),
         True if height == "ellipsoidal_height" and kind == "csv" else None,
-        is_order_open,
         table.notes,
     )
 

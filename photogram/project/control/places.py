@@ -88,26 +88,26 @@ def in_order(document: Document, key: Key, path: str, points: PointFile, crs: st
     return None
 
 
-def _degrees(document: Document, key: Key, points: PointFile, crs: str) -> bool:
-    """Return whether figures without a name are degrees although their CRS is a map grid, with an error noted."""
+def _in_degrees(what: str, crs: str) -> str:
+    return f"the {what} longitude and latitude, but {shortened(crs)} is a map grid: give crs: {WGS84}, or similar"
+
+
+def _are_degrees(document: Document, key: Key, points: PointFile, crs: str) -> bool:
+    """Return whether figures that no column calls so look like degrees although their CRS is a map grid, with an
+    error noted."""
     if points.geographic is not None or not points.points or not is_grid(crs) or crs == NO_CRS:
         return False
     if _fits(points, crs) is not False or not (np.abs(_given(points)[:, :2]) <= 180.0).all():
         return False
-    text = f"the figures are longitude and latitude, but {shortened(crs)} is a map grid: give crs: {WGS84}, or similar"
-    document.add_error(key, text)
+    document.add_error(key, _in_degrees("figures look like", crs))
     return True
 
 
 def _by_geodetic(document: Document, key: Key, path: str, points: PointFile, crs: str) -> PointFile | None:
     """Return a file as it is to be read in ``crs``: its longitude and latitude in a geographic CRS, its easting and
-    northing in a map grid; None with an error noted where it has no such columns, or where both contradict each
-    other."""
+    northing in a map grid; None with an error noted where it has no such columns."""
     if points.geographic and is_grid(crs):
-        text = (
-            f"the columns are longitude and latitude, but {shortened(crs)} is a map grid: give crs: {WGS84}, or similar"
-        )
-        document.add_error(key, text)
+        document.add_error(key, _in_degrees("columns are", crs))
         return None
     if points.geographic is False and not is_grid(crs):
         if points.geodetic is None:
@@ -166,7 +166,7 @@ def in_map(
         text = f"{path}: {things(len(points.unfixed), 'point')} without a fixed GNSS solution: {which}"
         document.warn(key, text, "survey them again, or state their standard deviation")
     try:
-        read = in_order(document, key, path, points, crs) if not _degrees(document, key, points, crs) else None
+        read = in_order(document, key, path, points, crs) if not _are_degrees(document, key, points, crs) else None
         read = None if read is None else _by_geodetic(document, key, path, read, crs)
         if read is None or _contradicted(document, key, path, read, crs):
             return points, None
