@@ -141,10 +141,11 @@ def _strips(plan: SurveyPlan) -> list[Course]:
     return strips
 
 
-def _courses(plan: SurveyPlan, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+def _courses(
+    plan: SurveyPlan, courses: list[Course], rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Return rotations (N, 3, 3), projection centres (N, 3) and velocities (N, 3), m/s, strip after strip, and the
     strip (N,) of each."""
-    courses = _strips(plan)
     rotation, position = flown(courses)
     if not plan.turns:
         rotation[:] = np.diag([1.0, -1.0, -1.0])
@@ -164,10 +165,10 @@ def _share_of_flight(seconds: FloatArray, flight: IntArray) -> FloatArray:
     return share
 
 
-def fly(plan: SurveyPlan, rng: np.random.Generator) -> Flight:
-    """Fly the plan and measure the positions and attitudes of its photographs."""
+def fly(plan: SurveyPlan, rng: np.random.Generator, courses: list[Course] | None = None) -> Flight:
+    """Fly the plan, or other ``courses`` than its strips, and measure positions and attitudes of its photographs."""
     camera, approximate = _cameras(plan, rng)
-    rotations, centres, velocities, strip = _courses(plan, rng)
+    rotations, centres, velocities, strip = _courses(plan, courses or _strips(plan), rng)
     offset = np.array(plan.gnss_offset_sigma_m) * rng.standard_normal((plan.flights, 3))
     flight = np.minimum(strip * plan.flights // plan.strips, plan.flights - 1)
     sigma, sigma_rad = np.array(plan.gnss_sigma_m), float(np.radians(plan.attitude_sigma_deg))

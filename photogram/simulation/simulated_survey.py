@@ -13,6 +13,7 @@ import numpy as np
 from photogram.arrays import ByteArray
 from photogram.camera import Camera
 from photogram.geodesy.frames import LocalFrame
+from photogram.quality.flight_lines import Course
 from photogram.simulation.covered_site import make_covered_scene
 from photogram.simulation.flight import (
     Truth,
@@ -79,16 +80,19 @@ def made_site(plan: SurveyPlan, seed: int, extent_m: float) -> Scene:
 
 
 def simulate(
-    plan: SurveyPlan, seed: int, site: Callable[[SurveyPlan, int, float], Scene] = made_site
+    plan: SurveyPlan,
+    seed: int,
+    site: Callable[[SurveyPlan, int, float], Scene] = made_site,
+    courses: list[Course] | None = None,
 ) -> SimulatedSurvey:
     """Fly and measure a plan over a made site; the photographs themselves come from ``render_photographs``.
 
-    ``site`` makes it from the plan, the seed and its side in m. Marks are what the photographs show: points outside of
-    them or hidden by the scene have none. Raises ValueError when a photograph sees too few control points for the plan,
-    or looks above the horizon.
+    ``site`` makes it from the plan, the seed and its side in m; ``courses`` are flown in place of its strips. Marks are
+    what the photographs show: points outside of them or hidden by the scene have none. Raises ValueError when a
+    photograph sees too few control points for the plan, or looks above the horizon.
     """
     rng = np.random.default_rng([seed, 0])
-    flight = fly(plan, rng)
+    flight = fly(plan, rng, courses)
     reach = np.abs(footprints(flight, -plan.relief_m)).max()
     bare = site(plan, seed, float(np.ceil(2 * reach / 10 + 1) * 10))
     place = candidates(flight, rng)
