@@ -35,7 +35,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.matchers.byte_distances"),
     "pillow_heif": ("files.photographs.heic",),
-    "pyogrio": ("files.maps", "change.files"),
+    "pyogrio": ("files.maps",),
     "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),
     "rich": COMMANDS,

@@ -12,13 +12,13 @@ from photogram.change.cloud_registration import RigidMotion, register_clouds
 from photogram.change.differences import LEVEL
 from photogram.change.figure import DifferencePicture, difference_figure, gridded
 from photogram.change.files.compared_clouds import ComparedCloud, read_compared, write_distances
-from photogram.change.files.polygon_files import read_polygons
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
 from photogram.change.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, labels
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
+from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.maps.rasters import RasterFile, open_raster, read_raster
 from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import NO_CRS, plan_of, same_plan

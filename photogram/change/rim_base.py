@@ -13,10 +13,10 @@ import shapely
 
 from photogram.arrays import Float32Array
 from photogram.change.differences import Correction, Difference
-from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.stable_ground import Registration, registration_of
 from photogram.change.surfaces import StatedSigma, SurfaceFiles
 from photogram.errors import PhotogramError, SurfaceError
+from photogram.files.maps.polygon_files import SitePolygon
 from photogram.files.maps.rasters import RasterFile
 from photogram.grid import Window
 

@@ -12,7 +12,6 @@ import shapely
 from photogram.arrays import IntArray
 from photogram.change.differences import Correction, Difference, difference_of
 from photogram.change.files.change_files import MOST_SHOWN, TILE_CELLS, Layers, SurfaceChange, every_cell, write_change
-from photogram.change.files.polygon_files import SitePolygon, read_polygons
 from photogram.change.outlines import coverage, window_of
 from photogram.change.rim_base import base_of, over_level
 from photogram.change.stable_ground import Motion, Registration, registration_of
@@ -20,6 +19,7 @@ from photogram.change.surfaces import PATTERNS, StatedSigma, labels, open_surfac
 from photogram.change.volumes import VolumeSums, total
 from photogram.errors import ProjectError
 from photogram.files.atomic import scratch_folder, temporary_name
+from photogram.files.maps.polygon_files import SitePolygon, read_polygons
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import statistics

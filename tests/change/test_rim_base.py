@@ -10,11 +10,11 @@ from changed_surveys import OUTLINES, write_epochs, write_polygons
 from lib.simulated_changes import CORNER, Errors, Heap, epoch, grid_at
 from seeds import limit, seeds
 
-from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.rim_base import base_of, over_level, rim_of
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.change.volumes import Volume, VolumeSums
 from photogram.errors import PhotogramError, ProjectError
+from photogram.files.maps.polygon_files import SitePolygon
 from photogram.grid import Window
 
 HEAP = Heap(30.0, -20.0, 5.0, 0.6)

@@ -11,11 +11,11 @@ import numpy as np
 from photogram.arrays import Float32Array, FloatArray
 from photogram.change.differences import LOWERED, RAISED, UNCHANGED, Difference
 from photogram.change.figure import DifferencePicture, difference_figure, volume_label
-from photogram.change.files.polygon_files import SitePolygon
 from photogram.change.stable_ground import Registration
 from photogram.change.volumes import Volume
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
+from photogram.files.maps.polygon_files import SitePolygon
 from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of

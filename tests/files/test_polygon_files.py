@@ -9,8 +9,8 @@ import pytest
 import shapely
 from changed_surveys import write_polygons
 
-from photogram.change.files.polygon_files import read_polygons
 from photogram.errors import FrameError, ProjectError
+from photogram.files.maps.polygon_files import read_polygons
 from photogram.geodesy.crs import NO_CRS
 
 CRS = "EPSG:25832"
