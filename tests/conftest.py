@@ -40,7 +40,7 @@ from photogram.simulation.rendering import render
 from photogram.simulation.scene import make_scene
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells
-from photogram.surface.dense.pyramid import choose_views
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.views import Views
 
 # The same examples on every run: a test must not fail by chance.

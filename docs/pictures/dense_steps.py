@@ -30,16 +30,16 @@ from photogram.pipeline.store.run import Run
 from photogram.surface.dense.pyramid import (
     MINIMUM_RAYS,
     Level,
-    choose_views,
     correlation_histogram,
     default_cell_m,
     finer_prior,
     first_prior,
     known_ground,
     least_correlation_of,
+    mapped_ground,
     plan_levels,
-    survey_grid,
 )  # fmt: skip
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, Heights, Scene, match_block
 from photogram.surface.dsm import filled_heights, filtered_heights
 from photogram.surface.views import Views, places_in_view
@@ -79,7 +79,7 @@ def matched_levels(
     settings, points = run.project.dense, stored_cloud(run, "adjusted").position_map_m
     known = known_ground(points, scene.frame.world_from_map(points), scene.views, settings.photographs)
     cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
-    grid = survey_grid(scene.frame, known, scene.views, cell_m, MINIMUM_RAYS)
+    grid = mapped_ground(scene.frame, known, scene.views, cell_m, MINIMUM_RAYS).grid
     levels = list(plan_levels(known, scene.views, grid))
     base, found, block = scene.frame.origin_map_m[2], [], None
     inner = []

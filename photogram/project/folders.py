@@ -18,10 +18,10 @@ GRID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 _PROJECT_FILES = (".yaml", ".yml")
 
 
-def seams_named(file: ProjectFile) -> str | None:
-    """Return the file of seams that the section `orthophoto` names, None where it names none."""
-    seams = file.orthophoto.get("seams") if isinstance(file.orthophoto, dict) else None
-    return seams if isinstance(seams, str) and seams.strip() else None
+def _file_named(section: object, key: str) -> str | None:
+    """Return the file that a section of settings names under a key, None where it names none."""
+    name = section.get(key) if isinstance(section, dict) else None
+    return name if isinstance(name, str) and name.strip() else None
 
 
 def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, Path]]:
@@ -30,7 +30,8 @@ def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, P
     yield ("work",), document.path.absolute()
     named: list[tuple[Key, str | None]] = [
         (("comparison", "reference"), file.comparison.reference),
-        (("orthophoto", "seams"), seams_named(file)),
+        (("orthophoto", "seams"), _file_named(file.orthophoto, "seams")),
+        (("surface", "area"), _file_named(file.surface, "area")),
         *((("cameras", name, "matlab"), camera.matlab) for name, camera in file.cameras.items()),
         *((("cameras", name, "mask"), camera.mask) for name, camera in file.cameras.items()),
     ]

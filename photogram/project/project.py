@@ -20,6 +20,7 @@ from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.constraints.between_points import Constraint
 from photogram.errors import PhotogramError
+from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.maps.seam_files import read_seams
 from photogram.geodesy.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.geodesy.frames import LocalFrame, WorldKind
@@ -313,6 +314,7 @@ def read_project(
     check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
+    settings["surface"] = _with_area(document, settings["surface"], file, settings["dense"])
     settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     solution = read_start(document, file)
@@ -371,6 +373,27 @@ def _with_seams(
         except PhotogramError as error:
             document.add_error(("orthophoto", "seams"), str(error))
     return replace(settings, seams=str(path))
+
+
+def _with_area(
+    document: Document, settings: SurfaceSettings | None, file: ProjectFile, dense: DenseSettings | None
+) -> SurfaceSettings | None:
+    """Return the settings of the surface with its file of polygons as an absolute path; what is wrong with the file is
+    noted in the document."""
+    if settings is None or settings.area is None:
+        return settings
+    path = document.base / settings.area
+    if dense is not None and not dense.enabled:
+        text = "is that of dense matching, which dense.enabled: false leaves out: remove one of them"
+        document.add_error(("surface", "area"), text)
+    elif not isfile(path):
+        document.add_error(("surface", "area"), f"file {path} not found: correct the path, or remove the key")
+    elif file.crs is not None:
+        try:
+            read_polygons(path, file.crs)
+        except PhotogramError as error:
+            document.add_error(("surface", "area"), str(error))
+    return replace(settings, area=str(path))
 
 
 def _folder(document: Document, file: ProjectFile, photographs_folder: Path | None) -> Path | None:

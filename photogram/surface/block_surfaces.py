@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -19,8 +19,8 @@ from photogram.surface.dense.pyramid import (
     finer_prior,
     first_prior,
     known_ground,
+    mapped_ground,
     plan_levels,
-    survey_grid,
 )
 from photogram.surface.dense.tile_matching import BLOCK_CELLS, MARGIN_CELLS, DenseSettings, Heights, Scene, match_block
 from photogram.surface.ortho.orthophoto import OrthophotoSettings, plan_orthophoto
@@ -60,9 +60,9 @@ def match_surface(
     points = points[np.isfinite(points).all(axis=1)]
     points_map_m = frame.map_from_world(points)
     known = known_ground(points_map_m, points, views, settings.photographs)
-    levels = plan_levels(
-        known, views, survey_grid(frame, known, views, cell_m or default_cell_m(known.gsd_m), MINIMUM_RAYS)
-    )
+    views = replace(views, coarsest_m=known.coarsest_m)
+    ground = mapped_ground(frame, known, views, cell_m or default_cell_m(known.gsd_m), MINIMUM_RAYS)
+    levels = plan_levels(known, views, ground.grid)
 
     @cache
     def picture(view: int, reduction: int) -> NDArray[np.generic]:

@@ -74,6 +74,12 @@ class SurfaceSettings(Settings):
     in_plan: Annotated[
         Literal["auto", "always"], "`always`: a surface is made although the photographs look sideways."
     ] = "auto"
+    area: Annotated[
+        str | None,
+        "File of polygons in the plan of the map, GeoPackage or GeoJSON, relative to the project file, in which all "
+        "ground is matched that two photographs see, and none beyond.",
+        Default("ground that photographs see from above or resolve about as well as the rest"),
+    ] = None
     plane: Annotated[
         Literal["none", "auto"],
         "`auto`: the surface is made on a plane fitted to the tie points where that leans; not in plan.",
@@ -83,6 +89,8 @@ class SurfaceSettings(Settings):
         super().__post_init__()
         if self.plane == "auto" and self.in_plan == "always":
             raise SettingError("plane", "auto makes the surface on a plane, in_plan: always on the map: remove one")
+        if self.plane == "auto" and self.area is not None:
+            raise SettingError("area", "lies on the map, plane: auto makes the surface on a plane: remove one")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,12 @@ from photogram.survey import Block
 @dataclass(frozen=True, eq=False)
 class Views:
     """The oriented photographs of a block: ``photograph`` (V,) are their numbers in the block, ``cameras`` the
-    photographs, numbered 0 to V − 1, as compiled code takes them."""
+    photographs, numbered 0 to V − 1, as compiled code takes them; where one looks flat at ground that it resolves worse
+    than ``coarsest_m`` it is not chosen for matching."""
 
     photograph: IntArray
     cameras: OrientedCameras
+    coarsest_m: float = np.inf
 
     def __len__(self) -> int:
         return len(self.photograph)

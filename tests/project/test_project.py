@@ -859,3 +859,24 @@ def test_edited_seams_are_read_and_what_is_wrong_with_them_stands_at_their_line(
         f"{line}: orthophoto.seams: seams {survey / 'seams.gpkg'}, layer seams: polygon 1: photograph"
     )
     assert fault.endswith("'lost.jpg' is none of the project's: write the name of a file")
+
+
+# ---- the area that is mapped ---------------------------------------------------------------------------------------
+
+
+def test_the_area_of_the_surface_is_read_and_what_is_wrong_with_it_stands_at_its_line(survey: Path) -> None:
+    square = shapely.box(719950.0, 6191950.0, 719960.0, 6191960.0)
+    path, text = survey / "site.geojson", f"{GOOD}surface: {{area: site.geojson}}\n"
+    line = len(text.splitlines())
+    assert read(survey).surface.area is None
+    missing = f"{line}: surface.area: file {path} not found: correct the path, or remove the key"
+    assert faults(survey, text) == [missing]
+    path.write_text(shapely.to_geojson(square), encoding="utf-8")
+    assert read(survey, text).surface.area == str(path)
+    (fault,) = faults(survey, f"{GOOD}dense: {{enabled: false}}\nsurface: {{area: site.geojson}}\n")
+    assert fault.endswith("is that of dense matching, which dense.enabled: false leaves out: remove one of them")
+    (fault,) = faults(survey, f"{GOOD}surface: {{area: site.geojson, plane: auto}}\n")
+    assert fault.endswith("surface.area: lies on the map, plane: auto makes the surface on a plane: remove one")
+    path.write_text(shapely.to_geojson(shapely.Point(719950.0, 6191950.0)), encoding="utf-8")
+    (fault,) = faults(survey, text)
+    assert "is Point, a polygon is expected" in fault

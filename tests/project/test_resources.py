@@ -166,3 +166,27 @@ def test_remedies_fit_what_fills_disk_and_memory(strip: Project) -> None:
         assert memory in found[1].remedy
         assert machine_findings(project, needs, 2 * needs.disk_bytes, needs.memory_bytes) == []
     assert machine_findings(strip, machine_needs(STAGES, strip, NO_TAGS), None, None) == []
+
+
+def test_oblique_photographs_are_counted_by_what_they_resolve(strip: Project) -> None:
+    """Along the axis, 45° down, a pixel of level ground has a side of distance over focal length and over the root of
+    the cosine: 16.8 cm, where flying height over focal length is 10 cm. What is far away and flat is not mapped."""
+    oblique = changed(strip, attitude_deg=(0.0, -45.0, 0.0))
+    size = surface_size(oblique, NO_TAGS)
+    assert 0.2 / size.cell_gsd == pytest.approx(FLYING_M / 600.0 / np.cos(np.pi / 4) ** 1.5, rel=0.15)
+    flat = replace(strip, photographs=(*strip.photographs, *changed(strip, attitude_deg=(0.0, -5.0, 0.0)).photographs))
+    usual = surface_size(strip, NO_TAGS)
+    assert surface_size(flat, [None] * 8).surface_cells == pytest.approx(usual.surface_cells, rel=0.2)
+
+
+def test_an_area_that_is_asked_for_is_counted_instead(strip: Project, tmp_path: Path) -> None:
+    """Ground of 20 m × 10 m, of which a triangle is half."""
+    ring = [[600_000.0, 5_800_000.0], [600_020.0, 5_800_000.0], [600_000.0, 5_800_010.0], [600_000.0, 5_800_000.0]]
+    crs = {"type": "name", "properties": {"name": strip.crs}}
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {}, "geometry": geometry}
+    path = tmp_path / "site.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]}))
+    size = surface_size(replace(strip, surface=SurfaceSettings(cell_m=0.2, area=str(path))), NO_TAGS)
+    assert size.surface_cells == pytest.approx(20 * 10 / 0.2**2)
+    assert size.covered_share == pytest.approx(0.5)

@@ -23,7 +23,7 @@ from photogram.surface.dense.lattice import (
     sample_lattice,
     scratch_for_samples,
 )
-from photogram.surface.dense.pyramid import choose_views
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.views import places_in_view
 
 HALF = 3

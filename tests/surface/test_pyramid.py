@@ -20,16 +20,16 @@ from photogram.surface.dense.pyramid import (
     KnownGround,
     Level,
     Prior,
-    choose_views,
     correlation_histogram,
     finer_prior,
     first_prior,
     known_ground,
     least_correlation_of,
+    mapped_ground,
     median_of_known,
     plan_levels,
-    survey_grid,
 )
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.views import Views
 from photogram.survey import Block, TiePoints
 
@@ -64,7 +64,7 @@ def known(made: SimulatedSurvey) -> KnownGround:
 
 @pytest.fixture(scope="module")
 def levels(made: SimulatedSurvey, known: KnownGround) -> tuple[Level, ...]:
-    return plan_levels(known, views_of(made), survey_grid(made.frame, known, views_of(made), CELL_M, 2))
+    return plan_levels(known, views_of(made), mapped_ground(made.frame, known, views_of(made), CELL_M, 2).grid)
 
 
 def truth_of(made: SimulatedSurvey, grid: MapGrid) -> Float32Array:
@@ -284,4 +284,4 @@ def test_one_photograph_sees_no_surface(made: SimulatedSurvey, known: KnownGroun
     position = views.position_world_m + 1e4 * np.arange(6)[:, None] * [1.0, 0.0, 0.0]
     apart = replace(views, cameras=views.cameras._replace(position=position))
     with pytest.raises(PhotogramError, match="dense matching needs overlap"):
-        survey_grid(made.frame, known, apart, CELL_M, 2)
+        mapped_ground(made.frame, known, apart, CELL_M, 2)

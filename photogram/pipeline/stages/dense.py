@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, ByteArray
 from photogram.files.atomic import make_folder, replacing
-from photogram.files.npz_json import write_json
+from photogram.files.maps.polygon_files import read_polygons
+from photogram.files.npz_json import file_fingerprint, write_json
 from photogram.grid import Window
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
@@ -40,8 +42,8 @@ from photogram.surface.dense.pyramid import (
     finer_prior,
     first_prior,
     known_ground,
+    mapped_ground,
     plan_levels,
-    survey_grid,
 )
 from photogram.surface.dense.steep_places import COARSER
 from photogram.surface.dense.tile_matching import (
@@ -50,9 +52,12 @@ from photogram.surface.dense.tile_matching import (
     OF_FINEST,
     DenseSettings,
     Heights,
+    MatchedBlock,
     Scene,
     match_block,
+    unmatched_block,
 )
+from photogram.surface.mapped_area import Geometry, cells_within
 from photogram.surface.views import Views
 from photogram.wording import Progress, things
 
@@ -62,6 +67,8 @@ class DenseSummary(GridSummary, total=False):
 
     levels: int
     """Number of levels of the pyramid."""
+    left_out_m2: float
+    """Area of ground that two photographs see, and none resolves."""
 
 
 ALL_USED = 1.0 - 1e-3
@@ -149,7 +156,19 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> DenseSummary:
         "flying_height_m": dense.known.flying_height_m,
     }
     write_json(folder / "grid.json", {**asdict(grid), **note})
-    return {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "levels": len(levels)}
+    made: DenseSummary = {
+        "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m, "levels": len(levels),
+        "left_out_m2": dense.left_out_m2,
+    }  # fmt: skip
+    return made
+
+
+def _area(run: Run) -> Geometry | None:
+    """Return the area of the map that the surface is asked for, None where it is all that photographs resolve."""
+    path = run.project.surface.area
+    if path is None:
+        return None
+    return shapely.union_all([polygon.polygon for polygon in read_polygons(Path(path), run.project.crs)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +181,8 @@ class _Matching:
     levels: tuple[Level, ...]
     stores: list[BlockFiles]
     pictures: ReducedPictures
+    area: Geometry | None
+    left_out_m2: float
 
     @staticmethod
     def of(run: Run, site: SurfaceFrame, folder: Path) -> _Matching:
@@ -171,8 +192,12 @@ class _Matching:
         frame, views = block.frame, Views.of(block)
         points = site.cloud().position_map_m
         known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
+        area = _area(run)
+        if area is None:
+            views = replace(views, coarsest_m=known.coarsest_m)
         cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)
-        levels = plan_levels(known, views, survey_grid(frame, known, views, cell_m, MINIMUM_RAYS))
+        ground = mapped_ground(frame, known, views, cell_m, MINIMUM_RAYS, area)
+        levels = plan_levels(known, views, ground.grid)
         # steep places of the finest level are looked up in pictures of half their size too
         reductions = tuple(sorted({level.reduction for level in levels} | {COARSER * levels[-1].reduction}))
         pictures = ReducedPictures(
@@ -183,7 +208,7 @@ class _Matching:
         )
         stores = [BlockFiles(folder / heights_folder(level.cells), level.grid, BLOCK_CELLS) for level in levels]
         scene = Scene(frame, views, pictures, run.masked(views.photograph))
-        return _Matching(settings, scene, known, levels, stores, pictures)
+        return _Matching(settings, scene, known, levels, stores, pictures, area, ground.left_out_m2)
 
     @staticmethod
     def read(run: Run, folder: Path) -> _Matching:
@@ -204,16 +229,28 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     if store.has(block):
         return
     outer = level.grid.around_window(block, MARGIN_CELLS)
+    if not cells_within(dense.area, level.grid, outer).any():
+        _write(dense, item, unmatched_block(block.shape, refined=level.measured))
+        return
     prior = first_prior(dense.known, level, outer, dense.scene.frame.origin_map_m[2])
     if number:
         prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
     matching = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
+    if matching.heights is not None:
+        matching.heights.height_m[~cells_within(dense.area, level.grid, block)] = np.nan
+    _write(dense, item, matching)
+
+
+def _write(dense: _Matching, item: tuple[int, Window], matching: MatchedBlock) -> None:
+    """Write a block of a level, given by its number: of the last one what no finer level starts from."""
+    number, block = item
+    last = number == len(dense.levels) - 1
     around = {} if last else {"start_m": matching.start_m, "agreement": matching.agreement}
     layers = {} if matching.heights is None else dict(vars(matching.heights))
     if not last:
         for name in OF_FINEST:
             layers.pop(name, None)
-    store.write(block, around | layers)
+    dense.stores[number].write(block, around | layers)
 
 
 _PICTURES = PieceType(_Matching.read, _make_pictures)
@@ -230,7 +267,13 @@ def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Pri
 def _words(summary: DenseSummary) -> str:
     if "columns" not in summary:
         return "not requested"
-    return f"{cells_in_words(summary)}, {things(summary['levels'], 'level')}"
+    made, area_m2 = f"{cells_in_words(summary)}, {things(summary['levels'], 'level')}", summary.get("left_out_m2", 0.0)
+    if not area_m2:
+        return made
+    area = f"{area_m2:.0f}" if area_m2 >= 10.0 else f"{area_m2:.2g}"
+    return (
+        f"{made}; {area} m² around that photographs see flat and coarsely left out: surface.area maps what it encloses"
+    )
 
 
 MATCHING_BYTES = 200e6
@@ -253,6 +296,7 @@ DENSE: Stage = Stage(
         run.project.surface.cell_m,
         run.project.surface.in_plan,
         run.project.surface.plane,
+        None if run.project.surface.area is None else file_fingerprint(Path(run.project.surface.area)),
         [layer.name for layer in fields(Heights)],
         *stretches(run),
     ],

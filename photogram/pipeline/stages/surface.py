@@ -480,7 +480,7 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
 
 
 def _surface_settings(run: Run) -> object:
-    surface = run.project.surface
+    surface = replace(run.project.surface, area=None)  # the heights of the stage before are those in it
     return [surface, "water"] if "water" in run.project.masks.auto else surface
 
 

@@ -3,19 +3,23 @@ memory of the machine will do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
+import shapely
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import rotation_from_gimbal
-from photogram.errors import FrameError
+from photogram.errors import FrameError, PhotogramError
+from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.photographs.tags import PhotographTags
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import MeasuredSurvey, usable_survey
 from photogram.project.project import Project
-from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, default_cell_m
+from photogram.surface.dense.pyramid import CELL_GSD, MINIMUM_RAYS, OBLIQUE, default_cell_m
+from photogram.surface.dense.resolution import COARSEST_GSD, STEEP_TANGENT
 
 SPARE = 1.5
 """How far a prediction may be off: less free disk than so many times what is predicted is warned of."""
@@ -57,9 +61,26 @@ def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> Sur
         known = survey.positioned & np.isfinite(survey.flying_height_m)
     if survey is None or 2 * np.count_nonzero(known) < len(known):
         return _sized(project, _pixels(project) / USUAL_RAYS, None, 1.0)
-    gsd_m = ground_sampling_m(survey.flying_height_m[known], focal_px[known])
-    area_m2, share = _seen_area_m2(project, survey, known)
+    vertical_m = ground_sampling_m(survey.flying_height_m[known], focal_px[known])
+    ground = _seen_ground(project, survey, known)
+    gsd_m = ground.sampling_m if ground.sampling_m > OBLIQUE * vertical_m else vertical_m
+    area_m2, share = ground.mapped(COARSEST_GSD * gsd_m if project.surface.area is None else np.inf)
+    if project.surface.area is not None:
+        area_m2, share = _asked_m2(project, area_m2, share)
     return _sized(project, area_m2 / gsd_m**2, gsd_m, share)
+
+
+def _asked_m2(project: Project, seen_m2: float, share: float) -> tuple[float, float]:
+    """Return the rectangle around the area that a surface is asked for, no larger than that which photographs show, and
+    which share of it is the area's, or shown; of a file that cannot be read, which its own check says, the latter."""
+    assert project.surface.area is not None
+    try:
+        polygons = read_polygons(Path(project.surface.area), project.crs)
+    except PhotogramError:
+        return seen_m2, share
+    area = shapely.union_all([polygon.polygon for polygon in polygons])
+    around_m2 = float(area.envelope.area)
+    return (around_m2, float(area.area) / around_m2) if around_m2 < seen_m2 else (seen_m2, share)
 
 
 def _sized(project: Project, area_gsd2: float, gsd_m: float | None, covered_share: float) -> SurfaceSize:
@@ -84,25 +105,72 @@ def _pixels(project: Project) -> float:
     return float(sum(camera.width_px * camera.height_px for camera in cameras))
 
 
-def _seen_area_m2(project: Project, survey: MeasuredSurvey, known: BoolArray) -> tuple[float, float]:
-    """Return the area of the rectangle, along the axes of the world, around all ground that MINIMUM_RAYS photographs
-    show, in m², and the share of it that they show."""
-    corners = np.array([_footprint_m(project, survey, i) for i in np.flatnonzero(known).tolist()])
+@dataclass(frozen=True, eq=False)
+class _SeenGround:
+    """Level ground on a lattice (rows, columns) along the axes of the world, ``node_m`` apart: the side of a pixel in
+    the photographs that resolve each node best (most, rows, columns), in ascending order, infinite where no more see
+    it, how many ``pixels`` show it, and in how many photographs it is seen by STEEP_TANGENT or steeper."""
+
+    node_m: float
+    finest_m: FloatArray
+    pixels: FloatArray
+    steep: IntArray
+
+    @property
+    def sampling_m(self) -> float:
+        """Return what the photographs that are matched resolve, the median over their pixels; 0 without any."""
+        known = np.isfinite(self.finest_m)
+        if not known.any():
+            return 0.0
+        value, weight = self.finest_m[known], np.broadcast_to(self.pixels, self.finest_m.shape)[known]
+        order = np.argsort(value)
+        reached = np.cumsum(weight[order])
+        return float(value[order][np.searchsorted(reached, reached[-1] / 2.0)])
+
+    def mapped(self, coarsest_m: float) -> tuple[float, float]:
+        """Return the area of the rectangle around all ground that MINIMUM_RAYS photographs show, steeply or at
+        ``coarsest_m`` or better, in m², and the share of it that they show so."""
+        resolved = np.isfinite(self.finest_m[MINIMUM_RAYS - 1]) & (self.finest_m[MINIMUM_RAYS - 1] <= coarsest_m)
+        row, column = np.nonzero(resolved | (self.steep >= MINIMUM_RAYS))
+        if not len(row):
+            return 0.0, 1.0
+        nodes = (np.ptp(row) + 1) * (np.ptp(column) + 1)
+        return float(np.ptp(row) * np.ptp(column)) * self.node_m**2, len(row) / float(nodes)
+
+
+def _seen_ground(project: Project, survey: MeasuredSurvey, known: BoolArray) -> _SeenGround:
+    """Return the level ground that photographs show, those that are ``known`` to be over it."""
+    numbers = np.flatnonzero(known).tolist()
+    corners = np.array([_footprint_m(project, survey, i) for i in numbers])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     flying_m = float(np.median(survey.flying_height_m[known]))
     node_m = max(_NODE_SHARE * flying_m, float((high - low).max()) / _MOST_NODES)
     columns, rows = np.ceil((high - low) / node_m).astype(int) + 1
-    count = np.zeros((rows, columns), np.int32)
-    for corner in np.rint((corners - low) / node_m).astype(np.int32):
+    finest = np.full((max(MINIMUM_RAYS, project.dense.photographs), rows, columns), np.inf)
+    pixels, steep = np.zeros((rows, columns)), np.zeros((rows, columns), np.int64)
+    for number, corner in zip(numbers, np.rint((corners - low) / node_m).astype(np.int32), strict=True):
         first, last = corner.min(axis=0), corner.max(axis=0) + 1
         footprint = np.zeros((last - first)[::-1], np.uint8)
         cv2.fillConvexPoly(footprint, cv2.convexHull(corner - first), (1,))
-        count[first[1] : last[1], first[0] : last[0]] += footprint
-    row, column = np.nonzero(count >= MINIMUM_RAYS)
-    if not len(row):
-        return 0.0, 1.0
-    nodes = (np.ptp(row) + 1) * (np.ptp(column) + 1)
-    return float(np.ptp(row) * np.ptp(column)) * node_m**2, len(row) / float(nodes)
+        row, column = np.nonzero(footprint)
+        plan = low + node_m * (np.column_stack([column, row]) + first) - survey.gnss_world_m[number, :2]
+        height_m = survey.flying_height_m[number]
+        axis = _rotation(survey, number)[:, 2]
+        depth_m = np.maximum(plan @ axis[:2] - height_m * axis[2], 1e-6)
+        focal_px = project.cameras[project.photographs[number].camera].focal_px
+        pixel_m = np.sqrt(depth_m**3 / height_m) / focal_px
+        at = row + first[1], column + first[0]
+        pixels[at] += 1.0 / pixel_m**2
+        steep[at] += np.hypot(*plan.T) <= STEEP_TANGENT * height_m
+        for best in finest:
+            best[at], pixel_m = np.minimum(best[at], pixel_m), np.maximum(best[at], pixel_m)
+    return _SeenGround(node_m, finest, pixels, steep)
+
+
+def _rotation(survey: MeasuredSurvey, photograph: int) -> FloatArray:
+    """Return the rotation (3, 3) of a photograph, straight down where its attitude is not known."""
+    rotation = survey.rotation[photograph]
+    return rotation if np.isfinite(rotation).all() else rotation_from_gimbal(0.0, -90.0, 0.0)
 
 
 def _footprint_m(project: Project, survey: MeasuredSurvey, photograph: int) -> FloatArray:
@@ -112,10 +180,7 @@ def _footprint_m(project: Project, survey: MeasuredSurvey, photograph: int) -> F
     u, v = camera.width_px - 0.5, camera.height_px - 0.5
     corner = np.array([[-0.5, -0.5], [u, -0.5], [u, v], [-0.5, v]])
     ray = np.column_stack([(corner - camera.principal_point_px) / camera.focal_px, np.ones(4)])
-    rotation = survey.rotation[photograph]
-    if not np.isfinite(rotation).all():
-        rotation = rotation_from_gimbal(0.0, -90.0, 0.0)
-    direction = ray @ rotation.T
+    direction = ray @ _rotation(survey, photograph).T
     plan, height_m = direction[:, :2], survey.flying_height_m[photograph]
     # what looks above the horizon ends at the reach as well
     fall = np.maximum(-direction[:, 2:], np.linalg.norm(plan, axis=1, keepdims=True) / _REACH)

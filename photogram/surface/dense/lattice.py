@@ -107,31 +107,6 @@ def places_per_cell(spacing: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def nearest_views(
-    cameras: OrientedCameras, margin_px: float, place: FloatArray, out: IntArray, tangent: FloatArray
-) -> None:
-    """Fill ``out`` (P, N) with the views that see places (P, 3) from straightest above, −1 where there are no more, and
-    ``tangent`` (P, N) with the tangents of their angles off the vertical."""
-    most, C = out.shape[1], cameras.position
-    for n in range(len(place)):
-        X = place[n]
-        out[n], tangent[n] = -1, np.inf
-        for v in range(len(cameras.camera)):
-            dx, dy, dz = C[v, 0] - X[0], C[v, 1] - X[1], C[v, 2] - X[2]
-            lean = np.hypot(dx, dy) / dz if dz > 0.0 else np.inf
-            if not lean < tangent[n, most - 1]:
-                continue
-            x, y, _ = seen_called(cameras, v, X)
-            width, height = cameras.size_px[cameras.camera[v], 0], cameras.size_px[cameras.camera[v], 1]
-            if margin_px <= x <= width - 1 - margin_px and margin_px <= y <= height - 1 - margin_px:
-                k = most - 1
-                while k > 0 and tangent[n, k - 1] > lean:
-                    out[n, k], tangent[n, k] = out[n, k - 1], tangent[n, k - 1]
-                    k -= 1
-                out[n, k], tangent[n, k] = v, lean
-
-
-@njit(cache=True, nogil=True)
 def nodes_of(box: CellWindow, reach: float, low_m: float, high_m: float) -> LatticeNodes:
     """Return what places up to ``reach`` cells around a box, at heights from ``low_m`` to ``high_m``, count from."""
     row_reach, column_reach = 0.5 * (box.rows - 1) + reach, 0.5 * (box.columns - 1) + reach

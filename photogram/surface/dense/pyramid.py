@@ -1,8 +1,9 @@
 """The levels of dense matching, from coarse to fine: grids, reduced pictures, steps of height, search ranges."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from scipy.ndimage import map_coordinates, maximum_filter, median_filter, minimum_filter, uniform_filter
 from scipy.spatial import cKDTree
 
@@ -12,7 +13,8 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import ground_sampling_m
 from photogram.measures.round_lengths import CELL_STEPS, round_near
-from photogram.surface.dense.lattice import nearest_views
+from photogram.surface.dense.resolution import COARSEST_GSD, STEEP_TANGENT, choose_views, resolved_m
+from photogram.surface.mapped_area import Geometry
 from photogram.surface.views import Views
 
 STEP_PX = 0.7
@@ -45,6 +47,13 @@ WIDE_STEPS, CONFIRMED_AROUND, CONFIRMED_LEAST = 32.0, 4, 0.1
 """The finest level leaves out cells whose range has more steps, where no more than this share of the heights of the
 coarser level is confirmed so many of its cells around. In a real wood they took two fifths of its time, and what it
 found there, one in twenty-five of its heights, was mostly not confirmed either."""
+
+SAMPLED = 2000
+"""Tie points at which is looked up what photographs resolve."""
+
+OBLIQUE = 1.25
+"""Photographs are oblique where they resolve ground by so much worse than flying height and focal length say: those of
+flights straight down differ by some per cent."""
 
 CORRELATION_BINS = 1000
 _LOCAL_SHARE, _BEYOND_SHARE = 0.25, 0.06
@@ -88,11 +97,18 @@ class KnownGround:
     gsd_m: float
     spread: float
 
+    @property
+    def coarsest_m(self) -> float:
+        """Return the worst that photographs may resolve of ground at which they look flat and that is mapped."""
+        return COARSEST_GSD * self.gsd_m
+
 
 def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Views, most: int) -> KnownGround:
     """Return what tie points tell of a survey matched in ``most`` photographs at a time.
 
-    Raises SurfaceError with fewer than three points or two photographs.
+    The GSD is flying height over focal length; of oblique photographs, which are farther from the ground than they are
+    high, what they resolve of level ground at the tie points, the median over those that would be matched. Raises
+    SurfaceError with fewer than three points or two photographs.
     """
     if len(points_map_m) < 3 or len(views) < 2:
         raise SurfaceError(
@@ -107,6 +123,10 @@ def known_ground(points_map_m: FloatArray, points_world_m: FloatArray, views: Vi
     if not flying > 0:
         raise SurfaceError("dense matching needs photographs above the ground they show")
     gsd = ground_sampling_m(above, views.focal_px)
+    resolved = resolved_m(views, points_world_m[:: -(-len(points_world_m) // SAMPLED)], min(most, len(views)))
+    resolved = resolved[np.isfinite(resolved)]
+    if len(resolved) and np.median(resolved) > OBLIQUE * gsd:
+        gsd = float(np.median(resolved))
     neighbours = nearest_in_plan(centre, centre, min(most, len(views)))
     away = np.linalg.norm(centre[neighbours[:, -1], :2] - centre[:, :2], axis=1)
     spread = float(np.median(away)) / flying
@@ -119,9 +139,22 @@ def nearest_in_plan(points: FloatArray, places: FloatArray, count: int) -> IntAr
     return np.asarray(index, dtype=np.int64)
 
 
-def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: float, rays: int) -> MapGrid:
-    """Return the grid around all ground that at least ``rays`` photographs see, its height being that of the next tie
-    point."""
+@dataclass(frozen=True)
+class MappedGround:
+    """The grid of a map, and the area of ground around that enough photographs see, but none resolves."""
+
+    grid: MapGrid
+    left_out_m2: float
+
+
+def mapped_ground(
+    frame: LocalFrame, known: KnownGround, views: Views, cell_m: float, rays: int, area: Geometry | None = None
+) -> MappedGround:
+    """Return the grid around all ground, of an ``area`` of the map where one is given, that at least ``rays``
+    photographs see and resolve (``choose_views``), its height being that of the next tie point.
+
+    Raises SurfaceError where there is none.
+    """
     points = known.points_map_m
     coarse = known.flying_height_m / 40
     reach = 2.0 * known.flying_height_m
@@ -130,21 +163,25 @@ def survey_grid(frame: LocalFrame, known: KnownGround, views: Views, cell_m: flo
     east, north = wide.centres_map_m(wide.whole)
     plan = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
     place = np.column_stack([plan, points[nearest_in_plan(points, plan, 1)[:, 0], 2]])
-    chosen, _ = choose_views(views, frame.world_from_map(place), rays)
-    seen = place[(chosen >= 0).all(axis=1)]
-    if not len(seen):
+    world = frame.world_from_map(place)
+    chosen, tangent = choose_views(replace(views, coarsest_m=np.inf), world, rays)
+    seen = (chosen >= 0).all(axis=1)
+    flat = np.flatnonzero(seen & (tangent[:, -1] > STEEP_TANGENT))
+    lost = flat[(choose_views(views, world[flat], rays)[0] < 0).any(axis=1)]
+    seen[lost] = False
+    mapped, half = plan[seen], coarse / 2
+    if not len(mapped):
         raise SurfaceError(f"no ground is visible in {rays} photographs: dense matching needs overlap")
-    half = coarse / 2
-    return MapGrid.around(np.vstack([seen[:, :2] - half, seen[:, :2] + half]), cell_m)
-
-
-def choose_views(views: Views, places_world_m: FloatArray, most: int) -> tuple[IntArray, FloatArray]:
-    """Return the views (P, most) that see places (P, 3) from straightest above, −1 where there are no more, and the
-    tangents (P, most) of their angles off the vertical."""
-    chosen = np.empty((len(places_world_m), most), np.int64)
-    tangent = np.empty((len(places_world_m), most))
-    nearest_views(views.cameras, 0.0, np.ascontiguousarray(places_world_m), chosen, tangent)
-    return chosen, tangent
+    if area is not None:
+        mapped = mapped[shapely.dwithin(area, shapely.points(mapped), half)]
+        if not len(mapped):
+            text = f"surface.area lies beside all ground that {rays} photographs show"
+            raise SurfaceError(f"{text}: draw it where they overlap, in the coordinates of the map")
+    corners = np.vstack([mapped - half, mapped + half])
+    if area is not None:
+        west, south, east_end, north_end = area.bounds
+        corners = np.clip(corners, [west, south], [east_end, north_end])
+    return MappedGround(MapGrid.around(corners, cell_m), len(lost) * coarse**2)
 
 
 def reductions_of(cell_gsd: float, shorter_px: int) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photogram.arrays import Float32Array, FloatArray, IntArray
-from photogram.surface.dense.pyramid import choose_views
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.views import Views, places_in_view
 
 Picture = Callable[[int, int], NDArray[np.generic]]

@@ -26,9 +26,10 @@ from photogram.settings.settings import Settings, Title, Within
 from photogram.surface.dense.correlation import NEUTRAL, Hypotheses, fill_costs
 from photogram.surface.dense.lattice import NOTHING_HIDDEN, Crops, GroundCells, grey_of_cells, places_per_cell
 from photogram.surface.dense.neighbours import combined_where_weak, smoothed_where_weak
-from photogram.surface.dense.pyramid import Level, Prior, choose_views, median_of_known
+from photogram.surface.dense.pyramid import Level, Prior, median_of_known
 from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import InitialHeights, Refined, own_side_mean, refine_heights
+from photogram.surface.dense.resolution import choose_views
 from photogram.surface.dense.semi_global import CostVolume, regularised
 from photogram.surface.dense.sight import hidden_cells
 from photogram.surface.dense.slopes import slopes_without_walls, surface_along
@@ -198,8 +199,7 @@ def match_block(
     inner = block.within(outer)
     views = _views_of_patches(scene, lines, prior.surface, settings.photographs, level.reduction)
     if not (views >= 0).any():
-        nothing = _nothing(block.shape)
-        return MatchedBlock(nothing.height_m, nothing.correlation, nothing if refined else None)
+        return unmatched_block(block.shape, refined=refined)
     steps = cell_steps(scene.frame, level.grid)
     weak = _weak_patches(scene, lines, steps, views, prior, level)
     torn, weak_cells = _torn(views, prior, level), _of_cells(weak, (prior.surface.shape[0], prior.surface.shape[1]))
@@ -222,10 +222,12 @@ def _ground(
     return GroundCells(lines.foot_world_m, lines.up, *steps, places_per_cell(level.spacing), views, PATCH_CELLS, hidden)
 
 
-def _nothing(shape: tuple[int, int]) -> Heights:
+def unmatched_block(shape: tuple[int, int], *, refined: bool) -> MatchedBlock:
+    """Return a block without heights."""
     none, zero = np.full(shape, np.nan, np.float32), np.zeros(shape, np.uint8)
     zeros, ones, no = np.zeros(shape, np.float32), np.ones(shape, np.float16), np.zeros(shape, np.bool_)
-    return Heights(none, none.copy(), zeros, zero, zero.copy(), ones, no, no.copy(), none.copy())
+    nothing = Heights(none, none.copy(), zeros, zero, zero.copy(), ones, no, no.copy(), none.copy())
+    return MatchedBlock(none, zeros, nothing if refined else None)
 
 
 def _of_cells(of_patches: NDArray[ScalarT], shape: tuple[int, int]) -> NDArray[ScalarT]:
