@@ -165,7 +165,7 @@ def mapped_ground(
     place = np.column_stack([plan, points[nearest_in_plan(points, plan, 1)[:, 0], 2]])
     world = frame.world_from_map(place)
     chosen, tangent = choose_views(replace(views, coarsest_m=np.inf), world, rays)
-    seen = (chosen >= 0).all(axis=1)
+    seen = np.asarray((chosen >= 0).all(axis=1))
     flat = np.flatnonzero(seen & (tangent[:, -1] > STEEP_TANGENT))
     lost = flat[(choose_views(views, world[flat], rays)[0] < 0).any(axis=1)]
     seen[lost] = False
