@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -91,12 +92,12 @@ class Problem:
     further: tuple[gtsam.NonlinearFactor, ...] = ()
     summary: TiePointSummary | None = None
 
-    @property
+    @cached_property
     def free(self) -> tuple[IntArray, ...]:
         """Return per camera the indices of its free parameters, the coefficients of its lens field last."""
         return tuple(np.flatnonzero(sigmas > 0) for sigmas in calibration_sigmas(self.block.cameras))
 
-    @property
+    @cached_property
     def scale(self) -> FloatArray:
         """Return per camera the units (cameras, 12 + K) of its calibration variable."""
         cameras = self.block.cameras

@@ -2,8 +2,6 @@
 
 import re
 
-import gtsam
-
 POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, RIG, CALIBRATION = "x", "l", "g", "o", "e", "r", "k"
 DATUM = "datum"  # not a variable: the block as a whole, by the parts of photogram.factors.datum
 
@@ -19,12 +17,12 @@ WORDS = {
 
 
 def key(kind: str, index: int) -> int:
-    """Return the GTSAM key of variable ``index`` of one of the kinds above."""
-    return int(gtsam.symbol(kind, index))
+    """Return the GTSAM key of variable ``index`` of one of the kinds above: its first byte, and the other seven."""
+    return ord(kind) << 56 | index
 
 
 def kind_and_index(variable: int) -> tuple[str, int]:
-    """Return the kind and the index of a GTSAM key: its first byte, and the other seven."""
+    """Return the kind and the index of a GTSAM key."""
     return chr(variable >> 56), variable & (1 << 56) - 1
 
 

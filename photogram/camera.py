@@ -281,7 +281,8 @@ def _coefficients(cameras: Sequence[Camera]) -> int:
 
 def _with_fields(cameras: Sequence[Camera], own: FloatArray, name: str) -> FloatArray:
     """Return rows (C, 12) of cameras followed by what their lens fields call ``name``, zeros where there is none."""
-    rows = np.pad(own.reshape(-1, PARAMETERS), ((0, 0), (0, _coefficients(cameras))))
+    rows = np.zeros((len(cameras), PARAMETERS + _coefficients(cameras)))
+    rows[:, :PARAMETERS] = own.reshape(-1, PARAMETERS)
     for row, camera in zip(rows, cameras, strict=True):
         if camera.field is not None:
             values = getattr(camera.field, name)
