@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from seeds import seeds
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, project_points
@@ -16,6 +17,8 @@ from photogram.measures.mark_covariances import isotropic_px2
 from photogram.survey import ControlPoints, TiePoints
 
 NOISE_PX = 0.4
+TIMES = len(seeds(100, 40))
+"""How often a file is damaged in each way."""
 
 # ---- made ----------------------------------------------------------------------------------------------------------
 
@@ -178,10 +181,10 @@ def disagreement(first: ForeignSolution, second: ForeignSolution) -> tuple[float
 # ---- damaged -------------------------------------------------------------------------------------------------------
 
 
-def damaged(data: bytes, seed: int = 5, times: int = 100) -> Iterator[bytes]:
+def damaged(data: bytes, seed: int = 5) -> Iterator[bytes]:
     """Give a file cut off at many places, with bytes changed, repeated and taken out, and with other numbers in it."""
     rng = np.random.default_rng(seed)
-    yield from (data[: int(n)] for n in np.linspace(0, len(data) - 1, times))
+    yield from (data[: int(n)] for n in np.linspace(0, len(data) - 1, TIMES))
     words = (
         b"nan",
         b"inf",
@@ -199,7 +202,7 @@ def damaged(data: bytes, seed: int = 5, times: int = 100) -> Iterator[bytes]:
         b'"',
         b"<",
     )
-    for _ in range(times):
+    for _ in range(TIMES):
         at, size = int(rng.integers(len(data))), int(rng.integers(1, 9))
         yield data[:at] + rng.bytes(size) + data[at + size :]
         yield data[:at] + b"\xff" * 8 + data[at + 8 :]
@@ -212,9 +215,9 @@ def damaged(data: bytes, seed: int = 5, times: int = 100) -> Iterator[bytes]:
         yield b" ".join(parts)
 
 
-def refusals(write: Callable[[bytes], object], read: Callable[[], object], data: bytes, seed: int = 5) -> int:
-    """Return how many kinds of damage to the data of a file are refused with an ExchangeError; the others must do no
-    harm, and the data be read again at the end."""
+def refusals(write: Callable[[bytes], object], read: Callable[[], object], data: bytes, seed: int = 5) -> float:
+    """Return how many of 700 kinds of damage to the data of a file are refused with an ExchangeError, or would be; the
+    others must do no harm, and the data be read again at the end."""
     messages = []
     for changed in damaged(data, seed):
         write(changed)
@@ -225,7 +228,7 @@ def refusals(write: Callable[[bytes], object], read: Callable[[], object], data:
     write(data)
     read()
     assert max(map(len, messages)) < 1500
-    return len(messages)
+    return 100 / TIMES * len(messages)
 
 
 def assert_refused_or_read(path: Path, read: Callable[[], object], seed: int = 5, least: int = 50) -> None:
