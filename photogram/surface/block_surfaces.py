@@ -85,7 +85,7 @@ def match_surface(
             if number:
                 at = coarser.around_window(outer.coarser(2), AROUND_CELLS + 3)
                 about = coarse[at.slices], coarse_agreement[at.slices]
-                prior = finer_prior(*about, at, level, outer, prior, widely=not last)
+                prior = finer_prior(*about, at, level, outer, prior)
             matched = match_block(scene, level, tile, prior, settings, refined=last)
             start[tile.slices], agreement[tile.slices] = matched.start_m, matched.agreement
             _enter(heights, tile, matched.heights)

@@ -15,6 +15,8 @@ from photogram.grid import MapGrid, Window
 from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, simulate, truth_surface
 from photogram.surface.dense.pyramid import (
     AROUND_CELLS,
+    CLOSELY,
+    COARSEST_MEASURED,
     DOUBTFUL_BETWEEN,
     MOST_STEPS,
     KnownGround,
@@ -166,7 +168,8 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
 ) -> None:
     coarse = MapGrid(0.0, 0.0, 1.0, -(-rows // 2) + odd, -(-columns // 2) + odd)
     step_m = data.draw(st.sampled_from([0.4, 0.15]))  # 250 and 667 steps in all
-    fine = Level(MapGrid(0.0, 0.0, 0.5, rows, columns), 1, 0.5, step_m)
+    cells = data.draw(st.sampled_from([1, 2, 4, COARSEST_MEASURED]))
+    fine = Level(MapGrid(0.0, 0.0, 0.5, rows, columns), 1, 0.5, step_m, cells)
     rng = np.random.default_rng(data.draw(st.integers(0, 999)))
     shape = (coarse.rows, coarse.columns)
     heights = np.where(rng.random(shape) < 0.2, np.nan, rng.normal(size=shape)).astype(np.float32)
@@ -174,26 +177,17 @@ def test_a_finer_range_needs_a_few_cells_around_it_and_no_more(
     row, column = data.draw(st.integers(0, rows - 1)), data.draw(st.integers(0, columns - 1))
     window = Window(row, column, data.draw(st.integers(row + 1, rows)), data.draw(st.integers(column + 1, columns)))
     half = Window(window.row // 2, window.column // 2, -(-window.row_end // 2), -(-window.column_end // 2))
-    widely = data.draw(st.booleans())
-    at = coarse.around_window(half, 3 if widely and step_m == 0.4 else AROUND_CELLS + 3)
+    at = coarse.around_window(half, 3 if cells == COARSEST_MEASURED and step_m == 0.4 else AROUND_CELLS + 3)
     part = finer_prior(
-        np.ascontiguousarray(heights[at.slices]), correlation[at.slices], at, fine, window, flat_prior(window.shape),
-        widely=widely,
-    )  # fmt: skip
-    whole = finer_prior(
-        heights, correlation, coarse.whole, fine, fine.grid.whole, flat_prior((rows, columns)), widely=widely
+        np.ascontiguousarray(heights[at.slices]), correlation[at.slices], at, fine, window, flat_prior(window.shape)
     )
-    for name in ("low", "high", "surface"):
+    whole = finer_prior(heights, correlation, coarse.whole, fine, fine.grid.whole, flat_prior((rows, columns)))
+    for name in ("low", "high", "surface", "worthwhile"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[window.slices])
-    if whole.worthwhile is None or part.worthwhile is None:
-        assert widely
-        assert whole.worthwhile is part.worthwhile
-    else:
-        assert np.array_equal(part.worthwhile, whole.worthwhile[window.slices])
 
 
 def test_where_photographs_disagree_all_heights_are_searched_again() -> None:
-    level = Level(MapGrid(0.0, 0.0, 0.5, 20, 20), 1, 0.5, 0.4)
+    level = Level(MapGrid(0.0, 0.0, 0.5, 20, 20), 1, 0.5, 0.4, 2 * CLOSELY)
     heights, correlation = np.full((10, 10), 3.0, np.float32), np.full((10, 10), 0.9, np.float32)
     correlation[4, 4] = 0.2
     prior = finer_prior(heights, correlation, Window(0, 0, 10, 10), level, level.grid.whole, flat_prior((20, 20)))
@@ -206,6 +200,20 @@ def test_where_photographs_disagree_all_heights_are_searched_again() -> None:
     assert np.all(np.isfinite(holed.low) & np.isfinite(holed.high) & np.isfinite(holed.surface))
 
 
+def test_small_cells_search_a_hole_between_the_heights_around_it() -> None:
+    """And all heights where none was agreed on as far as is looked."""
+    level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.4, CLOSELY)
+    heights, correlation = np.full((30, 30), 3.0, np.float32), np.full((30, 30), 0.9, np.float32)
+    heights[:4, :4] = np.nan
+    prior = finer_prior(heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)))
+    assert np.allclose([prior.low[0, 0], prior.high[0, 0]], [3.0 - 0.6, 3.0 + 0.6])
+    heights[:20, :20] = np.nan
+    prior = finer_prior(heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)))
+    assert (prior.low[0, 0], prior.high[0, 0]) == (-50.0, 50.0)
+    assert prior.worthwhile is not None
+    assert not prior.worthwhile[0, 0]
+
+
 def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_them() -> None:
     """A roof five metres up, a corner of which was taken for the ground: the roof is tried again there."""
     level = Level(MapGrid(0.0, 0.0, 0.5, 60, 60), 1, 0.5, 0.4)
@@ -213,9 +221,7 @@ def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_the
     heights[10:20, 10:20] = 5.0
     heights[10:13, 10:13], correlation[10:13, 10:13] = 0.0, 0.2
     heights[2, 27], correlation[2, 27] = 0.0, 0.2
-    prior = finer_prior(
-        heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)), widely=False
-    )
+    prior = finer_prior(heights, correlation, Window(0, 0, 30, 30), level, level.grid.whole, flat_prior((60, 60)))
     beyond = 1.5 * level.step_m
     assert np.allclose(prior.high[20:26, 20:26], 5.0 + beyond)
     assert np.allclose(prior.low[20:26, 20:26], -beyond)
@@ -223,7 +229,7 @@ def test_the_finest_level_searches_doubtful_cells_between_the_heights_around_the
     assert np.allclose([prior.low[4, 54], prior.high[4, 54]], [-beyond, beyond])
 
 
-def test_the_finest_level_leaves_out_where_the_coarser_one_scatters_widely() -> None:
+def test_levels_that_count_leave_out_where_the_coarser_one_scatters_widely() -> None:
     """A wood on the left, level ground on the right; a low hedge in it scatters as well, but over a few steps."""
     level = Level(MapGrid(0.0, 0.0, 0.5, 80, 160), 1, 0.5, 0.4)
     rng = np.random.default_rng(7)
@@ -231,8 +237,11 @@ def test_the_finest_level_leaves_out_where_the_coarser_one_scatters_widely() -> 
     heights[:, :40] = rng.uniform(-40.0, 40.0, (40, 40))
     heights[15:25, 55:65] = rng.uniform(0.0, 8.0, (10, 10))
     at, known = Window(0, 0, 40, 80), flat_prior((80, 160))
-    assert finer_prior(heights, correlation, at, level, level.grid.whole, known).worthwhile is None
-    found = finer_prior(heights, correlation, at, level, level.grid.whole, known, widely=False)
+    coarsest = replace(level, cells=COARSEST_MEASURED)
+    everywhere = finer_prior(heights, correlation, at, coarsest, level.grid.whole, known).worthwhile
+    assert everywhere is not None
+    assert everywhere.all()
+    found = finer_prior(heights, correlation, at, level, level.grid.whole, known)
     assert found.worthwhile is not None
     assert found.worthwhile[:, :60].mean() < 0.1  # nine heights may be near each other by chance
     # four cells of the coarser level from level ground on it tells enough

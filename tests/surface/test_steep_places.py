@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 from steep_site import CELL_M, GSD_M, HEIGHT_M, STEP_M, SteepSite, steep_site
 
 from photogram.arrays import BoolArray, Float32Array
 from photogram.grid import MapGrid, Window
-from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior
+from photogram.surface.dense.pyramid import RANGE_STEPS, Level, Prior, is_narrow
 from photogram.surface.dense.slopes import STEEPEST_GENTLE
 from photogram.surface.dense.steep_places import (
     CLOSED_CELLS,
@@ -21,6 +22,7 @@ from photogram.surface.dense.steep_places import (
     ROUGH_AROUND,
     WALL_CELLS,
     WEAK_STEPS,
+    WHOLLY_CELLS,
     Asked,
     PairSurface,
     _fill_between,
@@ -269,10 +271,10 @@ def test_nothing_torn_changes_nothing() -> None:
 
 
 def test_noise_alone_narrows_no_range() -> None:
-    """Nor do pairs tell anything of it together; and what none tells is matched as if it were not steep."""
+    """Nor do pairs tell anything of it together; and what none tells is left out where its range is wide."""
     site, rng = steep_site(FACE_DEG), np.random.default_rng(1)
     whole = site.level.grid.whole
-    prior = site.prior(whole)
+    prior = replace(site.prior(whole), worthwhile=np.ones(whole.shape, bool))
     torn = torn_cells(prior, site.level, np.ones(whole.shape, bool))
     noise = {(v, r): 90.0 + rng.normal(0.0, 1.5, site.picture(v, r).shape) for v in range(9) for r in (1, 2)}
 
@@ -284,6 +286,21 @@ def test_noise_alone_narrows_no_range() -> None:
     assert torn.mean() > 0.5
     assert np.mean(steep.share > 0.0) < 0.05
     assert np.mean((found.low <= prior.low) & (found.high >= prior.high)) > 0.999
+    wide = torn & ~is_narrow(prior.low, prior.high, site.level)
+    assert wide.mean() > 0.1
+    assert found.worthwhile is not None
+    assert not found.worthwhile[wide].any()
+    assert found.worthwhile[distance_transform_edt(~torn) > WHOLLY_CELLS].all()
+
+
+def test_faces_that_pairs_tell_stay_worthwhile() -> None:
+    site = steep_site(FACE_DEG)
+    whole = site.level.grid.whole
+    prior = replace(site.prior(whole), worthwhile=np.ones(whole.shape, bool))
+    found, _, torn = told(site, prior)
+    assert torn.any()
+    assert found.worthwhile is not None
+    assert found.worthwhile.all()
 
 
 def test_pictures_without_texture_narrow_no_range() -> None:

@@ -225,8 +225,8 @@ def _make_pictures(dense: _Matching, view: int) -> None:
 def _match(dense: _Matching, item: tuple[int, Window]) -> None:
     """Match a block of a level, given by its number, unless it is there."""
     number, block = item
-    level, store, last = dense.levels[number], dense.stores[number], number == len(dense.levels) - 1
-    if store.has(block):
+    level = dense.levels[number]
+    if dense.stores[number].has(block):
         return
     outer = level.grid.around_window(block, MARGIN_CELLS)
     if not cells_within(dense.area, level.grid, outer).any():
@@ -234,7 +234,7 @@ def _match(dense: _Matching, item: tuple[int, Window]) -> None:
         return
     prior = first_prior(dense.known, level, outer, dense.scene.frame.origin_map_m[2])
     if number:
-        prior = _around_coarser(dense.stores[number - 1], level, outer, prior, widely=not last)
+        prior = _around_coarser(dense.stores[number - 1], level, outer, prior)
     matching = match_block(dense.scene, level, block, prior, dense.settings, refined=level.measured)
     if matching.heights is not None:
         matching.heights.height_m[~cells_within(dense.area, level.grid, block)] = np.nan
@@ -257,11 +257,11 @@ _PICTURES = PieceType(_Matching.read, _make_pictures)
 _BLOCKS = PieceType(_Matching.read, _match)
 
 
-def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior, *, widely: bool) -> Prior:
+def _around_coarser(coarser: BlockFiles, level: Level, outer: Window, first: Prior) -> Prior:
     """Return the range of a window from the coarser level."""
     at = coarser.grid.around_window(outer.coarser(2), AROUND_CELLS + 3)
     height, correlation = coarser.read(at, "start_m", "agreement")
-    return finer_prior(height, correlation, at, level, outer, first, widely=widely)
+    return finer_prior(height, correlation, at, level, outer, first)
 
 
 def _words(summary: DenseSummary) -> str:

@@ -43,10 +43,14 @@ MOST_STEPS = 550
 CONFIRMED_STEPS, CONFIRMED_SHARE = 6.0, 0.7
 """A height is confirmed if those of the eight cells around differ by less than so many steps and so many agreed."""
 
+CLOSELY = 2
+"""Side of the largest cells, in cells of the finest level, that are searched between what was agreed on nearby alone,
+where the coarser level knows nothing or is in doubt."""
+
 WIDE_STEPS, CONFIRMED_AROUND, CONFIRMED_LEAST = 32.0, 4, 0.1
-"""The finest level leaves out cells whose range has more steps, where no more than this share of the heights of the
-coarser level is confirmed so many of its cells around. In a real wood they took two fifths of its time, and what it
-found there, one in twenty-five of its heights, was mostly not confirmed either."""
+"""Levels finer than COARSEST_MEASURED leave out cells whose range has more steps, where no more than this share of the
+heights of the coarser level is confirmed so many of its cells around. In a real wood these were half of all hypotheses
+in cells of twice the finest side, and told 0.2 % of the heights that were kept there."""
 
 SAMPLED = 2000
 """Tie points at which is looked up what photographs resolve."""
@@ -235,19 +239,17 @@ def finer_prior(
     level: Level,
     window: Window,
     known: Prior,
-    *,
-    widely: bool = True,
 ) -> Prior:
     """Return the range of a window of a finer level from heights ``coarse`` of the next coarser one, and their
     correlations, in its window ``at``.
 
     Where the coarser level knows nothing, all of ``known`` is searched, and also where its photographs did not agree on
-    a cell: a tree too small for it, a roof taken for the ground. ``widely`` False searches the latter only between the
-    heights that were agreed on up to AROUND_CELLS cells away, for the finest level, where it would cost as much as all
-    the rest; and it is not worth while to look for cells with a wide range around which the coarser level scatters, as
-    in woods. Where ``known`` has more than MOST_STEPS hypotheses, as from great flying heights, every level looks
-    between heights that their neighbours confirm. ``at`` reaches at least AROUND_CELLS + 3 cells beyond the finer
-    window, as far as the grid goes.
+    a cell: a tree too small for it, a roof taken for the ground. Cells of CLOSELY or smaller are searched there only
+    between the heights that were agreed on up to AROUND_CELLS cells away: all else would cost more than the rest. Below
+    the coarsest cells that are measured it is not worth while to look for those with a wide range around which the
+    coarser level scatters, as in woods. Where ``known`` has more than MOST_STEPS hypotheses, as from great flying
+    heights, every level looks between heights that their neighbours confirm. ``at`` reaches at least AROUND_CELLS + 3
+    cells beyond the finer window, as far as the grid goes.
     """
     rows, columns = (np.arange(a, b) for a, b in ((window.row, window.row_end), (window.column, window.column_end)))
     r, c = rows // 2 - at.row, columns // 2 - at.column
@@ -261,24 +263,32 @@ def finer_prior(
     doubtful = maximum_filter(has & (correlation < least), 3, mode="nearest")[np.ix_(r, c)]
     agreed = correlation >= least
     confirmed = _confirmed(smooth, agreed, CONFIRMED_STEPS * level.step_m)
-    lowest, highest = (known.low, known.high) if widely else _agreed_around(smooth, agreed, r, c, beyond)
+    lowest, highest = known.low, known.high
+    if level.cells <= CLOSELY:
+        lowest, highest = _agreed_around(smooth, agreed, r, c, beyond)
     too_wide = known.high - known.low > np.float32(MOST_STEPS * level.step_m)
     if too_wide.any():
         nearby = _agreed_around(smooth, confirmed, r, c, beyond)
         lowest, highest = np.where(too_wide, nearby[0], lowest), np.where(too_wide, nearby[1], highest)
-    low, high = np.where(none, known.low, low - beyond), np.where(none, known.high, high + beyond)
+    nowhere = ~np.isfinite(lowest)
+    low = np.where(none, np.where(nowhere, known.low, lowest), low - beyond)
+    high = np.where(none, np.where(nowhere, known.high, highest), high + beyond)
     low = np.where(doubtful, np.minimum(low, lowest), low).astype(np.float32)
     high = np.where(doubtful, np.maximum(high, highest), high).astype(np.float32)
-    worthwhile = None
-    if not widely:
+    worthwhile = np.ones(low.shape, np.bool_)
+    if level.cells < COARSEST_MEASURED:
         around = uniform_filter(confirmed.astype(np.float32), 2 * CONFIRMED_AROUND + 1, mode="nearest")
-        narrow = high - low < np.float32(WIDE_STEPS * level.step_m)
-        worthwhile = narrow | (around[np.ix_(r, c)] > CONFIRMED_LEAST)
+        worthwhile = is_narrow(low, high, level) | (around[np.ix_(r, c)] > CONFIRMED_LEAST)
     place = np.meshgrid((rows + 0.5) / 2 - 0.5 - at.row, (columns + 0.5) / 2 - 0.5 - at.column, indexing="ij")
     weight = map_coordinates(has.astype(np.float32), place, order=1, mode="nearest")
     surface = map_coordinates(np.where(has, smooth, 0.0), place, order=1, mode="nearest") / np.maximum(weight, 1e-6)
     surface = np.where(weight > 1e-3, surface, np.where(none, known.surface, 0.5 * (low + high)))
     return Prior(low, high, surface.astype(np.float32), worthwhile)
+
+
+def is_narrow(low: Float32Array, high: Float32Array, level: Level) -> BoolArray:
+    """Return which ranges (rows, columns) of a level have fewer than WIDE_STEPS hypotheses."""
+    return np.asarray(high - low < np.float32(WIDE_STEPS * level.step_m))
 
 
 def _confirmed(smooth: Float32Array, agreed: BoolArray, tolerance_m: float) -> BoolArray:
