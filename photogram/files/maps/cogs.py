@@ -41,8 +41,9 @@ CATEGORY_SUFFIX = ".aux.xml"
 
 # compressing the overviews on their way to the file takes longer than everything else
 _ENVIRONMENT = {"GDAL_CACHEMAX": 64, "COG_TMP_COMPRESSION": "NONE"}
-# more effort takes twice the time and saves 2 % of a photograph
-_PICTURE = {"compress": "deflate", "predictor": "standard", "level": "1", "overview_resampling": "average"}
+# more effort takes twice the time and saves 2 % of a photograph, 1 % of heights
+_DEFLATE = {"compress": "deflate", "level": "1"}
+_PICTURE = {**_DEFLATE, "predictor": "standard", "overview_resampling": "average"}
 _PLACE = {"driver": "GTiff", "tiled": True, "blockxsize": BLOCK_CELLS, "blockysize": BLOCK_CELLS, "sparse_ok": True}
 
 
@@ -97,7 +98,7 @@ def write_cog(
     units = map_units(crs)
 
     kind = {"count": 1, "dtype": "float32", "nodata": NODATA}
-    look = {"compress": "deflate", "predictor": "floating_point", "overview_resampling": "average"}
+    look = {**_DEFLATE, "predictor": "floating_point", "overview_resampling": "average"}
     band = _Band((description,), _unit_name(units), note=note)
     _write(path, grid, crs, kind, look, ((w, bands(w, v)) for w, v in tiles), band, overviews=overviews)
 
@@ -121,7 +122,7 @@ def write_cog_codes(
         return _bytes(path, values)[None]
 
     kind = {"count": 1, "dtype": "uint8", "nodata": NO_CODE}
-    look = {"compress": "deflate", "overview_resampling": "mode"}
+    look = {**_DEFLATE, "overview_resampling": "mode"}
     band = _Band(note=note)
     if categories:
         colours = dict.fromkeys(range(NO_CODE + 1), (0, 0, 0, 0)) | {c.code: (*c.colour, 255) for c in categories}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
@@ -122,6 +123,8 @@ OWN_SIGMA_FILE = "dsm_sigma_own.tif"
 """Descriptions of the bands of `dsm.tif`, `dsm_sigma.tif`, RELATIVE_SIGMA_FILE and OWN_SIGMA_FILE."""
 
 TILE_CELLS = 1024
+FILES_AT_ONCE = 2
+"""Rasters that are written at once: GDAL compresses in threads of its own, but makes overviews in one."""
 FILL_CELLS, MOST_FILL_CELLS = 25, 100
 SOURCES = (
     Category(HOLE, "hole", (255, 255, 255)),
@@ -278,14 +281,20 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
         write_json(folder / WATER_FILE, areas)
         water = {"water_of_grid": int(counts[WATER])}
     crs, plan, note = site.crs, site.plan, site.note
-    for name, layer, of, description in (
+    rasters = (
         ("dsm.tif", "height", crs, HEIGHT),
         ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
         ("dsm_sigma.tif", "sigma", plan, SIGMA),
         (OWN_SIGMA_FILE, "own", plan, OWN_SIGMA),
         *([] if len(modelling.shared) == 1 else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
-    ):
+    )
+
+    def write(raster: tuple[str, str, str, str]) -> None:
+        name, layer, of, description = raster
         write_cog(folder / name, grid, of, _layer(store, layer), description=description, note=note)
+
+    with ThreadPoolExecutor(FILES_AT_ONCE) as writers:
+        list(writers.map(write, rasters))
     write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES, note=note)
     site.write(folder, grid)
     write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
