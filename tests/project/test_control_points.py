@@ -249,10 +249,10 @@ def test_marks_of_photographs_that_take_no_part_are_left_out_with_a_warning(fold
     first, second = project.warnings
     assert (first.severity, first.where) == ("warning", "project.yaml:19")
     assert first.text == (
-        f"{G}: gcp_list.txt:2: 1 of 3 marks are in photographs that are not in the project and are left out: aa.JPG (1)"
+        f"{G}: gcp_list.txt:2: 1 of 3 marks is in a photograph that is not in the project and is left out: aa.JPG (1)"
     )
     assert first.remedy == "add the photographs to the project, or remove their marks"
-    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks are in photographs that are not in the project")
+    assert second.text.startswith(f"{K}: marks.csv:4: 1 of 2 marks is in a photograph that is not in the project")
     assert second.text.endswith("IMG_9.png (1)")
     assert second.remedy == "add the photographs to the project, or remove their marks"
 
@@ -336,9 +336,9 @@ FAULTS: dict[str, tuple[list[Change], list[str]]] = {
         + [("gcp_list.txt", f" {name}", f" x_{name}") for name in ("a.jpg", "b.jpg", "c.jpg")]
         + [("marks.csv", f",{name}", f",x_{name}") for name in ("a.jpg", "a.jpg", "b.jpg", "c.jpg")],
         [
-            f"19: {G}: gcp_list.txt:2: 3 of 3 marks are in photographs that are not in the project: x_a.jpg (1), ",
-            f"21: {C}: marks.csv:2: 2 of 2 marks are in photographs that are not in the project: x_a.jpg (1), ",
-            f"25: {K}: marks.csv:3: 2 of 2 marks are in photographs that are not in the project: x_a.jpg (1), ",
+            f"19: {G}: gcp_list.txt:2: all 3 marks are in photographs that are not in the project: x_a.jpg (1), ",
+            f"21: {C}: marks.csv:2: both marks are in photographs that are not in the project: x_a.jpg (1), ",
+            f"25: {K}: marks.csv:3: both marks are in photographs that are not in the project: x_a.jpg (1), ",
         ],
     ),
     "name of list and file": (
@@ -514,7 +514,7 @@ def test_metashape_markers_are_points_and_marks(folder: Path, origin: str) -> No
     assert (points["M1"].role, points["M2"].role) == ("control", "check")
     said = [str(warning) for warning in project.warnings]
     assert any("markers.xml: marks of 1 point (bare) without coordinates are left out" in text for text in said)
-    assert any("1 of 3 marks are in photographs that are not in the project" in text for text in said)
+    assert any("1 of 3 marks is in a photograph that is not in the project" in text for text in said)
     assert any("elsewhere (1)" in text for text in said)
 
 

@@ -362,7 +362,7 @@ def test_xmp_that_is_not_xml_costs_neither_the_photograph_nor_its_marks(
     said = squeezed(outcome.out)
     assert "DJI_0002.JPG: the XMP tags are not valid XML" in said
     assert "1 of " in said
-    assert "marks are in photographs that are not in the project and are left out: DJI_0005.JPG (1)" in said
+    assert "marks is in a photograph that is not in the project and is left out: DJI_0005.JPG (1)" in said
     text = squeezed(Path("project.yaml").read_text())
     assert "Warning: DJI_0002.JPG: the XMP tags are not valid XML" in text
     project = load_project(Path("project.yaml"))

@@ -123,13 +123,23 @@ def marks_in_photographs(
         if several is not None:
             near = f"did you mean {' or '.join(several[:3])}? Write the folder too"
         hint = near if near.startswith("did you mean") else "add the photographs to the project, or remove their marks"
-        text = f"{len(missing)} of {len(own)} marks are in photographs that are not in the project"
+        text, left_out = _missing_words(len(missing), len(own))
         where = f"{source.path_of(missing[0])}:{missing[0].source.line}: "
         if nothing_left:
             document.add_error(source.key, f"{where}{text}: {listed}{more}: {hint}")
         else:
-            document.warn(source.key, f"{where}{text} and are left out: {listed}{more}", hint)
+            document.warn(source.key, f"{where}{text} and {left_out}: {listed}{more}", hint)
     return kept
+
+
+def _missing_words(missing: int, of: int) -> tuple[str, str]:
+    """Return what is said of so many marks of a list whose photographs are missing, and that they are left out."""
+    share = f"{missing} of {of} marks"
+    if missing == of:
+        share = {1: "its only mark", 2: "both marks"}.get(of, f"all {of} marks")
+    if missing == 1:
+        return f"{share} is in a photograph that is not in the project", "is left out"
+    return f"{share} are in photographs that are not in the project", "are left out"
 
 
 def _scale(
