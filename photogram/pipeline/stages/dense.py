@@ -271,9 +271,7 @@ def _words(summary: DenseSummary) -> str:
     if not area_m2:
         return made
     area = f"{area_m2:.0f}" if area_m2 >= 10.0 else f"{area_m2:.2g}"
-    return (
-        f"{made}; {area} m² around that photographs see flat and coarsely left out: surface.area maps what it encloses"
-    )
+    return f"{made}; {area} m² seen only obliquely and coarsely are not mapped: to map them, draw surface.area"
 
 
 MATCHING_BYTES = 200e6

@@ -76,7 +76,7 @@ SMOOTH_STEPS = 1.5
 TOLD_CELLS, LEAST_TOLD = 32, 0.1
 """Where several pairs of half the size tell less than this share of the steep ground up to so many cells to each side,
 as in woods, none of the whole size are asked, and the finest level leaves out what has a wide range. In a real wood
-that were four fifths of its hypotheses, for 2 % of the heights that were kept."""
+these cells took four fifths of its hypotheses, for 2 % of the heights that were kept."""
 
 ROUGH_CELLS, ROUGH_AROUND, ROUGHEST_CELLS = 0.3, 17, 5.0
 """Where heights differ from the median of 5 × 5 cells by so many cells, in the mean over ROUGH_AROUND cells, and none
