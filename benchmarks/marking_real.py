@@ -47,8 +47,7 @@ from photogram.marking.tagged_block import tagged_block
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.stored_adjustment import stored_adjustment
 from photogram.project.project import Project
-from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
-from photogram.report.figures.style import save_picture
+from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet, save_sheet
 from photogram.results import Adjustment
 from photogram.survey import Block
 
@@ -172,7 +171,7 @@ def sheets(
             patch = PhotographPatch(patches.pixels(i, wanted), cut.left, cut.upper, half_px=HALF_PX / 2)
             made.append(MarkPatch(block.photographs[i].name, patch, (u, v), "marked", words, adjusted_px=ring))
         if made:
-            save_picture(mark_sheet(f"{name}: marks (cross) and what is measured (ring)", made), folder / f"{name}.png")
+            save_sheet(mark_sheet(f"{name}: marks (cross) and what is measured (ring)", made), folder / f"{name}.png")
 
 
 def figures(project: Project, pictures: Path | None) -> dict[str, str]:

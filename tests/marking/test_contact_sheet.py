@@ -11,8 +11,7 @@ from photogram.errors import ImageError, WorkspaceError
 from photogram.files.tables.surveyed_points import Mark, Proposal
 from photogram.marking.page.contact_sheet import HALF_PX, write_contact_sheets
 from photogram.marking.page.patches import PatchReader
-from photogram.report.figures.mark_patches import SIDE_IN
-from photogram.report.figures.style import PAGE_DPI
+from photogram.report.figures.mark_patches import SIDE_PX
 
 SIZE = 200, 150
 CORNER = 120.5, 80.5
@@ -20,7 +19,7 @@ CORNER = 120.5, 80.5
 RED, GREEN, BLUE, YELLOW = (200, 0, 0), (0, 200, 0), (0, 0, 200), (200, 200, 0)
 SIGN, BESIDE = (0xE9, 0xB0, 0xFF), (0xDF, 0xE5, 0xE9)
 """Colours of the sign of a proposal, and of what lies beside a photograph."""
-ENLARGED = SIDE_IN * PAGE_DPI / (2 * HALF_PX)
+ENLARGED = SIDE_PX / (2 * HALF_PX)
 """Pixels of a sheet to one of a photograph."""
 NUMBERS = {"quadrants.png": 0, "yellow.png": 1, "missing.png": 2}
 
@@ -98,7 +97,7 @@ def test_every_point_has_a_sheet_and_the_best_found_is_first(patches: PatchReade
     assert [path.name for path in paths] == ["001_A.png", "002_B.png"]
     assert sorted((tmp_path / "sheets").iterdir()) == sorted(paths)
     first, second = (np.nonzero(shows(sheet(paths[1]), colour))[1] for colour in (YELLOW, RED))
-    width = SIDE_IN * PAGE_DPI
+    width = SIDE_PX
     assert first.min() < width < second.min() < 2 * width
     assert not shows(sheet(paths[0]), RED).any()
 

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from PIL import Image
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.report.figures.mark_patches import (
     ACROSS,
+    GAP_PX,
     MOST_PATCHES,
+    SIDE_PX,
     MarkPatch,
     PhotographPatch,
     figure_key,
@@ -33,12 +34,6 @@ def patch(**more: Any) -> MarkPatch:
     return MarkPatch("1.jpg", PhotographPatch(pixels, LEFT, UPPER, **of_photograph), **{**given, **more})
 
 
-def drawn(figure: Figure) -> ByteArray:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=300)
-    return np.asarray(Image.open(stream).convert("RGB"))
-
-
 def centre(picture: ByteArray, colour: tuple[int, int, int]) -> FloatArray:
     """Return column and row (2,) of the middle of what has a colour."""
     rows, columns = np.nonzero(np.abs(picture.astype(int) - colour).max(axis=2) < 25)
@@ -53,21 +48,19 @@ YELLOW, RED, BLUE, WHITE = (0xFF, 0xE1, 0x4D), (0xD5, 0x5E, 0x00), (0x56, 0xB4, 
 def test_the_cross_stands_on_the_pixel_that_was_marked(at: tuple[int, int]) -> None:
     pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
     pixels[at[1], at[0]] = WHITE
-    picture = drawn(mark_sheet("", [patch(pixels=pixels, mark_px=(LEFT + at[0], UPPER + at[1]))]))
+    picture = mark_sheet("", [patch(pixels=pixels, mark_px=(LEFT + at[0], UPPER + at[1]))])
     np.testing.assert_allclose(centre(picture, YELLOW), centre(picture, WHITE), atol=1.5)
 
 
 def test_the_ring_stands_where_the_adjustment_puts_the_point() -> None:
-    """4 px to the right of the mark and 7 px below, by the scale of the patch: 300 dpi, 1.2 inches, 61 px."""
-    picture = drawn(mark_sheet("", [patch(adjusted_px=(LEFT + 34.0, UPPER + 37.0))]))
-    px = 1.2 * 300 / SIDE
-    inside = np.where(np.arange(picture.shape[1])[None, :, None] < 340, picture, 0)  # not the frame of the patch
-    off = centre(inside[40:340].astype(np.uint8), BLUE) - centre(inside[40:340].astype(np.uint8), YELLOW)
-    np.testing.assert_allclose(off / px, (4.0, 7.0), atol=0.3)
+    """4 px to the right of the mark and 7 px below, by the scale of the patch."""
+    picture = mark_sheet("", [patch(adjusted_px=(LEFT + 34.0, UPPER + 37.0))])
+    off = centre(picture, BLUE) - centre(picture, YELLOW)
+    np.testing.assert_allclose(off / (SIDE_PX / SIDE), (4.0, 7.0), atol=0.3)
 
 
 def test_a_rejected_mark_has_another_colour_and_shape() -> None:
-    kept, rejected = (drawn(mark_sheet("", [patch(sign=sign)])) for sign in ("marked", "rejected"))
+    kept, rejected = (mark_sheet("", [patch(sign=sign)]) for sign in ("marked", "rejected"))
     centre(rejected, RED)
     with pytest.raises(AssertionError):
         centre(rejected, YELLOW)
@@ -82,7 +75,7 @@ def test_a_reduced_patch_keeps_its_place() -> None:
     whole = patch(pixels=pixels, mark_px=(LEFT + 41.5, UPPER + 61.5), half_px=50.0)
     small = patch(pixels=reduced(pixels, 4), mark_px=(LEFT + 41.5, UPPER + 61.5), half_px=50.0, reduction=4)
     for one in (whole, small):
-        picture = drawn(mark_sheet("", [one]))
+        picture = mark_sheet("", [one])
         np.testing.assert_allclose(centre(picture, YELLOW), centre(picture, WHITE), atol=2.0)
 
 
@@ -95,17 +88,25 @@ def test_reduced_pixels_are_means() -> None:
 
 
 def test_patches_stand_in_rows_of_one_scale() -> None:
-    figures = [mark_sheet("", [patch()] * count) for count in (1, ACROSS, ACROSS + 1)]
-    assert [len(figure.axes) for figure in figures] == [1, ACROSS, ACROSS + 1]
-    assert figures[0].get_figheight() == figures[1].get_figheight() < figures[2].get_figheight()
-    sides = {
-        tuple(np.round(axes.get_position().size * figure.get_size_inches(), 6))
-        for figure in figures
-        for axes in figure.axes
-    }
-    assert len(sides) == 1
-    titled = mark_sheet("G01: proposed", [patch()])
-    assert [text.get_text() for text in titled.texts] == ["G01: proposed"]
+    sheets = [mark_sheet("", [patch()] * count) for count in (1, ACROSS, ACROSS + 1)]
+    for sheet, count, columns in zip(sheets, (1, 1, 2), (1, ACROSS, ACROSS), strict=True):
+        black = (sheet == 0).all(axis=2)
+        squares = [np.flatnonzero(np.diff(np.r_[0, black.sum(axis=axis) > SIDE_PX / 2, 0])) for axis in (0, 1)]
+        sides = [np.diff(edges.reshape(-1, 2)) for edges in squares]
+        assert [len(of) for of in sides] == [columns, count]
+        assert all(np.abs(side - SIDE_PX).max() <= 2 for side in sides)
+    assert len(sheets[0]) == len(sheets[1]) < len(sheets[2])
+
+
+def test_a_title_stands_above_and_words_below() -> None:
+    plain, titled = mark_sheet("", [patch()]), mark_sheet("G01: proposed", [patch()])
+    more = len(titled) - len(plain)
+    assert more > 0
+    np.testing.assert_array_equal(titled[more + GAP_PX :], plain[GAP_PX:])
+    assert (titled[: more + GAP_PX] < 128).any()
+    below = plain[GAP_PX + SIDE_PX :] < 128
+    assert below.any()
+    assert not mark_sheet("", [patch(words="")])[GAP_PX + SIDE_PX + 30 :].min() < 128 <= below.sum()
 
 
 # ---- on the page ---------------------------------------------------------------------------------------------------

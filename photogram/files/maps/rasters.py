@@ -271,12 +271,17 @@ def read_codes(path: Path, window: Window) -> ByteArray:
 
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> ByteArray:
     """Return what a picture file shows in a window of a grid of its own CRS, in m: red, green, blue and alpha (rows,
-    columns, 4), means over the cells, 0 beyond the picture. Raises ProjectError where it cannot be read."""
+    columns, 4), means over the cells, 0 beyond the picture. Cells of many pixels are means of its overviews' pixels.
+    Raises ProjectError where it cannot be read."""
     west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
     rows, columns = window.shape
     try:
-        with rasterio.open(path, driver="GTiff") as dataset:
-            unit_m = map_units(str(dataset.crs.to_wkt(version="WKT2_2019"))).plan_m if dataset.crs else 1.0
+        with rasterio.open(path, driver="GTiff") as whole:
+            unit_m = map_units(str(whole.crs.to_wkt(version="WKT2_2019"))).plan_m if whole.crs else 1.0
+            fine = [
+                n for n, factor in enumerate(whole.overviews(1)) if 2 * factor * whole.res[0] <= grid.cell_m / unit_m
+            ]
+        with rasterio.open(path, driver="GTiff", **({"overview_level": fine[-1]} if fine else {})) as dataset:
             cell, west, north = (length / unit_m for length in (grid.cell_m, west, north))
             with WarpedVRT(
                 dataset,

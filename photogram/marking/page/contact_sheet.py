@@ -7,8 +7,7 @@ from pathlib import Path
 from photogram.files.tables.surveyed_points import Proposal
 from photogram.marking.page.patches import PatchReader, Window
 from photogram.marking.targets.kinds import title_of
-from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet
-from photogram.report.figures.style import save_picture
+from photogram.report.figures.mark_patches import MarkPatch, PhotographPatch, mark_sheet, save_sheet
 
 HALF_PX = 32
 """Of the side of a patch: a target and what surrounds it."""
@@ -29,7 +28,7 @@ def write_contact_sheets(
     for n, (point, several) in enumerate(sorted(of_point.items()), 1):
         several.sort(key=lambda proposal: -proposal.score)
         path = folder / f"{n:03d}_{_plain(point)}.png"
-        save_picture(mark_sheet(f"{point}: proposed, to be confirmed", _patches(several, numbers, patches)), path)
+        save_sheet(mark_sheet(f"{point}: proposed, to be confirmed", _patches(several, numbers, patches)), path)
         written.append(path)
     return tuple(written)
 

@@ -4,16 +4,19 @@ and where the adjustment puts the point."""
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.font_manager import findfont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from photogram.arrays import ByteArray
+from photogram.arrays import ByteArray, FloatArray
+from photogram.files.atomic import make_folder, replacing
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.figures.style import BLUE, SKY, VERMILION, data_uri, new_figure, write_figure
+from photogram.report.figures.style import BLUE, SKY, VERMILION, data_uri
 from photogram.report.marks import UNKNOWN, by_misfit, largest_w, residual_length_px
 from photogram.report.numbers.wording import signed
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
@@ -21,20 +24,19 @@ from photogram.wording import things
 
 ACROSS = 5
 """Patches beside each other."""
-SIDE_IN, GAP_IN = 1.2, 0.08
-WORDS_IN, TITLE_IN = 0.42, 0.3
-POINTS = 6.8
-"""Size of the words."""
+DPI, QUALITY = 165, 82
+"""Of a sheet, and as JPEG on the page, which a print takes over as it is."""
+SIDE_PX, GAP_PX, WORDS_PX, TITLE_PX = 198, 13, 69, 50
+WORDS_PT, TITLE_PT = 6.8, 9.0
 
 MOST_PATCHES = 20
 """Of a point on the page: those that fit worst."""
 
-DPI, QUALITY = 165, 82
-"""Of a sheet on the page, as JPEG, which a print takes over as it is."""
-
 Sign = Literal["marked", "rejected", "proposed"]
 _COLOURS = {"marked": "#ffe14d", "rejected": VERMILION, "proposed": "#e9b0ff"}
-_THICK, _THIN = 2.8, 1.4  # of what is drawn, black below and its colour above
+_BESIDE, _TEXT = "#dfe5e9", "black"
+_THICK_PX, _THIN_PX = 6, 3  # of what is drawn, black below and its colour above
+_SUBPIXELS = 4  # bits of a pixel by which lines are placed
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,79 +70,118 @@ class MarkPatch:
     """Where the adjustment puts the point, drawn as a ring; None where that is not known."""
 
 
-def mark_sheet(title: str, patches: Sequence[MarkPatch]) -> Figure:
-    """Return a figure of the patches of one point, one at least; an empty ``title`` takes no room."""
+def mark_sheet(title: str, patches: Sequence[MarkPatch]) -> ByteArray:
+    """Return a picture, RGB (rows, columns, 3), of the patches of one point; an empty ``title`` takes no room."""
     rows = -(-len(patches) // ACROSS)
-    top, row_in = TITLE_IN if title else GAP_IN, SIDE_IN + WORDS_IN
-    width, height = ACROSS * (SIDE_IN + GAP_IN) + GAP_IN, top + rows * row_in
-    figure = new_figure(width, height)
-    figure.set_layout_engine("none")  # places are reckoned here, in a tenth of the time
-    if title:
-        figure.text(GAP_IN / width, 1.0 - 0.06 / height, title, fontsize=9, va="top", ha="left")
-    for n, patch in enumerate(patches):
-        row, column = divmod(n, ACROSS)
-        left, upper = GAP_IN + column * (SIDE_IN + GAP_IN), top + row * row_in
-        place = (left / width, 1.0 - (upper + SIDE_IN) / height, SIDE_IN / width, SIDE_IN / height)
-        _draw(figure.add_axes(place), patch)
-    return figure
+    top, row_px = TITLE_PX if title else GAP_PX, SIDE_PX + WORDS_PX
+    sheet = np.full((top + rows * row_px, ACROSS * (SIDE_PX + GAP_PX) + GAP_PX, 3), 255, dtype=np.uint8)
+    corners = [(GAP_PX + n % ACROSS * (SIDE_PX + GAP_PX), top + n // ACROSS * row_px) for n in range(len(patches))]
+    for (left, upper), patch in zip(corners, patches, strict=True):
+        sheet[upper : upper + SIDE_PX, left : left + SIDE_PX] = _drawn(patch)
+    picture = Image.fromarray(sheet)
+    pen = ImageDraw.Draw(picture)
+    pen.text((GAP_PX, 14), title, _TEXT, _font(TITLE_PT))
+    for (left, upper), patch in zip(corners, patches, strict=True):
+        words = f"{_short(patch.photograph)}\n{patch.words}"
+        place = (left + SIDE_PX / 2, upper + SIDE_PX + 6)
+        pen.multiline_text(place, words, _TEXT, _font(WORDS_PT), anchor="ma", align="center", spacing=3)
+    return np.asarray(picture)
 
 
-def _draw(axes: Axes, patch: MarkPatch) -> None:
+def save_sheet(sheet: ByteArray, path: Path) -> None:
+    """Write a sheet as PNG, whole or not at all. Raises WorkspaceError if it cannot be written."""
+    make_folder(path.parent)
+    with replacing(path) as temporary:
+        Image.fromarray(sheet).save(temporary, "PNG")
+
+
+@cache
+def _font(size_pt: float) -> ImageFont.FreeTypeFont:
+    """Return the font of the other figures in a size."""
+    return ImageFont.truetype(findfont("DejaVu Sans"), size_pt * DPI / 72.0)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What of a photograph a square shows: its left and upper edge, and the square's pixels to one of its own."""
+
+    left_px: float
+    upper_px: float
+    scale: float
+
+    def places(self, *places: tuple[float, float]) -> FloatArray:
+        """Return where places of the photograph (n, 2) are, in pixels of the square."""
+        return (np.array(places) - (self.left_px, self.upper_px)) * self.scale - 0.5
+
+
+def _drawn(patch: MarkPatch) -> ByteArray:
+    """Return a patch with its signs, framed, RGB (SIDE_PX, SIDE_PX, 3)."""
     photograph, (u, v) = patch.patch, patch.mark_px
     rows, columns = (photograph.reduction * side for side in photograph.pixels.shape[:2])
     left, upper = photograph.left_px - 0.5, photograph.upper_px - 0.5
-    whole = (left, left + columns, upper + rows, upper)
-    axes.imshow(photograph.pixels, extent=whole, interpolation="nearest")
     half = photograph.half_px
-    limits = whole if half is None else (u - half, u + half, v + half, v - half)
-    unit = (limits[1] - limits[0]) / 30.0
-    for thick, shade in ((_THICK, "black"), (_THIN, _COLOURS[patch.sign])):
-        _sign(axes, patch, unit, thick, shade)
+    if half is None:
+        half, u, v = max(rows, columns) / 2.0, left + columns / 2.0, upper + rows / 2.0
+    window = _Window(u - half, v - half, SIDE_PX / (2.0 * half))
+    at = (np.arange(SIDE_PX) + 0.5) / window.scale
+    of_rows = np.floor((at + (window.upper_px - upper)) / photograph.reduction).astype(np.intp)
+    of_columns = np.floor((at + (window.left_px - left)) / photograph.reduction).astype(np.intp)
+    shown_rows = (of_rows >= 0) & (of_rows < photograph.pixels.shape[0])
+    shown_columns = (of_columns >= 0) & (of_columns < photograph.pixels.shape[1])
+    square = np.full((SIDE_PX, SIDE_PX, 3), ImageColor.getrgb(_BESIDE), dtype=np.uint8)
+    square[np.ix_(shown_rows, shown_columns)] = photograph.pixels[
+        np.ix_(of_rows[shown_rows], of_columns[shown_columns])
+    ]
+    unit = 2.0 * half / 30.0
+    _draw(square, _sign(patch, unit), window, _COLOURS[patch.sign])
     if patch.adjusted_px is not None:
-        for thick, shade in ((_THICK, "black"), (_THIN, SKY)):
-            _adjusted(axes, patch.adjusted_px, (u, v), unit, thick, shade)
-    axes.set_xlim(limits[:2])
-    axes.set_ylim(limits[2:])
-    axes.set_facecolor("#dfe5e9")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_color(VERMILION if patch.sign == "rejected" else BLUE)
-        spine.set_linewidth(1.4 if patch.sign == "rejected" else 0.6)
-    axes.set_xlabel(f"{_short(patch.photograph)}\n{patch.words}", fontsize=POINTS, labelpad=2, linespacing=1.25)
+        _draw(square, [_adjusted(patch.adjusted_px, patch.mark_px, unit)], window, SKY)
+    frame, width = (VERMILION, 3) if patch.sign == "rejected" else (BLUE, 1)
+    for edge in (square[:width], square[-width:], square[:, :width], square[:, -width:]):
+        edge[:] = ImageColor.getrgb(frame)
+    return square
 
 
-def _sign(axes: Axes, patch: MarkPatch, unit: float, thick: float, shade: str) -> None:
+def _draw(square: ByteArray, lines: Sequence[Sequence[tuple[float, float]]], window: _Window, colour: str) -> None:
+    """Draw lines through places of the photograph, smooth, on black."""
+    places = [np.rint(window.places(*line) * 2**_SUBPIXELS).astype(np.int32) for line in lines]
+    for width, shade in ((_THICK_PX, "black"), (_THIN_PX, colour)):
+        cv2.polylines(square, places, False, ImageColor.getrgb(shade), width, cv2.LINE_AA, _SUBPIXELS)
+
+
+def _sign(patch: MarkPatch, unit: float) -> list[list[tuple[float, float]]]:
+    """Return the lines of a mark's sign."""
     u, v = patch.mark_px
     if patch.sign == "proposed":
-        axes.add_patch(Circle((u, v), 5 * unit, fill=False, linewidth=thick, edgecolor=shade))
-        axes.plot([u], [v], ".", color=shade, markersize=thick + 1.5)
-        return
-    for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        axes.plot([u + 2 * du * unit, u + 6 * du * unit], [v + 2 * dv * unit, v + 6 * dv * unit], "-",
-                  color=shade, linewidth=thick)  # fmt: skip
+        return [_ring((u, v), 5 * unit), [(u, v), (u, v)]]
+    lines = [
+        [(u + 2 * du * unit, v + 2 * dv * unit), (u + 6 * du * unit, v + 6 * dv * unit)]
+        for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
     if patch.sign == "rejected":
-        ring = 8 * unit
-        axes.plot([u, u + ring, u, u - ring, u], [v - ring, v, v + ring, v, v - ring], color=shade, linewidth=thick)
+        far = 8 * unit
+        lines.append([(u, v - far), (u + far, v), (u, v + far), (u - far, v), (u, v - far)])
+    return lines
 
 
-def _adjusted(
-    axes: Axes, place: tuple[float, float], mark: tuple[float, float], unit: float, thick: float, shade: str
-) -> None:
-    """Draw a ring where the adjustment puts the point, or a line towards it where that is beyond what is shown."""
+def _adjusted(place: tuple[float, float], mark: tuple[float, float], unit: float) -> list[tuple[float, float]]:
+    """Return a ring where the adjustment puts the point, or a line towards it where that is beyond what is shown."""
     du, dv = place[0] - mark[0], place[1] - mark[1]
     far = max(abs(du), abs(dv)) / unit
     if far <= 14:
-        axes.add_patch(Circle(place, 1.5 * unit, fill=False, linewidth=thick, edgecolor=shade))
-        return
-    inner, outer = 9.5 / far, 14 / far
-    axes.plot([mark[0] + inner * du, mark[0] + outer * du], [mark[1] + inner * dv, mark[1] + outer * dv], "-",
-              color=shade, linewidth=thick)  # fmt: skip
+        return _ring(place, 1.5 * unit)
+    return [(mark[0] + by / far * du, mark[1] + by / far * dv) for by in (9.5, 14.0)]
+
+
+def _ring(centre: tuple[float, float], radius: float) -> list[tuple[float, float]]:
+    """Return a circle as a closed line."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 49)
+    return [(centre[0] + radius * x, centre[1] + radius * y) for x, y in zip(np.cos(turns), np.sin(turns), strict=True)]
 
 
 def _short(name: str) -> str:
     """Return a name that fits under a patch: its end tells photographs apart."""
-    return name if len(name) <= 22 else f"…{name[-21:]}"
+    return name if len(name) <= 20 else f"…{name[-19:]}"
 
 
 # ---- on the page ---------------------------------------------------------------------------------------------------
@@ -189,11 +230,10 @@ def _words(mark: MarkRecord) -> str:
     return f"{mark.get('kind', UNKNOWN)}{sigma}\n{tested}{fit}{'' if w is None else f', w {signed(w, 1)}'}"
 
 
-def _uri(figure: Figure) -> str:
-    """Return a figure as a data URI, as large as it is on the page with some to spare."""
+def _uri(sheet: ByteArray) -> str:
+    """Return a sheet as a data URI."""
     stream = io.BytesIO()
-    figure.dpi = DPI
-    write_figure(figure, stream, "jpeg", pil_kwargs={"quality": QUALITY, "optimize": True})
+    Image.fromarray(sheet).save(stream, "JPEG", quality=QUALITY, optimize=True, dpi=(DPI, DPI))
     return data_uri("jpeg", stream.getvalue())
 
 

@@ -58,6 +58,8 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return figure
 
 
+_FAST_PNG: Mapping[str, object] = {"compress_level": 2}  # half the time of level 6, files 5 % larger
+
 _PRINTED = {
     "png": (FigureCanvasAgg, "print_png"),
     "jpeg": (FigureCanvasAgg, "print_jpg"),
@@ -80,7 +82,7 @@ def save_picture(figure: Figure, path: Path) -> None:
     """
     make_folder(path.parent)
     with replacing(path) as temporary:
-        write_figure(figure, temporary, "png", metadata={"Software": None})
+        write_figure(figure, temporary, "png", metadata={"Software": None}, pil_kwargs=_FAST_PNG)
     figure.set_layout_engine("none")  # which else measures every text once more
 
 
