@@ -348,7 +348,7 @@ def field_at(camera: Camera, pixel: FloatArray) -> FloatArray:
 def _project_all(cameras: OrientedCameras, X: FloatArray) -> FloatArray:
     pixel = np.empty((len(X), 2))
     for i in range(len(X)):
-        pixel[i, 0], pixel[i, 1], _ = project_point(cameras, 0, X[i])
+        pixel[i, 0], pixel[i, 1], _ = project_point(cameras, np.int64(0), X[i])
     return pixel
 
 

@@ -535,7 +535,7 @@ def project_at_row(cameras: OrientedCameras, p: Index, X: FloatArray, v: float) 
     return x, y, pz
 
 
-@njit(inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def project_point(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
     """Project X (3,) of the world into photograph ``p``; returns u, v and the depth in m.
 
@@ -574,9 +574,10 @@ def seen_at(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, f
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-def seen_called(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
-    """Return ``seen_at``, compiled once for all that ask seldom: inlined, each place takes seconds to compile."""
-    return seen_at(cameras, p, X)
+def seen_called(cameras: OrientedCameras, p: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return ``seen_at`` of X = (x, y, z), compiled once for all that ask seldom: inlined, each place takes seconds to
+    compile, and so does each type of number and layout of an array."""
+    return seen_at(cameras, p, (x, y, z))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -76,7 +76,7 @@ def observed_marks(points: ControlPoints, keep: BoolArray | IntArray) -> Observa
     photograph = points.mark_photograph[keep]
     point = points.mark_point[keep]
     pixel = points.mark_pixel[keep]
-    return Observations(photograph, point, pixel, L[:, 0, 0], mixing)
+    return Observations(photograph, point, pixel, np.ascontiguousarray(L[:, 0, 0]), mixing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def _residuals(
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
         else:
-            residual[i] = np.inf
+            residual[i, 0] = residual[i, 1] = np.inf
     return residual
 
 
@@ -121,13 +121,17 @@ def _linearise(
         if depth > 0.0:
             residual[i, 0], residual[i, 1] = (u - bare[i, 0]) / sigma[i], (v - bare[i, 1]) / sigma[i]
         else:
-            residual[i] = 0.0
+            residual[i, 0] = residual[i, 1] = 0.0
         if coefficients and depth > 0.0:
             c = cameras.camera[photograph[i]]
             fill_field_slopes(cameras, c, pixel[i, 0], pixel[i, 1], 1.0, coefficients, J_camera[i], 0, PARAMETERS)
-        J_pose[i] /= sigma[i]
-        J_camera[i] /= sigma[i]
-        J_point[i] /= sigma[i]
+        for row in range(2):  # written out: numba compiles operations on slices for seconds
+            for k in range(6):
+                J_pose[i, row, k] /= sigma[i]
+            for k in range(J_camera.shape[2]):
+                J_camera[i, row, k] /= sigma[i]
+            for k in range(3):
+                J_point[i, row, k] /= sigma[i]
     return residual, J_pose, J_camera, J_point
 
 

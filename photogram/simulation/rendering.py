@@ -63,9 +63,9 @@ def _field(scene: Scene) -> _Field:
     octaves = 1 + max(0, round(float(np.log2(_COARSEST_WAVELENGTH_M / scene.finest_wavelength_m))))
     floor, ceiling = float(scene.height_m.min()) - 1.0, float(scene.height_m.max()) + 1.0
     return _Field(
-        scene.height_m, scene.material, scene.light, scene.block_max, scene.block_target, scene.targets, scene.sun,
-        scene.west_m, scene.south_m, scene.cell_m, floor, ceiling, scene.target_radius_m, scene.finest_wavelength_m,
-        octaves, scene.contrast, scene.seed,
+        scene.height_m, scene.material, scene.light, scene.block_max, scene.block_target.copy(), scene.targets.copy(),
+        scene.sun, scene.west_m, scene.south_m, scene.cell_m, floor, ceiling, scene.target_radius_m,
+        scene.finest_wavelength_m, octaves, scene.contrast, scene.seed,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ class Views:
 @njit(cache=True, nogil=True)
 def _see_all(cameras: OrientedCameras, view: int, X: FloatArray, out: FloatArray) -> None:
     for n in range(len(X)):
-        out[n, 0], out[n, 1], _ = seen_called(cameras, view, X[n])
+        out[n, 0], out[n, 1], _ = seen_called(cameras, view, X[n, 0], X[n, 1], X[n, 2])
 
 
 def places_in_view(views: Views, view: int, places_world_m: FloatArray) -> FloatArray:

@@ -136,7 +136,7 @@ def fill_places(crops: Crops, ground: GroundCells, nodes: LatticeNodes, view: in
                 east = nodes.column + (j - 1) * nodes.column_reach - c
                 for k in range(3):
                     X[k] = foot[k] + h * up[k] + south * ground.south[k] + east * ground.east[k]
-                x, y, _ = seen_called(crops.cameras, view, X)
+                x, y, _ = seen_called(crops.cameras, view, X[0], X[1], X[2])
                 f[0, a, i, j], f[1, a, i, j] = x * crops.scale - crops.left[view], y * crops.scale - crops.top[view]
     for e in range(2):
         for a in range(3):
@@ -296,7 +296,7 @@ def grey_of_cells(crops: Crops, ground: GroundCells, surface: Float32Array, out:
                 continue
             for k in range(3):
                 X[k] = ground.foot[r, c, k] + surface[r, c] * ground.up[r, c, k]
-            x, y, _ = seen_called(crops.cameras, v, X)
+            x, y, _ = seen_called(crops.cameras, v, X[0], X[1], X[2])
             x, y = x * crops.scale - crops.left[v], y * crops.scale - crops.top[v]
             if 0.0 <= x < crops.width[v] - 1 and 0.0 <= y < crops.height[v] - 1:
                 i, j = int(y), int(x)

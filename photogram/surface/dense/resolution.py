@@ -30,9 +30,9 @@ def _pixel_m(cameras: OrientedCameras, view: int, X: FloatArray, x: float, y: fl
     step = _STEP * (cameras.position[view, 2] - X[2])
     beside[:] = X
     beside[0] += step
-    east_x, east_y, _ = seen_called(cameras, view, beside)
+    east_x, east_y, _ = seen_called(cameras, view, beside[0], beside[1], beside[2])
     beside[0], beside[1] = X[0], X[1] + step
-    north_x, north_y, _ = seen_called(cameras, view, beside)
+    north_x, north_y, _ = seen_called(cameras, view, beside[0], beside[1], beside[2])
     pixels = abs((east_x - x) * (north_y - y) - (east_y - y) * (north_x - x))
     return step / np.sqrt(pixels) if pixels > 0.0 else np.inf
 
@@ -50,7 +50,7 @@ def _fill_nearest(
             lean = np.hypot(dx, dy) / dz if dz > 0.0 else np.inf
             if not lean < tangent[n, most - 1]:
                 continue
-            x, y, _ = seen_called(cameras, v, X)
+            x, y, _ = seen_called(cameras, v, X[0], X[1], X[2])
             if not _is_inside(cameras, v, x, y):
                 continue
             if lean > STEEP_TANGENT and coarsest_m < np.inf and _pixel_m(cameras, v, X, x, y, beside) > coarsest_m:
@@ -71,7 +71,7 @@ def _fill_resolved(cameras: OrientedCameras, place: FloatArray, finest: FloatArr
         for v in range(len(cameras.camera)):
             if not cameras.position[v, 2] > X[2]:
                 continue
-            x, y, _ = seen_called(cameras, v, X)
+            x, y, _ = seen_called(cameras, v, X[0], X[1], X[2])
             if not _is_inside(cameras, v, x, y):
                 continue
             pixel_m, k = _pixel_m(cameras, v, X, x, y, beside), finest.shape[1] - 1

@@ -94,7 +94,7 @@ def _shares(row: int, column: int, block: int, label: Int32Array, around: Int32A
 
 @njit(cache=True, nogil=True, inline="always")
 def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
-    u, v, _ = seen_called(cameras, n, X)
+    u, v, _ = seen_called(cameras, np.int64(n), X[0], X[1], X[2])
     m = cameras.camera[n]
     return bool(u >= -0.5 and v >= -0.5 and u <= cameras.size_px[m, 0] - 0.5 and v <= cameras.size_px[m, 1] - 0.5)
 

@@ -89,7 +89,7 @@ def _mean_colours(
     focal, C = cameras.parameters[cameras.camera[view], FOCAL], cameras.position
     for n in range(len(X)):
         out[n, 0] = np.nan
-        u, v, depth = seen_called(cameras, view, X[n])
+        u, v, depth = seen_called(cameras, view, X[n, 0], X[n, 1], X[n, 2])
         if not np.isfinite(u):
             continue
         half = min(max(int(0.5 * side_m * focal / depth), 1), LARGEST_HALF_PX)

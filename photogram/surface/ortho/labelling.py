@@ -114,8 +114,8 @@ def chosen_labels(
     finite = np.minimum(cost, NEVER)
     message = np.zeros((4, rows, columns, k), np.float32)
     for _ in range(sweeps):
-        _sweep(candidate, finite, edge, message, 1)
-        _sweep(candidate, finite, edge, message, -1)
+        for step in (1, -1):  # a literal would be compiled each
+            _sweep(candidate, finite, edge, message, step)
     label, place = np.full((rows, columns), -1, np.int32), np.full((rows, columns), -1, np.int32)
     for i in range(rows):
         for j in range(columns):

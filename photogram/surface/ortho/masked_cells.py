@@ -63,7 +63,7 @@ def _masked_cells(
             if np.isnan(h):
                 continue
             place_between(nodes, first, first[0] + i, first[1] + j, h - base, X)
-            u, v, depth = seen_called(cameras, view, X)
+            u, v, depth = seen_called(cameras, view, X[0], X[1], X[2])
             if not (u >= -0.5 and v >= -0.5 and u <= clear.shape[1] - 0.5 and v <= clear.shape[0] - 0.5):
                 continue
             column = min(max(int(np.rint(u)), 0), clear.shape[1] - 1)

@@ -137,14 +137,14 @@ def _add_cell(
     colour: FloatArray,
 ) -> None:
     """Add the mean over n × n places of a cell centred at X (3,); its image is taken as a parallelogram."""
-    u, v, _ = seen_called(cameras, number, X)
+    u, v, _ = seen_called(cameras, number, X[0], X[1], X[2])
     east, south = sides
     for k in range(3):
         X[k] += east[k]
-    du, dv, _ = seen_called(cameras, number, X)
+    du, dv, _ = seen_called(cameras, number, X[0], X[1], X[2])
     for k in range(3):
         X[k] += south[k] - east[k]
-    eu, ev, _ = seen_called(cameras, number, X)
+    eu, ev, _ = seen_called(cameras, number, X[0], X[1], X[2])
     for k in range(3):
         X[k] -= south[k]
     if not np.isfinite(du + dv + eu + ev):

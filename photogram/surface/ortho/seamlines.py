@@ -313,7 +313,7 @@ def _cost_at(
     """Return what a photograph costs at a place, ``X`` in the world, ``place`` in the map, but for its scale: infinite
     where it lies farther out of it than a block reaches; the size of its pixel there; and whether it shows it."""
     C, size = cameras.position, cameras.size_px
-    u, v, depth = seen_called(cameras, n, X)
+    u, v, depth = seen_called(cameras, np.int64(n), X[0], X[1], X[2])
     if not depth > 0.0:
         return np.inf, np.inf, False
     m = cameras.camera[n]
@@ -405,7 +405,7 @@ def _seen_beside(
     """Return what ``seen_at`` does of the place (3,) so many steps (3,) from another, which X is filled with."""
     for k in range(3):
         X[k] = centre[k] + steps * step[k]
-    return seen_called(cameras, view, X)
+    return seen_called(cameras, view, X[0], X[1], X[2])
 
 
 @njit(cache=True, nogil=True)
@@ -458,10 +458,11 @@ def _sample_blocks(
                     k = n
             if k < 0:
                 continue
-            u0, v0, depth = seen_called(cameras, view, middle[i, j])
-            eu, ev, _ = _seen_beside(cameras, view, middle[i, j], half, east, X)
-            su, sv, _ = _seen_beside(cameras, view, middle[i, j], half, south, X)
-            hu, hv, _ = _seen_beside(cameras, view, middle[i, j], step_m, up, X)
+            centre = middle[i, j]
+            u0, v0, depth = seen_called(cameras, view, centre[0], centre[1], centre[2])
+            eu, ev, _ = _seen_beside(cameras, view, centre, half, east, X)
+            su, sv, _ = _seen_beside(cameras, view, centre, half, south, X)
+            hu, hv, _ = _seen_beside(cameras, view, centre, step_m, up, X)
             whole = True
             for a in range(SAMPLES * SAMPLES):
                 down, right = (a // SAMPLES + 0.5) / SAMPLES - 0.5, (a % SAMPLES + 0.5) / SAMPLES - 0.5
@@ -480,7 +481,7 @@ def _sample_blocks(
                 else:
                     for b in range(3):
                         X[b] = middle[i, j, b] + block * (right * east[b] + down * south[b]) + rise * up[b]
-                    u, v, _ = seen_called(cameras, view, X)
+                    u, v, _ = seen_called(cameras, view, X[0], X[1], X[2])
                 if not (u >= -0.5 and v >= -0.5 and u <= width and v <= rows_px):
                     whole = False
                     continue
