@@ -23,7 +23,7 @@ from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import LocalFrame
 from photogram.projection import OrientedCameras
 from photogram.verbs import call
-from photogram.wording import html_table, text_table, things
+from photogram.wording import html_table, percent, text_table, things
 
 Role = Literal["control", "check"]
 Roles = tuple[Role, Role]
@@ -531,7 +531,7 @@ class Raster:
     def __repr__(self) -> str:
         rows, columns = self.values.shape
         known = np.isfinite(self.values).mean() if self.values.size else 0.0
-        return f"<Raster: {rows} × {columns} cells of {self.cell_m:g} m, {known:.0%} with data>"
+        return f"<Raster: {rows} × {columns} cells of {self.cell_m:g} m, {percent(known)} with data>"
 
     def summary(self) -> str:
         """Return size, place and values as a table of text."""
@@ -541,7 +541,7 @@ class Raster:
             ("cells", f"{rows} × {columns} of {self.cell_m:g} m"),
             ("easting", f"{self.west_map_m:.3f} to {self.west_map_m + columns * self.cell_m:.3f} m"),
             ("northing", f"{self.north_map_m - rows * self.cell_m:.3f} to {self.north_map_m:.3f} m"),
-            ("with data", f"{known.size / max(self.values.size, 1):.1%}"),
+            ("with data", percent(known.size / max(self.values.size, 1), 1)),
         ]
         if known.size:
             facts.append(

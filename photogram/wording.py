@@ -1,11 +1,17 @@
-"""Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun, and
-how far work is."""
+"""Words of messages: texts of others made fit for a terminal or a table, lists of names, counts with their noun, shares
+in per cent, and how far work is."""
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from html import escape
 
 MOST_SHOWN = 60
+
+NO_FIGURE = "–"
+THIN_SPACE = "\u202f"
+MORE_DECIMALS = 2
+"""Of a share that rounding would make whole or nothing, at most."""
 
 Progress = Callable[[int, int, str], None]
 """Takes how far work is: pieces done, of how many, 0 while that is not known, and what is worked on."""
@@ -71,6 +77,19 @@ def some(names: Sequence[str], most: int = 5) -> str:
 def things(count: int, one: str, several: str = "") -> str:
     """Return a count with its noun, ``several`` where adding an s will not do."""
     return f"{count} {one if count == 1 else several or one + 's'}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share in per cent with so many decimals, and with more where a part would be written as all or as
+    nothing: below 1 it is never 100 %, above 0 never 0 %. An en dash where it is not finite."""
+    if not math.isfinite(share):
+        return NO_FIGURE
+    for decimals in range(digits, digits + MORE_DECIMALS + 1):
+        text = f"{100 * share:.{decimals}f}"
+        if float(text) not in (0.0, 100.0) or share in (0.0, 1.0):
+            return f"{text.replace('-', '−')}{THIN_SPACE}%"
+    end, least = 10.0**-decimals, share < 0.5
+    return f"{'<' if least else '>'}{THIN_SPACE}{end if least else 100.0 - end:.{decimals}f}{THIN_SPACE}%"
 
 
 def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

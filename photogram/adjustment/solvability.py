@@ -31,6 +31,7 @@ from photogram.factors.variables import (
 )
 from photogram.measures.rough_place import RoughPlace, rough_place
 from photogram.survey import Block
+from photogram.wording import percent
 
 WEAK_RAD = 0.05  # an attitude, or the turn of a block, known no better than this is weak
 WEAK_SHIFT = 0.1  # of the distance to the ground, the same of a position
@@ -233,8 +234,8 @@ def _weak_datum(covariance: FloatArray, axes: FloatArray, distance_m: float) -> 
     scale = float(np.sqrt(max(covariance[6, 6], 0.0)))
     if scale > WEAK_SCALE:
         sentences.append(
-            f"The scale of the block is known to {scale:.1%} only (1 sigma): control points or GNSS positions farther "
-            "apart, or better ones, would fix it"
+            f"The scale of the block is known to {percent(scale, 1)} only (1 sigma): control points or GNSS positions "
+            "farther apart, or better ones, would fix it"
         )
     value = np.linalg.eigvalsh(covariance[:3, :3])
     shift = float(np.sqrt(max(value[-1], 0.0)))
@@ -257,7 +258,7 @@ def _rough_datum(rough: RoughPlace, covariance: FloatArray) -> str:
     lost = []
     for name, value, is_open in (
         ("heading", f"{np.rad2deg(heading):.0f}°", rough.open_heading),
-        ("scale", f"{scale:.1%}", scale > OPEN_SCALE),
+        ("scale", percent(scale, 1), scale > OPEN_SCALE),
     ):
         if is_open:
             lost.append(f"its {name}")
@@ -321,8 +322,8 @@ def _weak_cameras(problem: Problem, covariances: Covariances) -> list[str]:
         ):
             if sigma[k] > WEAK_CAMERA * size:
                 sentences.append(
-                    f"The {name} of {camera.name} is known to {sigma[k]:.3g} px only, {sigma[k] / size:.0%}{of} (1 "
-                    "sigma): a prior sigma, control points at different distances, or photographs rotated "
+                    f"The {name} of {camera.name} is known to {sigma[k]:.3g} px only, {percent(sigma[k] / size)}{of} "
+                    "(1 sigma): a prior sigma, control points at different distances, or photographs rotated "
                     "about the viewing direction would fix it"
                 )
     return sentences

@@ -22,7 +22,7 @@ from photogram.lens.field_basis import FieldBasis, field_basis
 from photogram.lens.fields import DEGREE, free_field, prior_sigmas, rms_px, rms_sigma_px
 from photogram.quality.residual_patterns import ResidualPattern, residual_pattern, squares_of
 from photogram.results import Adjustment, Decision, LensFieldDecision
-from photogram.wording import Progress, silent
+from photogram.wording import Progress, percent, silent
 
 EXPECTED = 2.0
 """RMS that a field is expected to have over that of the pattern which it has left in the residuals without: poses and
@@ -109,7 +109,7 @@ def _assessed(result: Adjustment, c: int, given: Camera, *, always: bool) -> tup
     if decision.photographs < FEWEST_PHOTOGRAPHS:
         return refused(f"{decision.photographs} photographs are too few to hold it, {FEWEST_PHOTOGRAPHS} are needed")
     if decision.covered < COVERED:
-        return refused(f"tie points cover {decision.covered:.0%} of the picture, {COVERED:.0%} are needed")
+        return refused(f"tie points cover {percent(decision.covered)} of the picture, {percent(COVERED)} are needed")
     expected = EXPECTED * max(pattern.pattern_px, pattern.chance_px)
     try:
         basis = field_basis(replace(camera, field=None), DEGREE)

@@ -19,6 +19,7 @@ from photogram.arrays import FloatArray, nmad
 from photogram.change.stable_ground import FEWEST_CELLS, Motion, Registration
 from photogram.errors import SurfaceError
 from photogram.survey import PointCloud
+from photogram.wording import percent
 
 SURFACE_POINTS, ROUNDS = 20, 30
 """Means through which a surface is laid, and rounds at most."""
@@ -176,7 +177,7 @@ def register_clouds(
     if motion == "rigid" and share > MOST_NOISE:
         raise SurfaceError(
             f"co-registration: the stable ground is too flat to determine a rigid transformation "
-            f"({min(share, 1.0):.0%} of its slope variation is noise): choose tilt, or add stable ground "
+            f"({percent(min(share, 1.0))} of its slope variation is noise): choose tilt, or add stable ground "
             "that slopes in different directions"
         )
     # what the later cloud is off by is the opposite of what brings it back

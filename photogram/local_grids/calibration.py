@@ -22,7 +22,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.errors import ControlPointError
 from photogram.local_grids.pairs import SitePairs
 from photogram.local_grids.tested_fit import TestedFit, fit
-from photogram.wording import things
+from photogram.wording import percent, things
 
 HeightModel = Literal["plane", "offset", "none"]
 HEIGHT_PARAMETERS = {"plane": 3, "offset": 1, "none": 0}
@@ -257,8 +257,8 @@ def _check(pairs: SitePairs, map_m: FloatArray, settings: CalibrationSettings) -
             )
         if width < 10 * LEAST_WIDTH:
             warnings.append(
-                f"the pairs in height lie almost in a line (width {width:.0%} of the length): heights beside it are "
-                "weak"
+                f"the pairs in height lie almost in a line (width {percent(width)} of the length): heights beside it "
+                "are weak"
             )
     if len(high) == needed:
         warnings.append(

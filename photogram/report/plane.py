@@ -10,6 +10,7 @@ from photogram.report.record.ground import AxisRole, GroundPointRecord
 from photogram.report.record.surfaces import AxesRecord, PlaneFileRecord, PlaneFrameRecord, PlaneRecord
 from photogram.report.values import record_of
 from photogram.surface.reference_plane import PlaneFit, ReferencePlane
+from photogram.wording import percent
 
 PLANE_NOTE = (
     "Coordinates on a plane, m: x to the right, y up the plane, heights in front of it; plane.json turns them into the "
@@ -75,7 +76,7 @@ def _axes(axes: FloatArray) -> AxesRecord:
 
 def _sentence(fit: PlaneFit, facing_deg: float | None, left_out: Sequence[str]) -> str:
     fitted = (
-        f"a plane fitted to {fit.points} tie points, {100 * fit.on_plane:.0f} % of which lie within "
+        f"a plane fitted to {fit.points} tie points, {percent(fit.on_plane)} of which lie within "
         f"{fit.band_m:.2g} m of it (NMAD {fit.nmad_m:.2g} m)"
     )
     if fit.plane is None:

@@ -12,6 +12,7 @@ from photogram.errors import OrientationError
 from photogram.sfm.incremental import extend
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.survey import Block
+from photogram.wording import percent
 
 AGREEING_SHARE = 0.5  # of the image points of known poses, below which they are none of the photographs
 FEWEST_POINTS = 4  # agreeing in a photograph: three leave up to four poses open
@@ -40,9 +41,9 @@ def known_structure(block: Block, settings: StructureSettings, known: KnownPoses
     agreeing = float(structure.good[seen].mean()) if seen.any() else 0.0
     if agreeing < AGREEING_SHARE:
         raise OrientationError(
-            f"the poses that the project starts from do not fit the tie points: {agreeing:.0%} of the image points lie "
-            f"within {settings.threshold_px:g} px of what they say: set start: {{poses: own}}, and check that the "
-            "solution is one of these photographs"
+            f"the poses that the project starts from do not fit the tie points: {percent(agreeing)} of the image "
+            f"points lie within {settings.threshold_px:g} px of what they say: set start: {{poses: own}}, and check "
+            "that the solution is one of these photographs"
         )
     good = structure.agreeing
     visible = np.bincount(tie.photograph[seen], minlength=len(block.photographs))

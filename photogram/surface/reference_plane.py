@@ -16,6 +16,7 @@ from photogram.arrays import NMAD_FACTOR, FloatArray
 from photogram.camera import Pose
 from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block
+from photogram.wording import percent
 
 LEVEL_DEG = 10.0
 """A plane that leans less from level is the world's: a map shows it with all but 1.5 % of its lengths."""
@@ -113,7 +114,7 @@ def fit_plane(points_world_m: FloatArray, poses: tuple[Pose | None, ...]) -> Pla
         normal, place, band_m, share = best
         if share < LEAST_SHARE:
             return (
-                f"the tie points form no plane that the photographs face: at most {100 * share:.0f} % of them lie "
+                f"the tie points form no plane that the photographs face: at most {percent(share)} of them lie "
                 f"within {band_m:.2g} m of one"
             )
         normal, place, spread_m = _refined(points, normal, place, towards, band_m)

@@ -13,6 +13,7 @@ from photogram.report.titles import ASSUMED_SIGMAS, CLOUD_TITLES
 from photogram.results import SIGMA_TITLES
 from photogram.terminal.console import console
 from photogram.terminal.surface_table import surface_table
+from photogram.wording import percent
 
 MAXIMUM_SENTENCES = 4
 MAXIMUM_SUSPECTS = 5
@@ -61,7 +62,7 @@ def _block(report: Report) -> Table:
         table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
     overlap = block["overlap"]
     if overlap is not None:
-        seen = f"median {overlap['median']:.0f}, 3 or more on {overlap['share_3_or_more']:.0%} of the area"
+        seen = f"median {overlap['median']:.0f}, 3 or more on {percent(overlap['share_3_or_more'])} of the area"
         table.add_row("overlap, photographs", seen)
     if block["mean_track_length"] is not None:
         table.add_row("mean track length", f"{block['mean_track_length']:.2f} photographs per tie point")

@@ -4,6 +4,7 @@ from rich.table import Table
 
 from photogram.report.record.report import Report
 from photogram.report.record.surfaces import DenseRecord, OrthophotoCheckRecord
+from photogram.wording import percent
 
 
 def surface_table(report: Report) -> Table | None:
@@ -23,9 +24,11 @@ def surface_table(report: Report) -> Table | None:
         table.add_row("orthophoto", f"left out: {orthophoto['left_out']}")
     elif orthophoto is not None:
         size = f"{orthophoto['cell_m']:.3f} m, {orthophoto['columns']} × {orthophoto['rows']} cells"
-        table.add_row("orthophoto, cell", f"{size}, {orthophoto['covered']:.0%} covered")
+        table.add_row("orthophoto, cell", f"{size}, {percent(orthophoto['covered'])} covered")
         rim = orthophoto["rim"]
-        table.add_row("orthophoto, within its rim", f"{rim['area_m2']:.0f} m², {rim['transparent']:.2%} transparent")
+        table.add_row(
+            "orthophoto, within its rim", f"{rim['area_m2']:.0f} m², {percent(rim['transparent'], 2)} transparent"
+        )
         if "check_points" in orthophoto:
             _add_orthophoto_test(table, orthophoto["check_points"])
     return table
@@ -35,7 +38,7 @@ def _add_surface(table: Table, dense: DenseRecord) -> None:
     table.add_row("cell", f"{dense['cell_m']:.3f} m, {dense['columns']} × {dense['rows']} cells")
     cells, share = dense["cells"], dense["completeness"]
     filled = f", {cells['filled']} filled" if cells["filled"] else ""
-    complete = "–" if share is None else f"{share:.1%} of {cells['footprint']} cells{filled}"
+    complete = "–" if share is None else f"{percent(share, 1)} of {cells['footprint']} cells{filled}"
     table.add_row("completeness", complete)
     sigma = dense["sigma_m"]
     predicted = "–" if sigma is None else f"{sigma['median']:.3f} m, 95 % below {sigma['percentile_95']:.3f} m"

@@ -123,7 +123,7 @@ def test_a_picture_that_is_half_empty_does_not_hold_a_field() -> None:
     rays = np.bincount(tie.point[left], minlength=len(tie)) >= 2
     half = replace(block, tie_points=tie.select(rays, left & rays[tie.point]))
     decision = decided(half, adjust_with_snooping(half, PLAIN))
-    assert "of the picture, 70% are needed" in decision.why
+    assert "of the picture, 70\u202f% are needed" in decision.why
     assert decision.covered < 0.6
 
 

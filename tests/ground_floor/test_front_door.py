@@ -175,7 +175,7 @@ def test_the_main_types_show_themselves_in_a_line() -> None:
         pg.PointCloud(np.zeros((3, 3)), sigma_m=np.ones((3, 3))): "<PointCloud: 3 points, with sigma>",
         pg.Raster(
             np.array([[1.0, np.nan]], np.float32), 0.0, 0.0, 0.5
-        ): "<Raster: 1 × 2 cells of 0.5 m, 50% with data>",
+        ): "<Raster: 1 × 2 cells of 0.5 m, 50\u202f% with data>",
     }
     for value, line in shown.items():
         assert repr(value) == line

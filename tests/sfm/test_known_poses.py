@@ -75,5 +75,5 @@ def test_one_pose_that_is_wrong_is_found_anew() -> None:
 
 def test_nothing_known_of_the_tie_points_is_refused() -> None:
     block = replace(made().block, tie_points=made().block.tie_points.select(np.zeros(300, dtype=bool)))
-    with pytest.raises(OrientationError, match="0% of the image points"):
+    with pytest.raises(OrientationError, match="0\u202f% of the image points"):
         orient(block, OrientationSettings(), known=known(made().truth.poses))

@@ -91,7 +91,7 @@ def test_the_report_counts_masks_and_what_they_leave_out(both: dict[str, tuple[P
     assert masks["given_share"] == pytest.approx(share)
     assert all(m["given"] == pytest.approx(share) and m["automatic"] is None for m in masks["photographs"].values())
     page = (folder / "results" / "report.html").read_text(encoding="utf-8")
-    assert "4 of 4 photographs have masks, which leave out 11.7 % of them" in page
+    assert "4 of 4 photographs have masks, which leave out 11.7\u202f% of them" in page
     assert "masks" not in both["free"][1]
 
 

@@ -48,7 +48,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Console:
 def test_block_line(shown: Console) -> None:
     report_tables.show_report(report())
     text = shown.export_text()
-    for words in ("18 of 18", "2.31 cm", "median 7", "93% of the area", "4.13", "0.321, 0.456 m"):
+    for words in ("18 of 18", "2.31 cm", "median 7", "93\u202f% of the area", "4.13", "0.321, 0.456 m"):
         assert words in text, words
     assert "Not oriented" not in text
     assert "components without" not in text
@@ -189,7 +189,7 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
 def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
     report_tables.show_report(report() | {"dense": dense()})
     text = shown.export_text()
-    for words in ("0.120 m, 1200 × 900", "97.3% of 1000000 cells, 4000 filled", "0.031 m, 95 % below 0.087 m",
+    for words in ("0.120 m, 1200 × 900", "97.3\u202f% of 1000000 cells, 4000 filled", "0.031 m, 95 % below 0.087 m",
                   "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
         assert words in text, words
 
@@ -209,7 +209,7 @@ def test_an_orthophoto_is_told_with_and_without_a_dense_surface(shown: Console) 
             "rim": {"area_m2": 9321.4, "transparent": 0.0012}}  # fmt: skip
     report_tables.show_report(report() | {"orthophoto": made})
     text = shown.export_text()
-    assert "0.060 m, 2000 × 1500 cells, 87% covered" in text
+    assert "0.060 m, 2000 × 1500 cells, 87\u202f% covered" in text
     assert "Surface" not in text
     report_tables.show_report(report() | {"orthophoto": made, "dense": dense()})
     assert "Surface and orthophoto" in shown.export_text()

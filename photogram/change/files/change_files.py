@@ -22,6 +22,7 @@ from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics
 from photogram.report.figures.style import save_picture
+from photogram.wording import percent
 
 TILE_CELLS = 1024
 MOST_SHOWN = 1400
@@ -143,7 +144,7 @@ def write_change(
 def _words(volume: Volume) -> str:
     text = volume_label(volume.net_m3, volume.net_sigma_m3)
     share = volume.unmeasured_m2 / volume.area_m2
-    return f"{text}\n{share:.0%} not measured" if share >= 0.005 else text
+    return f"{text}\n{percent(share)} not measured" if share >= 0.005 else text
 
 
 def write_volumes(path: Path, change: SurfaceChange) -> None:

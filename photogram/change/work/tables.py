@@ -10,6 +10,7 @@ from photogram.change.stable_ground import Registration
 from photogram.change.volumes import Volume
 from photogram.files.maps.rasters import HIGHEST_M, LOWEST_M
 from photogram.terminal.console import console
+from photogram.wording import percent
 
 
 def _say(text: str) -> None:
@@ -45,7 +46,7 @@ def registration_words(registration: Registration, applied: bool) -> str:
 
 def show_surface_change(change: SurfaceChange) -> None:
     """Print the difference of two surfaces and the volumes."""
-    share = 100.0 / max(change.within_level + change.lowered + change.raised, 1)
+    told = max(change.within_level + change.lowered + change.raised, 1)
     d = change.difference
     rows = {
         "cells with a difference": f"{change.cells}",
@@ -54,9 +55,9 @@ def show_surface_change(change: SurfaceChange) -> None:
         "NMAD, m": f"{d.nmad_m:.4f}",
         "sigma, median, m": f"{change.sigma_median_m:.4f}",
         "of it common to neighbours, m": f"{change.common_sigma_median_m:.4f}",
-        "within the level of detection": f"{change.within_level * share:.1f} %",
-        "lower": f"{change.lowered * share:.1f} %",
-        "higher": f"{change.raised * share:.1f} %",
+        "within the level of detection": percent(change.within_level / told, 1),
+        "lower": percent(change.lowered / told, 1),
+        "higher": percent(change.raised / told, 1),
     }
     _figures(f"{change.later} minus {change.reference}", rows)
     if change.bases:
@@ -107,7 +108,7 @@ def _volume_row(v: Volume) -> tuple[str, ...]:
 
 def show_cloud_change(change: CloudChange) -> None:
     """Print the distances of two clouds."""
-    d, share = change.distance, 100.0 / max(change.with_level, 1)
+    d, told = change.distance, max(change.with_level, 1)
     rows = {
         "points": f"{change.points}",
         "with a distance": f"{change.compared}",
@@ -119,7 +120,7 @@ def show_cloud_change(change: CloudChange) -> None:
     if change.with_level:
         rows |= {
             "level of detection, median, m": f"{change.level_median_m:.4f}",
-            "within it": f"{change.within_level * share:.1f} %",
+            "within it": percent(change.within_level / told, 1),
         }
     _figures(f"{change.later} from {change.reference}, {change.method}", rows)
     _say(f"Level of detection: {change.level_of_detection}.")

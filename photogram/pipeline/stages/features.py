@@ -21,7 +21,7 @@ from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.tie_points.features import coarseness, find_features, search_bytes
 from photogram.sfm.tie_points.guided_matching import TransferSettings
 from photogram.survey import Features
-from photogram.wording import Progress, some, things
+from photogram.wording import Progress, percent, some, things
 
 NOT_NEEDED = "the tie points are those of the solution that the project starts from"
 """Why such a project has neither key points nor matches of its own."""
@@ -165,7 +165,7 @@ def stored_features(run: Run, index: int) -> Features:
 def _words(summary: FeaturesSummary) -> str:
     counts, masks = summary["key_points"], summary.get("masks", 0)
     text = f"{median(counts):.0f} key points per photograph (median)" if counts else "no key points"
-    return f"{text}, {things(masks, 'mask')} of {summary['masked_share']:.0%} on average" if masks else text
+    return f"{text}, {things(masks, 'mask')} of {percent(summary['masked_share'])} on average" if masks else text
 
 
 def _settings(run: Run) -> object:

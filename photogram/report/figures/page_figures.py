@@ -44,6 +44,7 @@ from photogram.report.numbers.overlap import Overlap
 from photogram.report.titles import CLOUD_TITLES
 from photogram.results import Adjustment
 from photogram.survey import PointCloud, Raster
+from photogram.wording import percent
 
 PLAN_IN, WIDTH_IN = 6.6, 5.4
 MAXIMUM_ELLIPSE_NAMES = 40
@@ -91,7 +92,7 @@ def page_figures(
 
 def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
     contents = plan_contents(result, overlap)
-    enough = "" if overlap is None else f" Three or more photographs see {overlap.share(3):.0%} of the ground."
+    enough = "" if overlap is None else f" Three or more photographs see {percent(overlap.share(3))} of the ground."
     caption = (
         "Photographs by flight, control and check points, and how many photographs see the ground: warm colours up to "
         "two, whose heights are unchecked, blue from three. Arrows are residuals in plan, adjusted minus measured or "
@@ -358,7 +359,7 @@ def _surface(surface: Raster, upright: bool) -> PageFigure:
     light = "upper left, on the plane as the photographs see it," if upright else "north-west"
     caption = (
         f"Digital surface model of {columns} × {rows} cells of {surface.cell_m:g} m, lit from the {light} "
-        f"({np.isfinite(surface.values).mean():.0%} of the cells hold a height)."
+        f"({percent(np.isfinite(surface.values).mean())} of the cells hold a height)."
     )
     figure = surface_figure(surface, widest_in=WIDTH_IN, upright=upright)
     return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", embedded(figure))

@@ -16,6 +16,7 @@ from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
 from photogram.report.figures.style import BLUE, GREEN, GREY, NORTH_UP, SKY, VERMILION, new_figure, plain_axes
 from photogram.report.numbers.dense_surface import DenseSurface
+from photogram.wording import percent
 
 PLAN_CELLS = 500
 BAND_SIGMAS = 2.0
@@ -250,4 +251,4 @@ def _by_rays(axes: Axes, counts: FloatArray, edges: FloatArray) -> None:
     if len(rays):
         axes.set(xlim=(rays[0] - 0.7, rays[-1] + 0.7), xticks=rays)
     for n, top in zip(rays.tolist(), high.tolist(), strict=True):
-        axes.annotate(f"{100 * share[n]:.0f} %", (n, top), (0, 4), textcoords="offset points", ha="center", fontsize=7)
+        axes.annotate(percent(share[n]), (n, top), (0, 4), textcoords="offset points", ha="center", fontsize=7)

@@ -33,6 +33,7 @@ from photogram.grid import MapGrid, decimated
 from photogram.measures.round_lengths import round_down, round_up
 from photogram.quality.cloud_comparison import Comparison
 from photogram.survey import Raster
+from photogram.wording import percent
 
 BLUE, ORANGE, VERMILION, GREEN, SKY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#56B4E9"
 GREY, PAGE_DPI = "#666666", 130
@@ -205,9 +206,9 @@ def candidate_and_verified_matches(
         axes.plot(*chosen.reshape(-1, 2).T, ".", color=colour, markersize=3, markeredgewidth=0)
     axes.set_axis_off()
     axes.set_title(title, fontsize=12)
-    percent = f" ({verified / total:.0%})" if total else ""
+    part = f" ({percent(verified / total)})" if total else ""
     legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, frameon=False, fontsize=9)
-    counts = f"{verified} verified{percent}, {total - verified} rejected"
+    counts = f"{verified} verified{part}, {total - verified} rejected"
     legend.set_title(f"{total} candidate matches: {counts}; {drawn} drawn")
     for line in legend.get_lines():
         line.set(linewidth=3, alpha=1)
@@ -325,7 +326,7 @@ def _difference_histogram(axes: Axes, comparison: Comparison, limit_m: float) ->
     outside = 1 - len(inside) / len(known)
     text = (
         f"{figures.compared} of {figures.points} points\nmean {figures.mean_m:+.3f} m\nstd {figures.std_m:.3f} m\n"
-        f"median {figures.median_m:+.3f} m\nNMAD {figures.nmad_m:.3f} m\noff the scale {outside:.1%}"
+        f"median {figures.median_m:+.3f} m\nNMAD {figures.nmad_m:.3f} m\noff the scale {percent(outside, 1)}"
     )
     axes.add_artist(AnchoredText(text.replace("-", "−"), "upper left", prop={"size": 8}, frameon=False, pad=0.2))
 

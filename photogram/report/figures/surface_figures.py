@@ -24,6 +24,7 @@ from photogram.report.figures.surface_maps import (
 )
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
 from photogram.report.record.surfaces import DenseRecord, SigmaRecord
+from photogram.wording import percent
 
 GROUND_RGB = (0xD4, 0xD4, 0xD4)
 JPEG_QUALITY = 88
@@ -117,12 +118,6 @@ def _length(length_m: float) -> str:
     return f"{length_m * 100:.3g} cm" if length_m < 1 else f"{length_m:.3g} m"
 
 
-def _percent(share: float) -> str:
-    """Return a share in per cent, of which neither a small nor a nearly whole one is rounded away."""
-    digits = 0 if share in (0.0, 1.0) or 0.1 <= share < 0.995 else 1
-    return f"{100 * share:.{digits}f}\u202f%"
-
-
 def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
     """Draw an orthophoto with the ground points at their surveyed places."""
     rows, columns = orthophoto.source_shape
@@ -141,9 +136,9 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells = numbers["cells"]
     of = "cells seen well enough" if dense.footprint is not None else "cells of the grid"
-    part = "" if numbers["completeness"] is None else f" {_percent(numbers['completeness'])} of the {of} are measured."
+    part = "" if numbers["completeness"] is None else f" {percent(numbers['completeness'])} of the {of} are measured."
     filled = (
-        f" {_percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
+        f" {percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
         if cells["filled"]
         else ""
     )
@@ -172,7 +167,7 @@ def _sigma(dense: DenseSurface, sigma: SigmaRecord, target_m: float | None, datu
     if target_m is not None:
         within = float(target_shares(dense, target_m)[:3].sum())
         classes = (
-            f" Classes of the target for heights, {target_m:g} m as of the day of drawing: {_percent(within)} of the "
+            f" Classes of the target for heights, {target_m:g} m as of the day of drawing: {percent(within)} of the "
             "measured cells lie within it (blue)."
         )
     caption = (
@@ -199,7 +194,7 @@ def _histogram(dense: DenseSurface, numbers: DenseRecord, target_m: float | None
 
 def _rays(dense: DenseSurface, numbers: DenseRecord) -> DrawnFigure:
     share = numbers["share_3_or_more"]
-    three = "" if share is None else f" {_percent(share)} of the heights come from three photographs or more."
+    three = "" if share is None else f" {percent(share)} of the heights come from three photographs or more."
     caption = (
         "Number of photographs per matched height, and confidence of the match, 0 to 1. Heights from two "
         f"photographs are unchecked.{three} Low confidence: little texture, steps, leaves, or photographs "
@@ -224,5 +219,5 @@ def _profiles(dense: DenseSurface, profiles: Sequence[Profile], datum_sigma_m: f
     figure = profile_figure(dense, profiles, PLAN_IN + 0.6)
     names = ", ".join(p.line.letter for p in profiles)
     known = float(np.mean([np.isfinite(p.height_m).mean() for p in profiles]))
-    alternative = f"Profiles {names} through the dense surface, {_percent(known)} of their length measured"
+    alternative = f"Profiles {names} through the dense surface, {percent(known)} of their length measured"
     return DrawnFigure("dense profiles", figure, caption, alternative)

@@ -20,7 +20,7 @@ from photogram.report.record.ground import VarianceComponentRecord
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.verdict import AsprsRecord, Severity, WarningRecord
-from photogram.wording import uncapitalised
+from photogram.wording import percent, uncapitalised
 
 SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
 
@@ -216,7 +216,7 @@ def _block(block: BlockRecord) -> list[WarningRecord]:
         warnings.append(_warning("photographs", "attention", sentence, "fly with more overlap between them"))
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
-        sentence = f"{1 - overlap['share_2_or_more']:.0%} of the ground is seen by fewer than two photographs"
+        sentence = f"{percent(1 - overlap['share_2_or_more'])} of the ground is seen by fewer than two photographs"
         warnings.append(
             _warning("photographs", "attention", sentence, "there is no surface there: fly with more overlap")
         )

@@ -12,6 +12,7 @@ from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.report import SurveyNumbers, oriented
 from photogram.report.record.surfaces import DenseRecord
 from photogram.report.record.verdict import AsprsRecord, Grade, LightRecord
+from photogram.wording import percent
 
 FEW_POINTS = 5
 PLAN_GSD, HEIGHT_GSD = (1.5, 3.0), (2.0, 4.0)
@@ -187,9 +188,9 @@ def _blunders(report: SurveyNumbers) -> LightRecord:
 
 def _control(report: SurveyNumbers) -> LightRecord:
     rule = (
-        f"good: every coordinate of a control point shows {REDUNDANCY[0]:.0%} or more of a blunder in its own residual "
-        f"(redundancy number); attention: less, only a large blunder is found; bad: {REDUNDANCY[1]:.0%} or less, "
-        "none is found"
+        f"good: every coordinate of a control point shows {percent(REDUNDANCY[0])} or more of a blunder in its own "
+        f"residual (redundancy number); attention: less, only a large blunder is found; bad: "
+        f"{percent(REDUNDANCY[1])} or less, none is found"
     )
     shares = [
         (number(r), f"{axis} of {point['name']}", number(mdb))
@@ -223,13 +224,13 @@ def _sigma0(report: SurveyNumbers) -> LightRecord:
 def _registration(report: SurveyNumbers) -> LightRecord:
     best, worst = REGISTERED
     rule = (
-        f"good: {best:.0%} of the photographs or more, in one block; attention: {worst:.0%}, or several blocks; "
-        "bad: fewer"
+        f"good: {percent(best)} of the photographs or more, in one block; attention: {percent(worst)}, or several "
+        "blocks; bad: fewer"
     )
     block = report["block"]
     share, parts = block["registered"] / block["photographs"], len(block["component_sizes"])
     grade: Grade = "bad" if share < worst else "good" if share >= best and parts <= 1 else "attention"
-    finding = f"{block['registered']} of {block['photographs']} ({share:.0%})"
+    finding = f"{block['registered']} of {block['photographs']} ({percent(share)})"
     return _light("Photographs oriented", grade, finding + (f", in {parts} separate blocks" if parts > 1 else ""), rule)
 
 
@@ -265,9 +266,9 @@ def focal_height_correlation(diagnosis: DiagnosisRecord) -> float:
 def _geometry(report: SurveyNumbers) -> LightRecord:
     best, worst = OVERLAP
     rule = (
-        f"good: three photographs or more see {best:.0%} of the ground, no doming, focal length and height "
+        f"good: three photographs or more see {percent(best)} of the ground, no doming, focal length and height "
         f"separable (correlation below {CORRELATION:g}) as given, no pattern in residuals; attention: "
-        f"{worst:.0%}, or one of "
+        f"{percent(worst)}, or one of "
         "these; bad: less"
     )
     overlap, diagnosis = report["block"]["overlap"], report["diagnosis"]
@@ -285,7 +286,9 @@ def _geometry(report: SurveyNumbers) -> LightRecord:
         if pattern["significant"]:
             errors.append(f"residuals in {name} share a pattern of {pattern['pattern_px']:.2g} px")
     grade: Grade = "bad" if share < worst else "good" if share >= best and not errors else "attention"
-    return _light("Geometry", grade, "; ".join([f"{share:.0%} of the ground seen by three or more", *errors]), rule)
+    return _light(
+        "Geometry", grade, "; ".join([f"{percent(share)} of the ground seen by three or more", *errors]), rule
+    )
 
 
 def _converged(report: SurveyNumbers) -> LightRecord:

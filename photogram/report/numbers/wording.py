@@ -9,9 +9,8 @@ from markupsafe import Markup, escape
 from photogram.report.numbers.traffic_lights import number
 from photogram.settings.settings import settings_of
 from photogram.surface.dense.tile_matching import DenseSettings
+from photogram.wording import NO_FIGURE, THIN_SPACE, percent
 
-NO_FIGURE = "–"
-THIN_SPACE = "\u202f"
 UNIT = "units"
 """What lengths of a network without scale are in, after their figures."""
 
@@ -49,10 +48,9 @@ def whole(value: object) -> str:
     return fixed(value, 0)
 
 
-def share(value: object) -> str:
-    """Write a part of one in per cent."""
-    figure = number(value)
-    return f"{100 * figure:.0f}{THIN_SPACE}%" if math.isfinite(figure) else NO_FIGURE
+def share(value: object, digits: int = 0) -> str:
+    """Write a part of one in per cent, as ``percent`` does."""
+    return percent(number(value), digits)
 
 
 def probability(value: object, equals: str = "") -> str:

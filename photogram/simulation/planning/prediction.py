@@ -23,7 +23,7 @@ from photogram.results import Deformation
 from photogram.simulation.flight import footprints, observe
 from photogram.simulation.planning.flight_plan import FlightPlan, PlannedSurvey, courses, survey_of
 from photogram.simulation.scene import terrain_height
-from photogram.wording import Progress, silent
+from photogram.wording import Progress, percent, silent
 
 SEED = 1  # of the terrain and of how badly the plan is flown
 PLACES = 13  # along the longer side of the site, where ground points are predicted
@@ -199,7 +199,7 @@ def _warnings(plan: FlightPlan, rays: IntArray, known: Deformation, camera: str,
     warnings = [text.replace(f" of {camera}", "") for text in weaknesses(known, problem.block.cameras, problem.flights)]
     bare = float(np.mean(rays < FEWEST_RAYS))
     if bare > 0:
-        warnings.append(f"{bare:.0%} of the site are seen by fewer than two photographs: raise the overlaps")
+        warnings.append(f"{percent(bare)} of the site are seen by fewer than two photographs: raise the overlaps")
     unseen = np.bincount(problem.marks.point, minlength=plan.control)[: plan.control] < FEWEST_RAYS
     if unseen.any():
         names = ", ".join(problem.block.control_points.name[g] for g in np.flatnonzero(unseen))
@@ -223,7 +223,10 @@ def changes(plan: FlightPlan) -> dict[str, FlightPlan]:
         wanted["RTK"] = {"gnss": "rtk", "gnss_sigma_m": None, "gnss_offset_sigma_m": None}
     if plan.forward_overlap < 0.85 or plan.side_overlap < 0.75:
         forward, side = min(0.9, plan.forward_overlap + 0.07), min(0.85, plan.side_overlap + 0.1)
-        wanted[f"overlaps of {forward:.0%} and {side:.0%}"] = {"forward_overlap": forward, "side_overlap": side}
+        wanted[f"overlaps of {percent(forward)} and {percent(side)}"] = {
+            "forward_overlap": forward,
+            "side_overlap": side,
+        }
     changed = {what: _changed(plan, values) for what, values in wanted.items()}
     return {what: possible for what, possible in changed.items() if possible is not None}
 

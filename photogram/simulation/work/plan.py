@@ -16,6 +16,7 @@ from photogram.simulation.planning.flight_plan import RANGES
 from photogram.simulation.planning.numbers import prediction_numbers
 from photogram.simulation.planning.prediction import Alternative, Prediction, alternatives, predict_accuracy
 from photogram.terminal.console import console, errors, steps
+from photogram.wording import percent
 
 
 def _centimetres(value: float) -> str:
@@ -38,7 +39,7 @@ def _facts(prediction: Prediction) -> Table:
     table.add_row("base, distance of strips", f"{plan.base_m:.1f} m, {plan.strip_distance_m:.1f} m")
     table.add_row(
         "ground covered",
-        f"{prediction.ground_covered_m2 / 1e4:.1f} ha, {prediction.covered:.0%} of the site twice or more",
+        f"{prediction.ground_covered_m2 / 1e4:.1f} ha, {percent(prediction.covered)} of the site twice or more",
     )
     table.add_row("tie points, observations assumed", f"{prediction.tie_points}, {prediction.observations}")
     sigma = plan.gnss_sigmas_m
