@@ -62,7 +62,8 @@ def _block(report: Report) -> Table:
         table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
     overlap = block["overlap"]
     if overlap is not None:
-        seen = f"median {overlap['median']:.0f}, 3 or more on {percent(overlap['share_3_or_more'])} of the area"
+        of = f"{overlap['area_m2']:.0f} m² that 2 or more show"
+        seen = f"median {overlap['median']:.0f}, 3 or more on {percent(overlap['share_3_or_more'])} of {of}"
         table.add_row("overlap, photographs", seen)
     if block["mean_track_length"] is not None:
         table.add_row("mean track length", f"{block['mean_track_length']:.2f} photographs per tie point")

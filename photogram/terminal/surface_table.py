@@ -36,10 +36,15 @@ def surface_table(report: Report) -> Table | None:
 
 def _add_surface(table: Table, dense: DenseRecord) -> None:
     table.add_row("cell", f"{dense['cell_m']:.3f} m, {dense['columns']} × {dense['rows']} cells")
-    cells, share = dense["cells"], dense["completeness"]
-    filled = f", {cells['filled']} filled" if cells["filled"] else ""
-    complete = "–" if share is None else f"{percent(share, 1)} of {cells['footprint']} cells{filled}"
-    table.add_row("completeness", complete)
+    areas, share = dense["areas"], dense["completeness"]
+    parts = {"measured": areas["measured_m2"], "filled": areas["filled_m2"], "water": areas["water_m2"]}
+    told = [f"{m2:.0f} m² {name}" for name, m2 in parts.items() if m2] + [f"{areas['empty_m2']:.0f} m² without height"]
+    table.add_row("mapped, seen by two photographs or more", f"{areas['mapped_m2']:.0f} m²: {', '.join(told)}")
+    if areas["left_out_m2"]:
+        table.add_row("not mapped", f"{areas['left_out_m2']:.0f} m² seen only obliquely and coarsely")
+    if share is not None and areas["seen_3_or_more_m2"] is not None:
+        of = f"{areas['seen_3_or_more_m2']:.0f} m² that three photographs or more show"
+        table.add_row("completeness", f"{percent(share, 1)} measured of {of}")
     sigma = dense["sigma_m"]
     predicted = "–" if sigma is None else f"{sigma['median']:.3f} m, 95 % below {sigma['percentile_95']:.3f} m"
     table.add_row("predicted sigma of heights, median", predicted)

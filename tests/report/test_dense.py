@@ -17,7 +17,9 @@ from photogram.report.numbers.dense import (
     dense_numbers,
     orthophoto_check_numbers,
     orthophoto_numbers,
+    overlap_on_surface,
     surface_check_numbers,
+    water_numbers,
 )
 from photogram.report.numbers.dense_surface import (
     DenseSurface,
@@ -50,7 +52,7 @@ def a_surface(rows: int = 60, columns: int = 90) -> DenseSurface:
     return DenseSurface(
         Raster(heights, WEST, NORTH, CELL), Raster(sigma, WEST, NORTH, CELL), filled,
         np.where(hole | filled, 0, np.where(row < 5, 4, 1)).astype(np.uint8), rays, confidence,
-        column < columns - 5, ("DJI_0001.JPG", "DJI_0002.JPG"), {"cell_gsd": 2.0},
+        np.clip(columns - 1 - column, 0, 3).astype(np.uint8), None, ("DJI_0001.JPG", "DJI_0002.JPG"), {"cell_gsd": 2.0},
     )  # fmt: skip
 
 
@@ -142,16 +144,22 @@ def test_heights_and_sigma_must_lie_on_one_grid() -> None:
 # ---- what is counted -----------------------------------------------------------------------------------------------
 
 
-def test_cells_of_the_footprint_add_up() -> None:
+def test_cells_and_areas_of_what_is_mapped_add_up() -> None:
     dense = a_surface()
-    numbers = dense_numbers(dense, checks_on_the_plane([]))
-    cells = numbers["cells"]
+    numbers = dense_numbers(dense, checks_on_the_plane([]), left_out_m2=12.5)
+    cells, areas = numbers["cells"], numbers["areas"]
+    # the three columns at the rim have heights, though fewer than three photographs show them
     assert cells == {
-        "grid": 5400, "footprint": 5100, "measured": 5100 - 60 - 30, "filled": 30, "holes": 60, "measured_beyond": 300,
+        "grid": 5400, "mapped": 5400, "measured": 5400 - 60 - 30, "filled": 30, "water": 0, "empty": 60,
+        "seen_3_or_more": 5400 - 3 * 60, "measured_of_these": 5400 - 3 * 60 - 60 - 30, "water_of_these": 0,
     }  # fmt: skip
-    assert numbers["completeness"] == pytest.approx(5010 / 5100)
-    assert sum(numbers["by_rays"].values()) == cells["measured"] + cells["measured_beyond"]
-    assert sum(numbers["by_level"].values()) == cells["measured"] + cells["measured_beyond"]
+    assert {key: value / CELL**2 for key, value in areas.items() if key != "left_out_m2"} == {
+        f"{key}_m2": value for key, value in cells.items() if key not in ("grid", "measured_of_these", "water_of_these")
+    }
+    assert areas["left_out_m2"] == 12.5
+    assert numbers["completeness"] == pytest.approx(5130 / 5220)
+    assert sum(numbers["by_rays"].values()) == cells["measured"]
+    assert sum(numbers["by_level"].values()) == cells["measured"]
     assert numbers["by_level"]["4"] == 5 * dense.heights.values.shape[1]
     assert numbers["share_3_or_more"] == pytest.approx(1 - numbers["by_rays"]["2"] / 5310)
     known = dense.sigma.values[dense.measured()]
@@ -164,6 +172,48 @@ def test_cells_of_the_footprint_add_up() -> None:
     assert confidence["minimum"] == pytest.approx(0.5)
     assert numbers["photographs"] == {"used": 2, "names": ["DJI_0001.JPG", "DJI_0002.JPG"]}
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+
+
+def test_cells_without_height_that_one_photograph_shows_are_not_mapped() -> None:
+    dense = a_surface()
+    heights, none = dense.heights.values.copy(), checks_on_the_plane([])
+    heights[:, -3:] = np.nan  # seen by 2, 1 and 0
+    wet = np.zeros(heights.shape, dtype=bool)
+    heights[:5, :5], wet[:5, :5] = np.nan, True
+    numbers = dense_numbers(replace(dense, heights=replace(dense.heights, values=heights), water=wet), none)
+    cells = numbers["cells"]
+    assert (cells["mapped"], cells["water"], cells["empty"]) == (5400 - 2 * 60, 25, 60 + 60)
+    assert cells["measured"] + cells["filled"] + cells["water"] + cells["empty"] == cells["mapped"]
+    assert cells["seen_3_or_more"] == 5400 - 3 * 60
+    assert cells["water_of_these"] == 25
+    assert numbers["completeness"] == pytest.approx((5130 - 25) / (5220 - 25))
+    assert water_numbers([], cells)["share"] == 25 / 5280
+    overlap = {
+        "median": 3.0,
+        "mean": 3.0,
+        "share_2_or_more": 1.0,
+        "share_3_or_more": 0.5,
+        "area_m2": 1.0,
+        "cell_m": 1.0,
+    }
+    on_it = overlap_on_surface(overlap, numbers)
+    assert on_it["area_m2"] == 5280 * CELL**2
+    assert on_it["share_3_or_more"] == 5220 / 5280
+
+
+def test_of_two_photographs_at_a_time_nothing_is_said_of_three() -> None:
+    dense = replace(a_surface(), settings={"photographs": 2})
+    numbers = dense_numbers(dense, checks_on_the_plane([]))
+    assert (numbers["completeness"], numbers["areas"]["seen_3_or_more_m2"]) == (None, None)
+    overlap = {
+        "median": 3.0,
+        "mean": 3.0,
+        "share_2_or_more": 1.0,
+        "share_3_or_more": 0.5,
+        "area_m2": 1.0,
+        "cell_m": 1.0,
+    }
+    assert overlap_on_surface(overlap, numbers) == overlap
 
 
 def test_filled_cells_count_alike_whether_their_heights_are_given_or_not() -> None:

@@ -69,9 +69,23 @@ def test_rectangles_over_level_ground() -> None:
     assert known.mean() > 0.95
     assert np.array_equal(values[known], (inside[0].astype(int) + inside[1])[known])
     assert max(values.shape) == CELLS
-    assert overlap.area_m2 == pytest.approx(200.0 * 100.0, rel=0.06)
-    assert overlap.share(2) == np.mean(values[known] == 2)
-    assert overlap.share(0) == 1.0
+    assert overlap.area_m2 == pytest.approx(50.0 * 55.0, rel=0.03)
+    assert overlap.share_amid == np.mean(values[known] == 2)
+    assert overlap.share(2) == 1.0
+    assert overlap.share(3) == 0.0
+    assert overlap.amid[known].all()
+
+
+def test_ground_reaches_as_far_as_two_photographs_show_it() -> None:
+    """Tie points on a small part of what three photographs show: areas are those of the rectangles."""
+    poses = [Pose(NADIR, np.array([x, 0.0, 80.0])) for x in (-25.0, 0.0, 25.0)]
+    overlap = overlap_of(block_of(level(20.0, 20.0), poses))
+    assert overlap is not None
+    assert overlap.area_m2 == pytest.approx(100.0 * 60.0, rel=0.02)
+    assert overlap.share(3) == pytest.approx(0.5, abs=0.01)
+    assert np.median(overlap.counts) == 2.5
+    assert overlap.share_amid == 1.0
+    assert np.count_nonzero(overlap.amid) * overlap.photographs.cell_m**2 == pytest.approx(400.0, rel=0.06)
 
 
 def hills(plan: FloatArray) -> FloatArray:
@@ -96,7 +110,7 @@ def test_any_camera_and_pose_as_the_projection_says() -> None:
     overlap = overlap_of(result)
     assert overlap is not None
     raster = overlap.photographs
-    known = np.isfinite(raster.values)
+    known = np.isfinite(raster.values) & overlap.amid
     # between tie points the hills are a little lower than they should be, so counts differ along edges of footprints
     plan = centres_world_m(raster)[known]
     place = np.column_stack([plan, hills(plan)])
@@ -110,12 +124,15 @@ def test_any_camera_and_pose_as_the_projection_says() -> None:
     flat = block_of(level(400.0, 300.0, 3000), poses, camera)
     overlap = overlap_of(flat)
     assert overlap is not None
-    plan = centres_world_m(overlap.photographs)[np.isfinite(overlap.photographs.values)]
+    known = np.isfinite(overlap.photographs.values)
+    plan = centres_world_m(overlap.photographs)[known]
     place = np.column_stack([plan, np.zeros(len(plan))])
     expected = sum(
         camera.contains(np.nan_to_num(project_points(camera, pose, place), nan=-99.0)).astype(int) for pose in poses
     )
-    assert np.array_equal(overlap.counts, expected)
+    assert np.array_equal(overlap.photographs.values[known], expected)
+    assert np.array_equal(overlap.counts, expected[expected >= 2])
+    assert overlap.area_m2 == np.count_nonzero(expected >= 2) * overlap.photographs.cell_m**2
 
 
 def test_a_photograph_that_is_not_registered_sees_nothing() -> None:
@@ -123,8 +140,10 @@ def test_a_photograph_that_is_not_registered_sees_nothing() -> None:
     with_it, without = (overlap_of(block_of(level(60.0, 40.0), [pose, other])) for other in (pose, None))
     assert with_it is not None
     assert without is not None
-    assert np.array_equal(with_it.counts, 2 * without.counts)
-    assert np.all(without.counts == 1)
+    assert np.nanmax(with_it.photographs.values) == 2
+    assert with_it.area_m2 == pytest.approx(100.0 * 60.0, rel=0.02)
+    assert np.nanmax(without.photographs.values) == 1
+    assert without.area_m2 == 0.0
 
 
 def test_distant_points_do_not_coarsen_the_cells() -> None:
@@ -143,7 +162,7 @@ def test_ground_beyond_a_wide_gap_is_not_bridged() -> None:
     assert overlap is not None
     values, place = overlap.photographs.values, centres_world_m(overlap.photographs)
     assert np.isnan(values[np.abs(place[..., 0]) < 18.0]).all()
-    assert overlap.area_m2 == pytest.approx(50.0 * 20.0, rel=0.08)
+    assert np.count_nonzero(overlap.amid) * overlap.photographs.cell_m**2 == pytest.approx(50.0 * 20.0, rel=0.08)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def scene(rows: int = 150, columns: int = 250) -> DenseSurface:
     return DenseSurface(
         Raster(heights.astype(np.float32), WEST, NORTH, CELL), Raster(sigma.astype(np.float32), WEST, NORTH, CELL),
         filled, np.where(hole, 0, 1).astype(np.uint8), rays.astype(np.uint8),
-        np.where(hole, np.nan, 0.8).astype(np.float32), None, ("a.jpg",), {},
+        np.where(hole, np.nan, 0.8).astype(np.float32), None, None, ("a.jpg",), {},
     )  # fmt: skip
 
 

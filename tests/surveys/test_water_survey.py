@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 from makers import undrawing_unless_all
+from scipy.ndimage import distance_transform_edt
 from seeds import ALL
 
 from photogram.grid import MapGrid
@@ -100,3 +101,60 @@ def test_the_rest_of_the_surface_is_as_it_was(both: dict[str, tuple[Path, Report
         assert np.array_equal(raster(before, f"{name}.tif")[0][dry], raster(after, f"{name}.tif")[0][dry], True)
     assert "water" not in both["none"][1]["dense"]
     assert "masks" not in both["water"][1]
+
+
+def photographs_showing(report: Report, places_map_m: np.ndarray) -> np.ndarray:
+    """Return how many photographs show places (N, 3) of the map, by the formulas of the Brown model alone."""
+    count = np.zeros(len(places_map_m), dtype=int)
+    for photograph in report["photographs"].values():
+        assert photograph["registered"]
+        camera = report["cameras"][photograph["camera"]]
+        R = np.array(photograph["rotation_camera_from_map"]).reshape(3, 3)
+        seen = (places_map_m - photograph["position_map_m"]) @ R.T
+        x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
+        square = x * x + y * y
+        (k1, k2, k3, *_), (p1, p2) = camera["radial"], camera["tangential"]
+        radial = 1.0 + k1 * square + k2 * square**2 + k3 * square**3
+        cx, cy = camera["principal_point_px"]
+        u = cx + camera["focal_px"] * (x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x))
+        v = cy + camera["focal_px"] * (y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y)
+        within = (u >= -0.5) & (v >= -0.5) & (u <= camera["width_px"] - 0.5) & (v <= camera["height_px"] - 0.5)
+        count += within & (seen[:, 2] > 0) & (square < 1.0)
+    return count
+
+
+@pytest.mark.parametrize("name", ["none", "water"])
+def test_areas_are_those_of_the_rasters_and_of_the_poses(both: dict[str, tuple[Path, Report]], name: str) -> None:
+    """One statement of areas: report.json, page and terminal hold what the rasters hold, and what the poses show."""
+    folder, report = both[name]
+    code, filled = raster(folder, "dsm_source.tif")[0].astype(int), raster(folder, "dsm_filled.tif")[0]
+    dense, overlap = report["dense"], report["block"]["overlap"]
+    assert overlap is not None
+    areas, cell_m2 = dense["areas"], dense["cell_m"] ** 2
+    cells = np.bincount(code[code != 255].ravel(), minlength=7)
+    assert areas["measured_m2"] == pytest.approx(cells[[1, 3, 4, 5]].sum() * cell_m2)
+    assert areas["measured_m2"] == pytest.approx(np.isfinite(raster(folder, "dsm.tif")).sum() * cell_m2)
+    assert areas["filled_m2"] == pytest.approx(cells[2] * cell_m2)
+    assert areas["water_m2"] == pytest.approx(cells[6] * cell_m2)
+    told = [areas[key] for key in ("measured_m2", "filled_m2", "water_m2", "empty_m2")]
+    assert areas["mapped_m2"] == pytest.approx(sum(told))
+    assert np.isfinite(filled).sum() * cell_m2 == pytest.approx(sum(told[:3]))
+    rows = int(1.5 * max(filled.shape))
+    wide = np.pad(filled, rows, constant_values=np.nan)
+    known, at = np.isfinite(wide), distance_transform_edt(np.isnan(wide), return_distances=False, return_indices=True)
+    row, column = np.mgrid[: wide.shape[0], : wide.shape[1]]
+    with rasterio.open(folder / "results" / "dsm_filled.tif") as file:
+        corner = file.transform
+    east = corner.c + (column - rows + 0.5) * dense["cell_m"]
+    north = corner.f - (row - rows + 0.5) * dense["cell_m"]
+    step = 3
+    places = np.stack([east, north, np.where(known, wide, wide[tuple(at)])], axis=-1)[::step, ::step]
+    seen = photographs_showing(report, places.reshape(-1, 3))
+    again_m2 = np.count_nonzero(seen >= 2) * cell_m2 * step**2
+    assert overlap["area_m2"] == areas["mapped_m2"] == pytest.approx(again_m2, rel=0.03)
+    assert overlap["share_3_or_more"] == pytest.approx(np.mean(seen[seen >= 2] >= 3), abs=0.02)
+    assert areas["seen_3_or_more_m2"] == pytest.approx(overlap["share_3_or_more"] * areas["mapped_m2"])
+    assert abs(overlap["median"] - np.median(seen[seen >= 2])) <= 1
+    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    for key in ("mapped_m2", "measured_m2", "filled_m2", "empty_m2"):
+        assert f"{areas[key]:,.0f} m²".replace(",", "\u202f") in page, key

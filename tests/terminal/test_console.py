@@ -25,7 +25,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Any:
             "registered": photographs - left_out, "photographs": photographs,
             "component_sizes": [photographs - left_out],
             "method": "attitude", "gsd_m": 0.0231, "mean_track_length": 4.126,
-            "overlap": {"median": 7.0, "share_3_or_more": 0.934},
+            "overlap": {"median": 7.0, "share_3_or_more": 0.934, "area_m2": 1234.4},
             "gnss_residual_rms_m": {"plan": 0.321, "height": 0.456, "three_d": 0.558}, **block,
         },
         "adjustment": {"tie_points": 100, "observations": 400, "reprojection_rms_px": 0.4, **sigma0},
@@ -48,7 +48,14 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> Console:
 def test_block_line(shown: Console) -> None:
     report_tables.show_report(report())
     text = shown.export_text()
-    for words in ("18 of 18", "2.31 cm", "median 7", "93\u202f% of the area", "4.13", "0.321, 0.456 m"):
+    for words in (
+        "18 of 18",
+        "2.31 cm",
+        "median 7",
+        "3 or more on 93\u202f% of 1234 m² that 2 or more show",
+        "4.13",
+        "0.321, 0.456 m",
+    ):
         assert words in text, words
     assert "Not oriented" not in text
     assert "components without" not in text
@@ -181,7 +188,8 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
     check = {"n": n, "rmse_m": rmse_m, "mean_m": None if rmse_m is None else -0.004, "rms_z": rmse_m and 1.1}
     return {
         "cell_m": 0.12, "columns": 1200, "rows": 900, "completeness": 0.9732,
-        "cells": {"footprint": 1_000_000, "filled": 4000},
+        "areas": {"mapped_m2": 15_000.0, "measured_m2": 14_000.4, "filled_m2": 57.6, "water_m2": 0.0, "empty_m2": 942.0,
+                  "seen_3_or_more_m2": 14_300.0, "left_out_m2": 35.4},
         "sigma_m": {"median": 0.0312, "percentile_95": 0.0871}, "check_points": check,
     }  # fmt: skip
 
@@ -189,7 +197,8 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
 def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
     report_tables.show_report(report() | {"dense": dense()})
     text = shown.export_text()
-    for words in ("0.120 m, 1200 × 900", "97.3\u202f% of 1000000 cells, 4000 filled", "0.031 m, 95 % below 0.087 m",
+    for words in ("0.120 m, 1200 × 900", "15000 m²: 14000 m² measured, 58 m² filled, 942 m² without height",
+                  "35 m² seen only obliquely", "97.3\u202f% measured of 14300 m²", "0.031 m, 95 % below 0.087 m",
                   "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
         assert words in text, words
 

@@ -92,11 +92,10 @@ def page_figures(
 
 def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
     contents = plan_contents(result, overlap)
-    enough = "" if overlap is None else f" Three or more photographs see {percent(overlap.share(3))} of the ground."
     caption = (
         "Photographs by flight, control and check points, and how many photographs see the ground: warm colours up to "
         "two, whose heights are unchecked, blue from three. Arrows are residuals in plan, adjusted minus measured or "
-        f"surveyed, enlarged as written above the map; Δh is the residual in height.{enough}"
+        "surveyed, enlarged as written above the map; Δh is the residual in height."
     )
     alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
     return PageFigure("plan", caption, alternative, embedded(plan_figure(contents, widest_in=PLAN_IN)))

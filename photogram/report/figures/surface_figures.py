@@ -124,7 +124,8 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
     caption = (
         f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
         f"cells of {_length(orthophoto.cell_m)}: every cell is taken from the most suitable photograph, "
-        "rectified by the surface model. Grey: not visible in any photograph, or no height in the surface. "
+        "rectified by the surface model; where that has no height it is closed for the picture alone, and shown. Grey: "
+        "beyond the rim, masked, or hidden from all photographs. "
         "Symbols mark the surveyed coordinates of the ground points: their targets must lie under them."
     )
     alternative = f"Orthophoto with {len(ground.name)} ground points"
@@ -134,11 +135,10 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
 def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> DrawnFigure:
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
-    cells = numbers["cells"]
-    of = "cells seen well enough" if dense.footprint is not None else "cells of the grid"
-    part = "" if numbers["completeness"] is None else f" {percent(numbers['completeness'])} of the {of} are measured."
+    cells, mapped = numbers["cells"], max(numbers["cells"]["mapped"], 1)
+    part = f" {percent(cells['measured'] / mapped)} of the mapped cells are measured."
     filled = (
-        f" {percent(cells['filled'] / cells['footprint'])} are filled from their neighbours (dsm_filled.tif)."
+        f" {percent(cells['filled'] / mapped)} are filled from their neighbours (dsm_filled.tif)."
         if cells["filled"]
         else ""
     )
@@ -182,7 +182,7 @@ def _sigma(dense: DenseSurface, sigma: SigmaRecord, target_m: float | None, datu
 
 
 def _histogram(dense: DenseSurface, numbers: DenseRecord, target_m: float | None) -> DrawnFigure:
-    count = numbers["cells"]["measured"] + numbers["cells"]["measured_beyond"]
+    count = numbers["cells"]["measured"]
     caption = (
         f"Left: the predicted standard deviations of {count} measured cells. Right: how they fall with the "
         "number of matched photographs; median, middle two thirds, and the share of "

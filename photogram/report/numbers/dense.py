@@ -10,8 +10,10 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.grid import bands
 from photogram.quality.asprs import MINIMUM_POINTS, asprs_accuracy
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture, is_assumed, sampled
+from photogram.report.record.block import OverlapRecord
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import (
+    AreasRecord,
     CellsRecord,
     ConfidenceRecord,
     DenseRecord,
@@ -27,8 +29,11 @@ from photogram.report.record.surfaces import (
     WaterRecord,
 )
 from photogram.report.values import finite
+from photogram.surface.dense.pyramid import MINIMUM_RAYS
 from photogram.surface.ortho.marked_targets import LocatedTarget
 
+SEEN_BY = 3
+"""Of the cells that so many photographs show the measured ones are the completeness."""
 FEWEST_CHECKS = 3
 """With fewer check points on the surface no RMSE is given."""
 REFUTED_RMS_Z = 2.0
@@ -36,21 +41,28 @@ REFUTED_RMS_Z = 2.0
 
 
 def dense_numbers(
-    dense: DenseSurface, ground: GroundMarks, matching_sigma_m: float | None = None, *, upright: bool = False
+    dense: DenseSurface,
+    ground: GroundMarks,
+    matching_sigma_m: float | None = None,
+    *,
+    left_out_m2: float = 0.0,
+    upright: bool = False,
 ) -> DenseRecord:
     """Return the key `dense` of report.json: size and completeness, standard deviations, and check points;
-    ``matching_sigma_m`` is what the matched heights scatter by themselves, None where that is not known. Of a surface
-    on an ``upright`` plane all is along its axes."""
+    ``matching_sigma_m`` is what the matched heights scatter by themselves, None where that is not known,
+    ``left_out_m2`` the area that is not mapped. Of a surface on an ``upright`` plane all is along its axes."""
     rows, columns = dense.heights.values.shape
     check_points = surface_check_numbers(dense, ground, upright=upright)
     cells, by_rays, by_level = _counted(dense)
     several, rays = int(by_rays[3:].sum()), int(by_rays.sum())
+    land = (cells["seen_3_or_more"] or 0) - (cells["water_of_these"] or 0)
     return {
         "cell_m": dense.cell_m,
         "rows": rows,
         "columns": columns,
         "cells": cells,
-        "completeness": cells["measured"] / cells["footprint"] if cells["footprint"] else None,
+        "areas": _areas(cells, dense.cell_m**2, left_out_m2),
+        "completeness": (cells["measured_of_these"] or 0) / land if land else None,
         "by_rays": {str(n): int(by_rays[n]) for n in np.flatnonzero(by_rays).tolist()},
         "by_level": {str(n): int(by_level[n]) for n in np.flatnonzero(by_level).tolist()},
         "share_3_or_more": several / rays if rays else None,
@@ -85,29 +97,50 @@ def _confidence(dense: DenseSurface) -> ConfidenceRecord | None:
 
 
 def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray, IntArray]:
-    """Count cells: of the footprint the measured, filled and empty ones, which add up, those measured by so many
-    photographs, and those measured in cells of so many to a side."""
+    """Count cells: those mapped, which are measured, filled, on water or empty; those measured by so many photographs,
+    and those measured in cells of so many to a side."""
     shape = dense.heights.values.shape
-    footprint = measured = filled = beyond = 0
+    mapped = measured = filled = water = several = told = under = 0
     by_rays, by_level = np.zeros((2, 256), dtype=np.int64)
     for band in bands(shape):
-        known = dense.measured(band)
-        within = np.ones_like(known) if dense.footprint is None else dense.footprint[band]
-        footprint += int(within.sum())
-        measured += int((known & within).sum())
-        filled += int((dense.filled[band] & within).sum())
-        beyond += int((known & ~within).sum())
+        known, made_up = dense.measured(band), dense.filled[band]
+        wet = np.zeros_like(known) if dense.water is None else dense.water[band]
+        seen = np.full(known.shape, SEEN_BY) if dense.seen is None else dense.seen[band]
+        often = seen >= SEEN_BY
+        # a height that was closed at the rim counts where it is, though one photograph alone may show it
+        mapped += int(((seen >= MINIMUM_RAYS) | known | made_up | wet).sum())
+        measured, filled, water = measured + int(known.sum()), filled + int(made_up.sum()), water + int(wet.sum())
+        several, told = several + int(often.sum()), told + int((known & often).sum())
+        under += int((wet & often).sum())
         by_rays += np.bincount(dense.rays[band][known], minlength=256)
         by_level += np.bincount(dense.level[band][known], minlength=256)
+    asked = dense.settings.get("photographs")
+    is_known = not isinstance(asked, int) or asked >= SEEN_BY
     cells: CellsRecord = {
         "grid": shape[0] * shape[1],
-        "footprint": footprint,
+        "mapped": mapped,
         "measured": measured,
         "filled": filled,
-        "holes": footprint - measured - filled,
-        "measured_beyond": beyond,
+        "water": water,
+        "empty": mapped - measured - filled - water,
+        "seen_3_or_more": several if is_known else None,
+        "measured_of_these": told if is_known else None,
+        "water_of_these": under if is_known else None,
     }
     return cells, by_rays, by_level
+
+
+def _areas(cells: CellsRecord, cell_m2: float, left_out_m2: float) -> AreasRecord:
+    several = cells["seen_3_or_more"]
+    return {
+        "mapped_m2": cells["mapped"] * cell_m2,
+        "measured_m2": cells["measured"] * cell_m2,
+        "filled_m2": cells["filled"] * cell_m2,
+        "water_m2": cells["water"] * cell_m2,
+        "empty_m2": cells["empty"] * cell_m2,
+        "seen_3_or_more_m2": None if several is None else several * cell_m2,
+        "left_out_m2": left_out_m2,
+    }
 
 
 def _measured(dense: DenseSurface, values: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, Any]:
@@ -125,11 +158,19 @@ def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> n
     return np.asarray(dense.measured(band) & np.isfinite(values[band]))
 
 
-def water_numbers(areas: Sequence[WaterAreaRecord], cells: int, others: CellsRecord) -> WaterRecord:
-    """Return the key `dense.water` of report.json: of the cells that enough photographs show, ``cells`` lie on water,
-    beside the ``others``."""
-    footprint = cells + others["footprint"]
-    return {"cells": cells, "share": cells / footprint if footprint else None, "areas": list(areas)}
+def overlap_on_surface(overlap: OverlapRecord, dense: DenseRecord) -> OverlapRecord:
+    """Return the key `block.overlap` of report.json with area and share of the surface in plan, which counts what was
+    looked up in finer cells and knows what hides."""
+    mapped, several = dense["cells"]["mapped"], dense["cells"]["seen_3_or_more"]
+    if not mapped or several is None:
+        return overlap
+    return {**overlap, "area_m2": dense["areas"]["mapped_m2"], "share_3_or_more": several / mapped}
+
+
+def water_numbers(areas: Sequence[WaterAreaRecord], cells: CellsRecord) -> WaterRecord:
+    """Return the key `dense.water` of report.json: the cells on water, and their share of those that are mapped."""
+    share = cells["water"] / cells["mapped"] if cells["mapped"] else None
+    return {"cells": cells["water"], "share": share, "areas": list(areas)}
 
 
 def orthophoto_numbers(orthophoto: OrthophotoPicture) -> OrthophotoRecord:

@@ -22,9 +22,9 @@ class DenseSurface:
     ``heights`` in m, NaN in holes; ``sigma`` their predicted standard deviations, m; ``filled`` the cells whose height
     was made up from their neighbours (``heights`` may hold it or not); ``level`` the side of the cells
     that a height was measured in, in those of the surface, 0 where it was not; ``rays`` how many photographs a height
-    was matched in; ``confidence`` 0 to 1. ``footprint`` are the cells that could have been measured, where the
-    photographs see enough; None stands for all. ``photographs`` are the names of those that took part, ``settings``
-    what the matching was asked for.
+    was matched in; ``confidence`` 0 to 1. ``seen`` says in how many photographs a cell was looked up, None that it was
+    three or more in all; ``water`` are cells on water, which have no height. ``photographs`` are the names of those
+    that took part, ``settings`` what the matching was asked for.
     """
 
     heights: Raster
@@ -33,13 +33,14 @@ class DenseSurface:
     level: ByteArray
     rays: ByteArray
     confidence: Float32Array
-    footprint: BoolArray | None = None
+    seen: ByteArray | None = None
+    water: BoolArray | None = None
     photographs: tuple[str, ...] = ()
     settings: Mapping[str, bool | int | float | str | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         shape = self.heights.values.shape
-        for name in ("filled", "level", "rays", "confidence", "footprint"):
+        for name in ("filled", "level", "rays", "confidence", "seen", "water"):
             values = getattr(self, name)
             if values is not None:
                 check_shape(name, values, shape)

@@ -184,10 +184,11 @@ def _rms(values: FloatArray) -> float | None:
 
 
 def _overlap(overlap: Overlap) -> OverlapRecord:
+    counts = overlap.counts
     return {
-        "median": float(np.median(overlap.counts)),
-        "mean": float(overlap.counts.mean()),
-        "share_2_or_more": overlap.share(2),
+        "median": float(np.median(counts)) if len(counts) else 0.0,
+        "mean": float(counts.mean()) if len(counts) else 0.0,
+        "share_2_or_more": overlap.share_amid,
         "share_3_or_more": overlap.share(3),
         "area_m2": overlap.area_m2,
         "cell_m": overlap.photographs.cell_m,

@@ -1,20 +1,25 @@
 """How many photographs see each place of the ground.
 
-The ground is the surface of the tie points on a coarse grid. What hides behind houses and trees counts as seen: tie
-points do not describe them well enough to tell.
+The ground is the surface of the tie points on a coarse grid and, beyond it, what two photographs show and resolve, at
+the height of the next tie point. What hides behind houses and trees counts as seen: tie points do not describe them
+well enough to tell.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy.ndimage import median
 
-from photogram.arrays import FloatArray
+from photogram.arrays import BoolArray, FloatArray
 from photogram.compilation import njit
+from photogram.errors import SurfaceError
 from photogram.projection import OrientedCameras, project_point
 from photogram.results import Adjustment
-from photogram.survey import Raster
+from photogram.surface.dense.pyramid import MINIMUM_RAYS, known_ground, nearest_in_plan
+from photogram.surface.dense.resolution import choose_views
+from photogram.surface.views import Views
+from photogram.survey import Block, Raster
 
 CELLS = 100
 """Cells along the longer side of the ground."""
@@ -22,27 +27,38 @@ CELLS = 100
 BRIDGED_CELLS = 12
 """Ground without tie points, water for example, is bridged up to this many cells."""
 
+REACH, MOST_CELLS_AROUND = 2.0, 300
+"""How far beyond the tie points ground is looked for, in flying heights, and in cells at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Number of photographs that see each cell of the ground; NaN where there is no ground."""
+    """Number of photographs that see each cell of the ground, NaN where there is no ground; ``amid`` are its cells
+    (rows, columns) amid the tie points."""
 
     photographs: Raster
+    amid: BoolArray
 
     @property
     def counts(self) -> FloatArray:
-        """Return the number of photographs (cells,) of all cells on the ground."""
+        """Return the number of photographs (cells,) of all cells that two or more see."""
         values = self.photographs.values
-        return values[np.isfinite(values)].astype(np.float64)
+        return values[np.nan_to_num(values) >= MINIMUM_RAYS].astype(np.float64)
 
     @property
     def area_m2(self) -> float:
-        """Return the area of the ground, in m² of the map."""
+        """Return the area of the ground that two photographs or more see, in m² of the map."""
         return len(self.counts) * self.photographs.cell_m**2
 
+    @property
+    def share_amid(self) -> float:
+        """Return the part of the ground amid the tie points, 0 to 1, that two photographs or more see."""
+        return float(np.mean(self.photographs.values[self.amid] >= MINIMUM_RAYS))
+
     def share(self, photographs: int) -> float:
-        """Return the part of the ground, 0 to 1, that at least so many photographs see."""
-        return float(np.mean(self.counts >= photographs))
+        """Return which part, 0 to 1, of the ground that two photographs or more see so many see."""
+        counts = self.counts
+        return float(np.mean(counts >= photographs)) if len(counts) else 0.0
 
 
 @njit(cache=True)
@@ -112,15 +128,46 @@ def _ground(tie_point_map_m: FloatArray) -> Raster | None:
 def ground_overlap(result: Adjustment, tie_point_map_m: FloatArray) -> Overlap | None:
     """Count the photographs that see each cell of the ground that tie points (P, 3) of the map describe.
 
-    The ground is their triangulated surface, about CELLS × CELLS cells; None where they span no area.
+    The ground is their triangulated surface, about CELLS × CELLS cells, and what two photographs resolve around it;
+    None where they span no area.
     """
-    ground = _ground(tie_point_map_m) if len(tie_point_map_m) >= 3 else None
-    if ground is None:
+    amid_points = _ground(tie_point_map_m) if len(tie_point_map_m) >= 3 else None
+    if amid_points is None:
         return None
+    ground, amid = _with_surroundings(amid_points, result.block, tie_point_map_m)
     row, column = np.nonzero(np.isfinite(ground.values))
     easting = ground.west_map_m + (column + 0.5) * ground.cell_m
     northing = ground.north_map_m - (row + 0.5) * ground.cell_m
     centre_map_m = np.column_stack([easting, northing, ground.values[row, column].astype(np.float64)])
     values = np.full(ground.values.shape, np.nan, dtype=np.float32)
     values[row, column] = _views(result, result.block.frame.world_from_map(centre_map_m))
-    return Overlap(Raster(values, ground.west_map_m, ground.north_map_m, ground.cell_m))
+    return Overlap(Raster(values, ground.west_map_m, ground.north_map_m, ground.cell_m), amid)
+
+
+def _with_surroundings(ground: Raster, block: Block, tie_point_map_m: FloatArray) -> tuple[Raster, BoolArray]:
+    """Return the ground with what two photographs show and resolve around it, and which cells it had before."""
+    views, world = Views.of(block), block.frame.world_from_map(tie_point_map_m)
+    try:
+        known = known_ground(tie_point_map_m, world, views, MINIMUM_RAYS)
+    except SurfaceError:  # photographs from the side or from below: there is no ground but that of the tie points
+        return ground, np.isfinite(ground.values)
+    cells = min(int(np.ceil(REACH * known.flying_height_m / ground.cell_m)), MOST_CELLS_AROUND)
+    height = np.pad(ground.values, cells, constant_values=np.nan)
+    wide = Raster(
+        height, ground.west_map_m - cells * ground.cell_m, ground.north_map_m + cells * ground.cell_m, ground.cell_m
+    )
+    amid = np.isfinite(height)
+    row, column = np.nonzero(~amid)
+    plan = np.column_stack(
+        [wide.west_map_m + (column + 0.5) * wide.cell_m, wide.north_map_m - (row + 0.5) * wide.cell_m]
+    )
+    points, _ = _thinned(tie_point_map_m)
+    beside_m = points[nearest_in_plan(points, plan, 1)[:, 0], 2]
+    resolving = replace(views, coarsest_m=known.coarsest_m)
+    places = block.frame.world_from_map(np.column_stack([plan, beside_m]))
+    seen = (choose_views(resolving, places, MINIMUM_RAYS)[0] >= 0).all(axis=1)
+    height[row[seen], column[seen]] = beside_m[seen]
+    rows, columns = (np.flatnonzero(np.isfinite(height).any(axis=axis)) for axis in (1, 0))
+    part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    west, north = wide.west_map_m + columns[0] * wide.cell_m, wide.north_map_m - rows[0] * wide.cell_m
+    return Raster(height[part], west, north, wide.cell_m), amid[part]

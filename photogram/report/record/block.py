@@ -59,7 +59,8 @@ class WorldRecord(TypedDict):
 
 
 class OverlapRecord(TypedDict):
-    """How many photographs see a cell of the ground, and which shares of it are seen by two and by three or more."""
+    """Of the ground that two photographs or more see, how many see a cell, its area, and the share that three or more
+    see; ``share_2_or_more`` is of the ground amid the tie points."""
 
     median: float
     mean: float

@@ -6,7 +6,7 @@ from pydantic import Field
 from typing_extensions import TypedDict
 
 from photogram.report.record.block import WorldRecord
-from photogram.report.record.units import Count, Degrees, EarthMetres, Metres, Position, Share
+from photogram.report.record.units import Count, Degrees, EarthMetres, Metres, Position, Share, SquareMetres
 
 PlanMetres = Annotated[list[EarthMetres], Field(min_length=2, max_length=2)]
 """Easting and northing in the map, or differences of such."""
@@ -120,14 +120,31 @@ class PlaneRecord(TypedDict):
 
 
 class CellsRecord(TypedDict):
-    """Cells of the dense surface: of its footprint those measured, filled and empty add up."""
+    """Cells of the dense surface: those mapped, which two photographs or more show, are measured, filled, on water or
+    empty, and these add up; how many of them three photographs or more show, and how many of these are measured and on
+    water, null where no more than two were asked."""
 
     grid: Count
-    footprint: Count
+    mapped: Count
     measured: Count
     filled: Count
-    holes: Count
-    measured_beyond: Count
+    water: Count
+    empty: Count
+    seen_3_or_more: Count | None
+    measured_of_these: Count | None
+    water_of_these: Count | None
+
+
+class AreasRecord(TypedDict):
+    """The same in m², and what is not mapped, since photographs see it only obliquely and coarsely."""
+
+    mapped_m2: SquareMetres
+    measured_m2: SquareMetres
+    filled_m2: SquareMetres
+    water_m2: SquareMetres
+    empty_m2: SquareMetres
+    seen_3_or_more_m2: SquareMetres | None
+    left_out_m2: SquareMetres
 
 
 class WaterAreaRecord(TypedDict):
@@ -138,7 +155,7 @@ class WaterAreaRecord(TypedDict):
 
 
 class WaterRecord(TypedDict):
-    """Water that was found in the dense surface: its cells in the footprint and their share, and its areas."""
+    """Water that was found in the dense surface: its cells, their share of the mapped ones, and its areas."""
 
     cells: Count
     share: Share | None
@@ -207,6 +224,7 @@ class DenseRecord(TypedDict):
     rows: Count
     columns: Count
     cells: CellsRecord
+    areas: AreasRecord
     completeness: Share | None
     by_rays: dict[str, Count]
     by_level: dict[str, Count]

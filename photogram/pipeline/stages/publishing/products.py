@@ -29,16 +29,12 @@ from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores
+from photogram.pipeline.stages.dense import DenseSummary
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.orthophoto import RIM_FILE
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
-from photogram.pipeline.stages.surface import (
-    WATER_FILE,
-    SurfaceSummary,
-    matched,
-    surface_layers,
-)
+from photogram.pipeline.stages.surface import WATER_FILE, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
@@ -83,9 +79,6 @@ DROWNS = 3.0
 
 CHUNKS_AHEAD = 2
 """Parts of the dense cloud that wait to be written, for each thread that makes them."""
-
-SEEN_BY = 3
-"""A cell that so many photographs show counts for the completeness."""
 
 
 def copy_products(run: Run, results: Path) -> list[str]:
@@ -198,8 +191,7 @@ def dense_surface(run: Run) -> DenseSurface | None:
     surface = StoredSurface(run)
     return DenseSurface(
         surface.heights(), surface.sigma(), source == FILLED, measured_in(source), rays, confidence,
-        (seen >= SEEN_BY) & (source != WATER), names,
-        {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+        seen, source == WATER, names, {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
     )  # fmt: skip
 
 
@@ -315,11 +307,11 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
         orthophoto = {"left_out": reason}
     numbers: DenseRecord | None = None
     if dense is not None:
-        numbers = dense_numbers(dense, ground, matching_sigma_m(run), upright=upright)
+        left_out_m2 = run.workspace.summary("dense", DenseSummary).get("left_out_m2", 0.0)
+        numbers = dense_numbers(dense, ground, matching_sigma_m(run), left_out_m2=left_out_m2, upright=upright)
         if run.workspace.has("surface", WATER_FILE):
             areas = read_json(run.workspace.file("surface", WATER_FILE))
-            cells = run.workspace.summary("surface", SurfaceSummary).get("water_of_grid", 0)
-            numbers["water"] = water_numbers(areas, cells, numbers["cells"])
+            numbers["water"] = water_numbers(areas, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
         surface, numbers_drawn, datum_sigma_m = _as_drawn(run, dense, numbers)
         drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m)

@@ -80,6 +80,7 @@ from photogram.report.figures.style import (
 )
 from photogram.report.local_frame import constraint_numbers, distance_numbers, local_frame_numbers, marked_points
 from photogram.report.marks import mark_kind_numbers
+from photogram.report.numbers.dense import overlap_on_surface
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.report.numbers.heights import height_numbers
 from photogram.report.numbers.numbers import report_numbers
@@ -298,6 +299,10 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         sources=run.project.camera_source,
     )
     surface = report_surface(run, adjusted["control_points"], outcome.results)
+    upright = surface.plane is not None and surface.plane["used"]
+    overlap = adjusted["block"]["overlap"]
+    if overlap is not None and surface.dense is not None and not upright:
+        adjusted["block"]["overlap"] = overlap_on_surface(overlap, surface.dense)
     numbers: SurveyNumbers = {
         **adjusted,
         "heights": height_numbers(
@@ -339,7 +344,6 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
     if surface.plane is not None:
         numbers["plane"] = surface.plane
     sparse = StoredSurface(run).heights() if surface.dense is None and StoredSurface(run).is_there else None
-    upright = surface.plane is not None and surface.plane["used"]
     figures = page_figures(
         outcome.result, outcome.overlap, clouds["adjusted"], sparse, stored_comparisons(run), upright=upright
     )
