@@ -83,7 +83,7 @@ def _several(
 def _masks(report: SurveyNumbers) -> list[WarningRecord]:
     masks = report.get("masks")
     sentences = [] if masks is None else [f"the mark of {mark} lies in masked pixels" for mark in masks["marks"]]
-    return _several("marks", sentences, remedy="check the mark, and whether the mask fits its photograph")
+    return _several("marks", sentences, remedy="check the marks that lie in masks, and whether the masks fit")
 
 
 def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
@@ -103,14 +103,19 @@ def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
                 f"{name} differs by {number(d['residual_m']):+.4f} m from {against}, {abs(tested):.1f} times its "
                 "standard deviation"
             )
-    return _several("constraints", sentences, "bad", "measure it again, or check the marks of its points")
+    return _several(
+        "constraints",
+        sentences,
+        "bad",
+        "measure the distances and height differences named in the warnings again, or check the marks of their points",
+    )
 
 
 def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
     if report["adjustment"]["converged"]:
         return []
     sentence = "the adjustment did not converge: do not use this result"
-    return [_warning("adjustment", "bad", sentence, "see the warnings below, and photogram check")]
+    return [_warning("adjustment", "bad", sentence, "correct what the other warnings name, and run photogram check")]
 
 
 def _focal_lengths(report: SurveyNumbers) -> list[WarningRecord]:
@@ -139,7 +144,7 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
         others = f"; {len(suspects) - 1} more may be effects of it" if len(suspects) > 1 else ""
         severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
         first = suspects[0]
-        remedy = f"check {first['kind']} {first['name']}, and remove it if it is wrong"
+        remedy = f"check {first['kind']} {first['name']}, and remove that measurement if it is wrong"
         warnings.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
     return warnings
 
@@ -157,7 +162,7 @@ def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
     if asprs["blunders"]:
         first, count = asprs["blunders"][0], len(asprs["blunders"])
         more = f"; so are {count - 1} more coordinates" if count > 1 else ""
-        remedy = "check their coordinates and marks, the height system and the control points"
+        remedy = "check coordinates and marks of these check points, the height system and the control points"
         warnings.append(_warning(part, "bad", f"{first}{more}", remedy))
     if asprs["systematic"]:
         sentence = "; ".join(asprs["systematic"])
@@ -165,7 +170,7 @@ def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
     if asprs["survey_assumed"]:
         sentence = f"{asprs['survey_assumed']}: no accuracy by the ASPRS standards is stated"
         warnings.append(_warning(part, "attention", sentence, STATE_SURVEY))
-    return warnings + _several(part, asprs["survey"], remedy="resurvey them with higher precision")
+    return warnings + _several(part, asprs["survey"], remedy="resurvey the check points more accurately")
 
 
 def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
@@ -175,7 +180,7 @@ def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
     larger = test["chi2"]["p"] < 0.5
     remedy = "rely on the check points, not the predicted sigmas" if larger else ""
     if any(point["suspect"] for point in report["control_points"] if point["role"] == "check"):
-        remedy = "check the suspect check points first: the accuracy at check points is theirs too"
+        remedy = "check the suspect check points before relying on the accuracy at check points"
     return [_warning("prediction", "bad" if larger else "note", test["sentence"], remedy)]
 
 
@@ -209,16 +214,24 @@ def _block(block: BlockRecord) -> list[WarningRecord]:
     warnings, missing = list[WarningRecord](), block["photographs"] - block["registered"]
     if missing:
         sentence = f"{missing} of {block['photographs']} photographs are not in the result"
-        warnings.append(_warning("photographs", "attention", sentence, "for the reasons see Discarded"))
+        warnings.append(
+            _warning("photographs", "attention", sentence, "see under Discarded why photographs are not in the result")
+        )
     sizes = block["component_sizes"]
     if len(sizes) > 1:
         sentence = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
-        warnings.append(_warning("photographs", "attention", sentence, "fly with more overlap between them"))
+        warnings.append(_warning("photographs", "attention", sentence, "fly with more overlap between the components"))
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
-        sentence = f"{percent(1 - overlap['share_2_or_more'])} of the ground is seen by fewer than two photographs"
+        once = percent(1 - overlap["share_2_or_more"])
+        sentence = f"{once} of the ground amid the tie points is seen by fewer than two photographs"
         warnings.append(
-            _warning("photographs", "attention", sentence, "there is no surface there: fly with more overlap")
+            _warning(
+                "photographs",
+                "attention",
+                sentence,
+                "fly with more overlap where fewer than two photographs see the ground",
+            )
         )
     return warnings
 
@@ -244,7 +257,14 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
     part, warnings = "stated sigmas", list[WarningRecord]()
     if small:
         sentence = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
-        warnings.append(_warning(part, "attention", sentence, "look for a blunder among them, or state larger sigmas"))
+        warnings.append(
+            _warning(
+                part,
+                "attention",
+                sentence,
+                "look for blunders among the measurements whose sigmas are stated too small, or state larger sigmas",
+            )
+        )
     if large:
         sentence = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
         warnings.append(_warning(part, "note", sentence))
