@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.gnss_offsets import SIGNIFICANCE
@@ -16,10 +17,11 @@ from photogram.errors import ProjectError
 from photogram.files.photographs.images import read_tags
 from photogram.geodesy.frames import LocalFrame, geodetic_from_map, map_from_geodetic
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.report.numbers.gnss import gnss_numbers
+from photogram.report.numbers.gnss import common_error_numbers, gnss_numbers
 from photogram.report.record.report import oriented
-from photogram.results import Adjustment
+from photogram.results import Adjustment, CommonErrorEstimate
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
+from photogram.survey import CommonError
 from photogram.terminal.console import console
 from photogram.terminal.report_tables import show_gnss
 
@@ -104,6 +106,37 @@ def test_a_survey_without_positions_has_nothing_to_say(result: Adjustment) -> No
     with console.capture() as captured:
         show_gnss(numbers)
     assert captured.get() == ""
+
+
+@pytest.mark.parametrize("held_s", [0.0, 0.038])
+def test_value_sigma_and_p_of_a_common_error_belong_together(result: Adjustment, held_s: float) -> None:
+    """Of 154 ms, tested with a sigma of 46 ms, known to 60 ms with what was held: p is that of both."""
+    sigma_s = float(np.hypot(0.046, held_s))
+    error = CommonError("time_offset", None, 0, np.ones(1), np.array([0.154]))
+    tested = (0.154 / 0.046) ** 2
+    common = CommonErrorEstimate(
+        error, np.array([0.154]), np.array([[sigma_s**2]]), 6, tested, 1, float(chi2.sf(tested, 1)), ""
+    )
+    decided = replace(result, decisions=replace(result.decisions, common_errors=(common,)))
+    (record,) = common_error_numbers(decided)
+    z = record["estimate"][0] / record["sigma"][0]
+    assert record["chi2"] == pytest.approx(z**2)
+    assert record["p"] == pytest.approx(2.0 * norm.sf(z))
+    assert record["degrees_of_freedom"] == 1
+    assert record["significant"]  # as was decided
+    words = f"{1000 * sigma_s:.0f} ms after the epochs of their GNSS positions ("
+    assert words + ("p < 0.001)" if held_s == 0.0 else "p = 0.010)") in record["sentence"]
+
+
+def test_directions_that_are_not_told_do_not_test_a_lever_arm(result: Adjustment) -> None:
+    basis = np.eye(3)[:, :2]
+    error = CommonError("lever_arm", None, 0, np.ones(2), np.array([0.1, -0.2]), basis)
+    arm, covariance = np.array([0.1, -0.2, np.nan]), np.diag([0.04, 0.05, np.nan]) ** 2
+    common = CommonErrorEstimate(error, arm, covariance, 6, 99.0, 2, 1e-9, "")
+    decided = replace(result, decisions=replace(result.decisions, common_errors=(common,)))
+    (record,) = common_error_numbers(decided)
+    assert record["chi2"] == pytest.approx((0.1 / 0.04) ** 2 + (0.2 / 0.05) ** 2)
+    assert record["degrees_of_freedom"] == 2
 
 
 def test_the_terminal_shows_sentences_and_warnings(result: Adjustment) -> None:

@@ -3,9 +3,11 @@ which lever arm was counted, and what must be known before they are believed."""
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from photogram.adjustment.common_errors import ResidualLeverArm
 from photogram.adjustment.gnss_offsets import OffsetTest, estimated_offset_test, implied_offset_test
@@ -244,9 +246,33 @@ _UNITS: dict[CommonErrorKind, tuple[Literal["deg", "m", "s"], float]] = {
 }
 
 
+@dataclass(frozen=True)
+class _ShownTest:
+    """Statistic, degrees of freedom and p of an error against zero."""
+
+    chi2: float
+    degrees: int
+    p: float
+
+
+def _shown_test(common: CommonErrorEstimate) -> _ShownTest:
+    """Return the test of an error with the sigmas that are shown beside it, which count what was held.
+
+    The decision to estimate it was tested without that (``adjustment.decisions``). Attitudes keep that test: their
+    sigmas have the prior's part.
+    """
+    known = np.isfinite(common.estimate)
+    if common.error.kind == "attitude" or not common.degrees or not known.any():
+        return _ShownTest(common.chi2, common.degrees, common.p)
+    variance, U = np.linalg.eigh(common.covariance[np.ix_(known, known)])
+    told = variance > 1e-9 * variance.max()
+    statistic = float(np.sum((U[:, told].T @ common.estimate[known]) ** 2 / variance[told]))
+    return _ShownTest(statistic, int(told.sum()), float(chi2.sf(statistic, told.sum())))
+
+
 def _common_sentence(common: CommonErrorEstimate, camera: str) -> str:
     """Return what an estimated common error says; ``camera`` is its name where there are several."""
-    error, p = common.error, _p(common.p)
+    error, p = common.error, _p(_shown_test(common).p)
     estimate, sigma = common.estimate, np.sqrt(np.diag(common.covariance))
     whose = (f" of flight {error.flight}" if error.flight is not None else "") + camera
     if error.kind == "attitude":
@@ -284,7 +310,7 @@ def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
         unit, factor = _UNITS[common.error.kind]
         name = None if common.error.camera is None else block.cameras[common.error.camera].name
         sigma = np.sqrt(np.diag(common.covariance))
-        known = bool(common.degrees)
+        known, shown = bool(common.degrees), _shown_test(common)
         numbers.append(
             {
                 "kind": common.error.kind,
@@ -294,9 +320,9 @@ def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
                 "unit": unit,
                 "estimate": finites(factor * common.estimate),
                 "sigma": finites(factor * sigma),
-                "chi2": common.chi2 if known else None,
-                "degrees_of_freedom": common.degrees,
-                "p": common.p if known else None,
+                "chi2": shown.chi2 if known else None,
+                "degrees_of_freedom": shown.degrees,
+                "p": shown.p if known else None,
                 "significant": common.significant if known else None,
                 "as_well": common.as_well,
                 "sentence": _common_sentence(common, f" of {name}" if name and len(block.cameras) > 1 else ""),
