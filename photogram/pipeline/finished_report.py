@@ -1,9 +1,34 @@
 """The page of a finished survey, made again or printed."""
 
+from collections.abc import Collection
 from pathlib import Path
 
+from photogram.errors import PhotogramError
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.stages.publishing.report_files import print_report, remake_report
+from photogram.pipeline.stages.publishing.report_files import PRINTED, VIEW, print_report, remake_report
+from photogram.pipeline.view import write_view
+from photogram.project.project import Project
+
+
+def prints_of(project: Project) -> tuple[str, ...]:
+    """Return which of report.pdf and view.html lie in the folder of results; new results remove them."""
+    return tuple(name for name in (PRINTED, VIEW) if (project.results / name).is_file())
+
+
+def renewed_prints(project: Project, before: Collection[str]) -> list[str]:
+    """Make report.pdf and view.html anew where they were there ``before`` and new results have removed them; returns a
+    sentence of each, the reason of one that cannot be made."""
+    made, said = {PRINTED: lambda: print_report(project), VIEW: lambda: write_view(project.results)}, list[str]()
+    for name in before:
+        if (project.results / name).is_file():
+            continue
+        try:
+            said.append(f"{made[name]()}: made anew, of these results.")
+        except PhotogramError as error:
+            said.append(
+                f"{project.results / name}: removed, since it showed earlier results, and not made anew: {error}"
+            )
+    return said
 
 
 def write_report(project: Path | str, *, photographs: Path | str | None = None, pdf: bool = False) -> tuple[Path, ...]:

@@ -119,7 +119,10 @@ def test_value_sigma_and_p_of_a_common_error_belong_together(result: Adjustment,
     )
     decided = replace(result, decisions=replace(result.decisions, common_errors=(common,)))
     (record,) = common_error_numbers(decided)
-    z = record["estimate"][0] / record["sigma"][0]
+    value_s, shown_s = record["estimate"][0], record["sigma"][0]
+    assert value_s is not None
+    assert shown_s is not None
+    z = value_s / shown_s
     assert record["chi2"] == pytest.approx(z**2)
     assert record["p"] == pytest.approx(2.0 * norm.sf(z))
     assert record["degrees_of_freedom"] == 1

@@ -1,0 +1,54 @@
+"""Pages beside the results of before: made anew where they were, or said why not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from photogram.errors import ReportError
+from photogram.pipeline import finished_report
+from photogram.pipeline.finished_report import prints_of, renewed_prints
+from photogram.pipeline.pipeline import load_project
+from photogram.project.project import Project
+
+
+@pytest.fixture
+def project(survey: Path, tmp_path: Path) -> Project:
+    """A project whose folder of results is empty."""
+    return replace(load_project(survey / "project.yaml"), results=tmp_path)
+
+
+def test_what_new_results_have_removed_is_made_anew(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    printed, view = project.results / "report.pdf", project.results / "view.html"
+    for path in (printed, view):
+        path.write_text("of before")
+    before = prints_of(project)
+    assert before == ("report.pdf", "view.html")
+    made = list[str]()
+
+    def making(path: Path) -> Path:
+        made.append(path.name)
+        path.write_text("anew")
+        return path
+
+    monkeypatch.setattr(finished_report, "print_report", lambda of: making(of.results / "report.pdf"))
+    monkeypatch.setattr(finished_report, "write_view", lambda results: making(results / "view.html"))
+    assert renewed_prints(project, before) == []  # somebody changed them: they were kept
+    printed.unlink()
+    assert renewed_prints(project, before) == [f"{printed}: made anew, of these results."]
+    view.unlink()
+    assert renewed_prints(project, ["view.html"]) == [f"{view}: made anew, of these results."]
+    assert made == ["report.pdf", "view.html"]
+    assert renewed_prints(project, ()) == []
+
+
+def test_what_cannot_be_made_anew_is_said(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(_: Project) -> Path:
+        raise ReportError("no browser is installed: install one")
+
+    monkeypatch.setattr(finished_report, "print_report", refused)
+    (said,) = renewed_prints(project, ["report.pdf"])
+    assert said.endswith(
+        "report.pdf: removed, since it showed earlier results, and not made anew: no browser is installed: install one"
+    )
+    assert prints_of(project) == ()
