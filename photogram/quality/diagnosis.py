@@ -67,7 +67,8 @@ class Dome:
 @dataclass(frozen=True)
 class Remedy:
     """A change that was tried by covariance: sigmas in height before and after, in the middle of the block for a point
-    there, else as root mean square over the block; and of the dome."""
+    there, else as root mean square over the block; and of the dome, all by the stated sigmas alone, without what held
+    parameters and a pattern in residuals may add, which the block's own sigma of the dome includes."""
 
     what: str
     sigma_height_before_m: float
@@ -92,8 +93,8 @@ class Remedy:
         where = "there" if self.what == "control_in_the_middle" else "over the block"
         return (
             f"{self.title}: sigma of the heights {where} {self.sigma_height_before_m:.3f} m now, "
-            f"{self.sigma_height_after_m:.3f} m with it; sigma of the dome {self.sigma_dome_before_m:.3f} m now, "
-            f"{self.sigma_dome_after_m:.3f} m with it"
+            f"{self.sigma_height_after_m:.3f} m with it; of the dome, by the stated sigmas alone, "
+            f"{self.sigma_dome_before_m:.3f} m now, {self.sigma_dome_after_m:.3f} m with it"
         )
 
 

@@ -211,6 +211,11 @@ def test_keys_of_the_diagnosis(report: Json) -> None:
     assert diagnosis["dome"]["predicted_sigma_m"] > 0
     assert diagnosis["dome"]["points"] == diagnosis["dome"]["control_points"] + report["check_points"]["n"]
     assert [r["what"] for r in diagnosis["remedies"]]
+    # the dome of design options is a part of the block's, and called so
+    pattern = diagnosis["pattern_effect"]["dome_m"] if diagnosis["pattern_effect"] else 0.0
+    for remedy in diagnosis["remedies"]:
+        assert np.hypot(remedy["sigma_dome_before_m"], pattern) <= 1.001 * diagnosis["dome"]["predicted_sigma_m"]
+        assert "of the dome, by the stated sigmas alone" in remedy["sentence"]
     assert all(type(sentence) is str for sentence in diagnosis["warnings"] + diagnosis["undetermined"])
     assert numbers(diagnosis["intersection_sigma_m"], 3)
     for resections in diagnosis["resections"]:

@@ -177,13 +177,16 @@ def _blunders(report: SurveyNumbers) -> LightRecord:
         "What is named was rejected"
     )
     named, suspects = report["blunders"], report["suspects"]
+    adjustment = report["adjustment"]
+    counts = {"attitudes": adjustment["disbelieved_attitudes"], "headings": adjustment["rejected_headings"]}
+    contradicted = "".join(f"; {n} {what} of the gimbal contradict the tie points" for what, n in counts.items() if n)
     if not named and not suspects:
-        return _light("Blunders", "good", "none suspected", rule)
+        return _light("Blunders", "attention" if contradicted else "good", f"none suspected{contradicted}", rule)
     sentences = [b["sentence"] for b in named] or [s["sentence"] for s in suspects]
     other = f"; and {len(sentences) - 1} more" if len(sentences) > 1 else ""
     kinds = {b["kind"] for b in named} | {s["kind"] for s in suspects}
     gnss_only = kinds <= {"GNSS position", "attitude"}
-    return _light("Blunders", "attention" if gnss_only else "bad", f"{sentences[0]}{other}", rule)
+    return _light("Blunders", "attention" if gnss_only else "bad", f"{sentences[0]}{other}{contradicted}", rule)
 
 
 def _control(report: SurveyNumbers) -> LightRecord:
