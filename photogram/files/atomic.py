@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from photogram.errors import WorkspaceError
+from photogram.errors import PhotogramError, WorkspaceError
 
 Observer = Callable[[Path, Path], None]
 """Told of a file that is about to be in place: its temporary name, which holds all of it, and its name."""
@@ -79,7 +79,7 @@ def replacing(path: Path) -> Iterator[Path]:
             if path.is_relative_to(folder):
                 observer(partial, path)
         os.replace(partial, path)
-    except WorkspaceError:
+    except PhotogramError:  # of an OSError of ours the reason is said already
         raise
     except OSError as error:
         reason = error.strerror or str(error)

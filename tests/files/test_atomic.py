@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from photogram.errors import WorkspaceError
+from photogram.errors import ReportError, WorkspaceError
 from photogram.files.atomic import (
     make_folder,
     make_folder_within,
@@ -134,3 +134,9 @@ def test_an_observer_sees_each_whole_file_before_it_is_there(tmp_path: Path) -> 
         write(tmp_path / "b.txt", "b")
     write(tmp_path / "inner" / "c.txt", "c")
     assert seen == [("a.txt", "a", False)]
+
+
+def test_what_says_its_reason_itself_is_no_trouble_of_the_folder(tmp_path: Path) -> None:
+    with pytest.raises(ReportError, match=r"^no browser is installed: install one$"), replacing(tmp_path / "a.pdf"):
+        raise ReportError("no browser is installed: install one")
+    assert list(tmp_path.iterdir()) == []
