@@ -15,7 +15,7 @@ ByteArray = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Int32Array = NDArray[np.int32]
 
-Index = int | np.uint64
+Index = int | np.int64 | np.uint64
 """A place in an array: compiled code does not test whether an unsigned one counts from the end."""
 
 

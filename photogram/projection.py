@@ -555,7 +555,9 @@ def project_point(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[fl
 
 
 @njit(inline="always")
-def seen_at(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, float, float]:
+def seen_at(
+    cameras: OrientedCameras, p: Index, X: FloatArray | tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Return u, v and the depth of X (3,) as ``project_point``; NaN for u and v where the point lies behind the camera
     or beyond the radius at which the distortion folds back."""
     i = np.uint64(p)
@@ -574,7 +576,7 @@ def seen_at(cameras: OrientedCameras, p: Index, X: FloatArray) -> tuple[float, f
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-def seen_called(cameras: OrientedCameras, p: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+def seen_called(cameras: OrientedCameras, p: Index, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return ``seen_at`` of X = (x, y, z), compiled once for all that ask seldom: inlined, each place takes seconds to
     compile, and so does each type of number and layout of an array."""
     return seen_at(cameras, p, (x, y, z))
