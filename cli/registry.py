@@ -20,6 +20,7 @@ COMMANDS = {
     "report": "photogram.cli.commands.report:report",
     "view": "photogram.cli.commands.view:view",
     "export": "photogram.exchange.commands.export:export",
+    "deliver": "photogram.delivery.command:deliver",
     "compare": "photogram.change.commands.compare:compare",
     "audit": "photogram.exchange.commands.audit:audit",
     "study": "photogram.teaching.command:experiments",

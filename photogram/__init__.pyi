@@ -9,6 +9,7 @@ from .change.m3c2 import M3C2Settings
 from .change.reference_comparison import compare_files_to_reference, write_comparison
 from .change.surface_change import SurfaceRequest, compare_surfaces
 from .change.surfaces import StatedSigma
+from .delivery.hand_over import Delivered, deliver
 from .errors import (
     AdjustmentError,
     ControlPointError,
@@ -90,6 +91,7 @@ __all__ = [
     "ControlPointError",
     "ControlPoints",
     "DamagedStageError",
+    "Delivered",
     "DenseSettings",
     "DetectedTargets",
     "Diagnosis",
@@ -148,6 +150,7 @@ __all__ = [
     "compare_surfaces",
     "compare_to_reference",
     "contour_lines",
+    "deliver",
     "detect_targets",
     "diagnose",
     "export_marks",

@@ -15,18 +15,20 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("photogram", "factors", "cli")
 MOST_MODULES = 15
 TABLE = Path(__file__).with_name("covered_by.txt")
-WINGS = ("change", "exchange", "local_grids", "marking", "simulation", "teaching")
+WINGS = ("change", "delivery", "exchange", "local_grids", "marking", "simulation", "teaching")
 COMMANDS = (
     "cli",
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
-    *(f"{wing}.{module}" for wing in ("local_grids", "marking", "teaching") for module in ("command", "work")),
+    *(f"{wing}.command" for wing in ("delivery", "local_grids", "marking", "teaching")),
+    *(f"{wing}.work" for wing in ("delivery", "local_grids", "marking", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "CSF_3DFin": ("surface.dtm",),
     "contourpy": ("surface.contours",),
     "defusedxml": ("files.xml_elements", "files.photographs"),
     "distributed": ("pipeline.store.cluster",),
+    "ezdxf": ("delivery.drawing",),
     "gtsam": ("factors",),
     "jinja2": ("report", "exchange.audit.page"),
     "laspy": ("files.clouds", "change.files"),

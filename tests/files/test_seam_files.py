@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from photogram.errors import ProjectError
-from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
+from photogram.files.maps.seam_files import NamedPolygon, read_rim, read_seams, write_seams
 from photogram.geodesy.crs import NO_CRS
 
 MAP = "EPSG:25832"
@@ -39,6 +39,7 @@ def drawn(folder: Path, polygons: list[Any], names: list[Any], layer: str = "sea
 def test_what_is_written_is_read_again(tmp_path: Path, crs: str) -> None:
     path = written(tmp_path, [NamedPolygon(NAMES[0], LEFT), NamedPolygon(NAMES[2], RIGHT)], crs)
     found = read_seams(path, NAMES, crs)
+    assert read_rim(path, crs).equals(shapely.box(0, 0, 30, 20))
     assert [seam.photograph for seam in found] == [NAMES[0], NAMES[2]]
     assert [seam.polygon.equals(other) for seam, other in zip(found, (LEFT, RIGHT), strict=True)] == [True, True]
     assert pyogrio.list_layers(path)[:, 0].tolist() == ["outline", "seams"]

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import CRS
 
-from photogram.errors import FrameError, PhotogramError, WorkspaceError
-from photogram.files.maps.contour_files import LAYER, write_contours
+from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
+from photogram.files.maps.contour_files import LAYER, read_contours, write_contours
 from photogram.surface import contours as module
 from photogram.surface.contours import ContourSettings, contour_lines, interval_for
 from photogram.survey import Contours, Raster
@@ -158,6 +158,19 @@ def test_lines_survive_the_geopackage(tmp_path: Path) -> None:
     np.testing.assert_array_equal(vertices[:, :2], found.vertex_map_m)
     np.testing.assert_array_equal(vertices[:, 2], found.height_m[of_line])
     np.testing.assert_array_equal(np.bincount(of_line), np.diff(found.first))
+
+
+@pytest.mark.parametrize("crs", [MAP, "EPSG:2263", "EPSG:2263+5703"])
+def test_lines_are_read_back_in_metres(tmp_path: Path, crs: str) -> None:
+    found = contour_lines(cone(), ContourSettings(interval_m=1.0))
+    write_contours(tmp_path / "contours.gpkg", found, crs)
+    back = read_contours(tmp_path / "contours.gpkg", crs, found.interval_m, found.cell_m)
+    np.testing.assert_allclose(back.height_m, found.height_m, rtol=1e-12)
+    np.testing.assert_allclose(back.vertex_map_m, found.vertex_map_m, rtol=1e-12)
+    np.testing.assert_array_equal(back.first, found.first)
+    np.testing.assert_array_equal(back.is_index, found.is_index)
+    with pytest.raises(ProjectError, match="cannot be read"):
+        read_contours(tmp_path / "other.gpkg", crs, found.interval_m, found.cell_m)
 
 
 def test_no_lines_make_an_empty_layer_and_faults_leave_nothing(tmp_path: Path) -> None:

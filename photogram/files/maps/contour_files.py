@@ -1,4 +1,4 @@
-"""GeoPackages, written whole, and contour lines as one."""
+"""GeoPackages, written whole, and contour lines as one, which is read back."""
 
 import warnings
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from photogram.errors import ProjectError
 from photogram.files.atomic import replacing, scratch_folder
 from photogram.geodesy.crs import map_units, plan_of, written_crs
 from photogram.survey import Contours
@@ -73,3 +74,17 @@ def write_contours(path: Path, contours: Contours, crs: str) -> None:
                 "DESCRIPTION": f"interval {contours.interval_m / units.height_m:g} {units.height_symbol}, {named}",
             },
         )
+
+
+def read_contours(path: Path, crs: str, interval_m: float, cell_m: float) -> Contours:
+    """Return the lines that ``write_contours`` has written in ``crs``, in metres, with the interval and the cells that
+    they were traced with. Raises ProjectError where the file cannot be read."""
+    units = map_units(crs)
+    try:
+        _, _, shapes, (height, _) = pyogrio.raw.read(path, layer=LAYER)
+    except (DataSourceError, DataLayerError) as error:
+        words = " ".join(str(error).split())
+        raise ProjectError(f"contours {path}: cannot be read ({words}): delete it and run again") from error
+    lines = shapely.from_wkb(shapes)
+    first = np.concatenate([[0], np.cumsum(shapely.get_num_coordinates(lines))]).astype(np.int64)
+    return Contours(height * units.height_m, shapely.get_coordinates(lines) * units.plan_m, first, interval_m, cell_m)

@@ -76,6 +76,17 @@ def write_seams(path: Path, rim: Geometry, seams: Sequence[NamedPolygon], crs: s
         )
 
 
+def read_rim(path: Path, crs: str) -> Geometry:
+    """Return the rim that ``write_seams`` has written in ``crs``, in metres. Raises ProjectError where the file cannot
+    be read."""
+    try:
+        shapes = pyogrio.raw.read(path, layer=OUTLINE)[2]
+    except (DataSourceError, DataLayerError) as error:
+        words = " ".join(str(error).split())
+        raise ProjectError(f"rim {path}: cannot be read ({words}): delete it and run again") from error
+    return _scaled(shapely.from_wkb(shapes[0]), map_units(crs).plan_m)
+
+
 def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]:
     """Return the polygons of the layer ``seams`` of a file (GeoPackage, or whatever else GDAL reads), in its order.
 

@@ -1,0 +1,38 @@
+"""photogram deliver: a finished survey for CAD and GIS. Arguments only."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from photogram.delivery.names import FILES, Product
+from photogram.terminal.arguments import Photographs, ProjectFile
+from photogram.terminal.fast_checks import check_project_file
+
+_FILES = ", ".join(f"{product} ({file})" for product, file in FILES.items())
+
+
+def deliver(
+    project: ProjectFile,
+    products: Annotated[
+        list[Product] | None,
+        typer.Option("--to", help=f"{_FILES}; may be repeated; default: all.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder to write to; default: that of the results.", show_default=False)
+    ] = None,
+    tolerance_m: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance-m",
+            help="By how much a simplified contour line may leave the traced one, m; default: half a cell.",
+            show_default=False,
+        ),
+    ] = None,
+    photographs: Photographs = None,
+) -> None:
+    """Hand a finished survey over to CAD and GIS."""
+    check_project_file(project)
+    from photogram.delivery.work import run
+
+    run(project, products or list(Product), output, tolerance_m, photographs)

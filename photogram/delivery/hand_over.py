@@ -1,0 +1,97 @@
+"""A finished survey handed over: which products are written, where, and what may be replaced."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from photogram.delivery.drawing import write_drawing
+from photogram.delivery.names import FILES, Product
+from photogram.delivery.survey_contents import SurveyContents, survey_contents
+from photogram.delivery.thinned_lines import DEFAULT_TOLERANCE_CELLS, thinned
+from photogram.errors import ExchangeError
+from photogram.files.atomic import make_folder
+from photogram.files.npz_json import file_fingerprint
+from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
+from photogram.pipeline.stages.order import BEFORE_RESULTS
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.store.results_record import read_record, recorded
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """A product that was written."""
+
+    path: Path
+    """Its file."""
+    holds: str
+    """What it holds, in words."""
+    left_out: tuple[str, ...]
+    """Sentences on what it does not hold."""
+
+
+def deliver(
+    project: Path | str,
+    products: Sequence[str] = tuple(Product),
+    output: Path | str | None = None,
+    *,
+    tolerance_m: float | None = None,
+    photographs: Path | str | None = None,
+) -> tuple[Delivered, ...]:
+    """Write products of a finished survey for CAD and GIS into a folder, that of its results unless ``output`` names
+    another; their checksums stand in its ``checksums.sha256``.
+
+    ``products`` are names of ``Product``. Contour lines are simplified within ``tolerance_m``, half a cell if None. A
+    file that photogram has not written, or that somebody has changed since, is not replaced. Raises ExchangeError for
+    such a file, where the survey is not finished as the project now stands, or has no scale; ProjectError where the
+    project file is wrong; WorkspaceError where a file cannot be read or written.
+    """
+    if tolerance_m is not None and not 0.0 <= tolerance_m < float("inf"):
+        raise ExchangeError(f"tolerance_m {tolerance_m:g}: is no length: give 0 or more, in metres")
+    survey = load_project(Path(project), None if photographs is None else Path(photographs))
+    folder = survey.results if output is None else Path(output)
+    chosen = _known(products)
+    for product in chosen:
+        _check_replaceable(folder / FILES[product])
+    with open_run(survey) as run:
+        # not the results, which a folder that was moved seems to lack: what is handed over comes from stages before
+        last = BEFORE_RESULTS[-1].name
+        if run.workspace.mark(last) is None or not is_up_to_date(run, last):
+            raise ExchangeError(f"{survey.path}: is not finished as it now stands: run photogram adjust first")
+        if not block_as_adjusted(run).has_scale:
+            raise ExchangeError(f"{survey.path}: the network has no scale, so nothing is in metres: give a distance")
+        contents = survey_contents(run)
+    contours = contents.contours
+    within_m = 0.0
+    if contours is not None:
+        within_m = DEFAULT_TOLERANCE_CELLS * contours.cell_m if tolerance_m is None else tolerance_m
+        contents = replace(contents, contours=thinned(contours, within_m))
+    make_folder(folder)
+    with recorded(folder):
+        return tuple(_WRITERS[product](folder / FILES[product], contents, within_m) for product in chosen)
+
+
+def _drawing(path: Path, contents: SurveyContents, tolerance_m: float) -> Delivered:
+    holds = write_drawing(path, contents, tolerance_m)
+    absent = tuple(f"{name[:1].upper()}{name[1:]}: {why}." for name, why in contents.absent.items())
+    return Delivered(path, holds, absent)
+
+
+_WRITERS: dict[Product, Callable[[Path, SurveyContents, float], Delivered]] = {Product.DXF: _drawing}
+
+
+def _known(products: Sequence[str]) -> tuple[Product, ...]:
+    """Return products by their names, each once. Raises ExchangeError for another name."""
+    unknown = [name for name in products if name not in tuple(Product)]
+    if unknown:
+        raise ExchangeError(f"{unknown[0]!r}: is no product that is handed over: choose of {', '.join(Product)}")
+    return tuple(dict.fromkeys(Product(name) for name in products))
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raise ExchangeError where a file is not photogram's own, or was changed since it was written."""
+    if not path.exists() and not path.is_symlink():
+        return
+    known = read_record(path.parent).get(path.name)
+    if known is None or not path.is_file() or file_fingerprint(path) != known:
+        what = "was not written by photogram" if known is None else "was changed since photogram wrote it"
+        raise ExchangeError(f"{path}: {what}, and would be overwritten: rename it, or give another folder as --output")

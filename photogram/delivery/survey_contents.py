@@ -1,0 +1,114 @@
+"""What a finished survey hands over, gathered from what its stages have stored: lines, points and outlines, in m."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from photogram.arrays import BoolArray, FloatArray
+from photogram.files.maps.contour_files import read_contours
+from photogram.files.maps.seam_files import read_rim
+from photogram.files.poses import footprint_world_m
+from photogram.geodesy.crs import crs_in_words, plan_of
+from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.stages.stored_surface import reason_left_out
+from photogram.pipeline.stages.surface import ReliefSummary, SurfaceSummary
+from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.store.run import Run
+from photogram.survey import Block, Contours
+
+Geometry = Any  # of shapely, which has no types
+
+UPRIGHT = "they lie on a plane of their own (plane.json), not on the map"
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPoints:
+    """Surveyed ground points (G), as they were given."""
+
+    name: tuple[str, ...]
+    """Their names."""
+    is_control: BoolArray
+    """Which (G,) are control points; the others are check points."""
+    position_map_m: FloatArray
+    """Easting, northing, height (G, 3)."""
+
+    def role(self, control: bool) -> tuple[tuple[str, ...], FloatArray]:
+        """Return names and positions (N, 3) of control points, or of check points."""
+        chosen = self.is_control == control
+        return tuple(n for n, of_role in zip(self.name, chosen, strict=True) if of_role), self.position_map_m[chosen]
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """What a photograph shows."""
+
+    name: str
+    """Name of the photograph."""
+    corner_map_m: FloatArray
+    """Its corners (4, 3) on the mean height of the tie points, counter-clockwise."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyContents:
+    """What is handed over, in the map of the survey."""
+
+    crs: str
+    """CRS of heights and lines."""
+    crs_words: str
+    """The same for people."""
+    points: GroundPoints
+    footprints: tuple[Footprint, ...]
+    contours: Contours | None
+    """Contour lines as traced, None where there are none."""
+    contours_of: str
+    """What they are of, terrain or surface."""
+    rim: Geometry | None
+    """Rim of the orthophoto, polygons in the map, None where there is none."""
+    absent: dict[str, str]
+    """What the survey has not, and why: `contour lines` and `rim`."""
+
+
+def survey_contents(run: Run) -> SurveyContents:
+    """Return what a run whose results are up to date hands over. Raises WorkspaceError where a file is damaged."""
+    block, project = block_as_adjusted(run).surveyed, run.project
+    points = block.control_points
+    absent = dict[str, str]()
+    upright, contours, rim, of = made_frame(run).plane is not None, None, None, ""
+    if run.workspace.has("relief", "contours.gpkg"):
+        relief = run.workspace.summary("relief", ReliefSummary)
+        cell_m = run.workspace.summary("surface", SurfaceSummary)["cell_m"]
+        path = run.workspace.file("relief", "contours.gpkg")
+        contours, of = read_contours(path, project.product_crs, relief["interval_m"], cell_m), relief["of"]
+    else:
+        enabled = project.contours.enabled
+        none = reason_left_out(run, "surface") or "there is no surface"
+        absent["contour lines"] = (UPRIGHT if upright else none) if enabled else "contours.enabled is false"
+    if run.workspace.has("orthophoto", "outline.gpkg") and not upright:
+        rim = read_rim(run.workspace.file("orthophoto", "outline.gpkg"), plan_of(project.crs))
+    else:
+        absent["rim"] = UPRIGHT if upright else "there is no orthophoto"
+    return SurveyContents(
+        project.product_crs,
+        crs_in_words(project.crs, project.heights),
+        GroundPoints(
+            points.name,
+            np.array([role == "control" for role in points.role], dtype=bool),
+            block.frame.map_from_world(points.position_world_m),
+        ),
+        _footprints(block),
+        contours,
+        of,
+        rim,
+        absent,
+    )
+
+
+def _footprints(block: Block) -> tuple[Footprint, ...]:
+    heights, found = block.tie_points.position_world_m[:, 2], list[Footprint]()
+    for photograph, pose in zip(block.photographs, block.poses, strict=True):
+        if pose is not None and len(heights):
+            corner = footprint_world_m(block.cameras[photograph.camera], pose, float(heights.mean()))
+            if corner is not None:
+                found.append(Footprint(photograph.name, block.frame.map_from_world(corner)))
+    return tuple(found)
