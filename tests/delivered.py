@@ -1,5 +1,7 @@
 """What a survey of a known hill hands over: contour lines with truth, points, footprints and a rim."""
 
+from pathlib import Path
+
 import numpy as np
 import shapely
 
@@ -30,6 +32,7 @@ def handed_over(crs: str = "EPSG:25832") -> SurveyContents:
         shapely.box(WEST + 5, NORTH - 9, WEST + 9, NORTH - 5)
     )
     return SurveyContents(
+        Path("results"),
         crs,
         f"{crs}, heights above the hill",
         GroundPoints(("GCP 1", "Übergang", "CP<3>"), np.array([True, True, False]), places),

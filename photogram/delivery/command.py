@@ -9,7 +9,7 @@ from photogram.delivery.names import FILES, Product
 from photogram.terminal.arguments import Photographs, ProjectFile
 from photogram.terminal.fast_checks import check_project_file
 
-_FILES = ", ".join(f"{product} ({file})" for product, file in FILES.items())
+_FILES = ", ".join(f"{product} ({files[0]})" for product, files in FILES.items())
 
 
 def deliver(

@@ -72,7 +72,7 @@ def write_drawing(path: Path, contents: SurveyContents, tolerance_m: float) -> s
     with _no_times(), replacing(path) as partial:
         drawing = _empty_drawing(contents, tolerance_m)
         space = drawing.modelspace()
-        corners = _extent(contents) / unit_m
+        corners = contents.extent_map_m / unit_m
         diagonal = float(np.hypot(*(corners[1] - corners[0])))
         text = round_near(max(diagonal, 1.0) / TEXTS_ON_SHEET)
         drawing.header["$PDSIZE"] = text
@@ -89,15 +89,6 @@ def write_drawing(path: Path, contents: SurveyContents, tolerance_m: float) -> s
     points, footprints = len(contents.points.name), len(contents.footprints)
     counts = ((lines, "contour line"), (points, "ground point"), (footprints, "footprint"))
     return ", ".join(things(count, one) for count, one in counts if count) or "nothing"
-
-
-def _extent(contents: SurveyContents) -> FloatArray:
-    """Return the lower left and upper right corner (2, 2) of everything, m."""
-    places = [footprint.corner_map_m[:, :2] for footprint in contents.footprints]
-    places += [contents.points.position_map_m[:, :2]]
-    places += [] if contents.contours is None else [contents.contours.vertex_map_m]
-    every = np.vstack(places)
-    return np.array([every.min(axis=0), every.max(axis=0)]) if len(every) else np.zeros((2, 2))
 
 
 def _empty_drawing(contents: SurveyContents, tolerance_m: float) -> Drawing:

@@ -1,11 +1,12 @@
 """A finished survey handed over: which products are written, where, and what may be replaced."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photogram.delivery.drawing import write_drawing
 from photogram.delivery.names import FILES, Product
+from photogram.delivery.qgis_project import write_project
 from photogram.delivery.survey_contents import SurveyContents, survey_contents
 from photogram.delivery.thinned_lines import DEFAULT_TOLERANCE_CELLS, thinned
 from photogram.errors import ExchangeError
@@ -51,7 +52,8 @@ def deliver(
     folder = survey.results if output is None else Path(output)
     chosen = _known(products)
     for product in chosen:
-        _check_replaceable(folder / FILES[product])
+        for name in FILES[product]:
+            _check_replaceable(folder / name)
     with open_run(survey) as run:
         # not the results, which a folder that was moved seems to lack: what is handed over comes from stages before
         last = BEFORE_RESULTS[-1].name
@@ -67,16 +69,16 @@ def deliver(
         contents = replace(contents, contours=thinned(contours, within_m))
     make_folder(folder)
     with recorded(folder):
-        return tuple(_WRITERS[product](folder / FILES[product], contents, within_m) for product in chosen)
+        return tuple(_written(product, folder / FILES[product][0], contents, within_m) for product in chosen)
 
 
-def _drawing(path: Path, contents: SurveyContents, tolerance_m: float) -> Delivered:
+def _written(product: Product, path: Path, contents: SurveyContents, tolerance_m: float) -> Delivered:
+    if product is Product.QGIS:
+        return Delivered(path, write_project(path, contents), ())
     holds = write_drawing(path, contents, tolerance_m)
-    absent = tuple(f"{name[:1].upper()}{name[1:]}: {why}." for name, why in contents.absent.items())
-    return Delivered(path, holds, absent)
-
-
-_WRITERS: dict[Product, Callable[[Path, SurveyContents, float], Delivered]] = {Product.DXF: _drawing}
+    return Delivered(
+        path, holds, tuple(f"{name[:1].upper()}{name[1:]}: {why}." for name, why in contents.absent.items())
+    )
 
 
 def _known(products: Sequence[str]) -> tuple[Product, ...]:

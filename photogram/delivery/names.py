@@ -7,7 +7,8 @@ class Product(StrEnum):
     """What is handed over."""
 
     DXF = "dxf"
+    QGIS = "qgis"
 
 
-FILES = {Product.DXF: "survey.dxf"}
-"""The file of each product."""
+FILES = {Product.DXF: ("survey.dxf",), Product.QGIS: ("survey.qgz", "ground_points.gpkg")}
+"""The files of each product, the one that is opened first."""

@@ -1,6 +1,7 @@
 """What a finished survey hands over, gathered from what its stages have stored: lines, points and outlines, in m."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,8 @@ class Footprint:
 class SurveyContents:
     """What is handed over, in the map of the survey."""
 
+    results: Path
+    """Folder with the products of the survey."""
     crs: str
     """CRS of heights and lines."""
     crs_words: str
@@ -67,6 +70,17 @@ class SurveyContents:
     """Rim of the orthophoto, polygons in the map, None where there is none."""
     absent: dict[str, str]
     """What the survey has not, and why: `contour lines` and `rim`."""
+    on_plane: bool = False
+    """Whether the rasters lie on a plane of their own, not on the map."""
+
+    @property
+    def extent_map_m(self) -> FloatArray:
+        """The lower left and upper right corner (2, 2) of lines, points and footprints."""
+        places = [footprint.corner_map_m[:, :2] for footprint in self.footprints]
+        places += [self.points.position_map_m[:, :2]]
+        places += [] if self.contours is None else [self.contours.vertex_map_m]
+        every = np.vstack(places)
+        return np.array([every.min(axis=0), every.max(axis=0)]) if len(every) else np.zeros((2, 2))
 
 
 def survey_contents(run: Run) -> SurveyContents:
@@ -89,6 +103,7 @@ def survey_contents(run: Run) -> SurveyContents:
     else:
         absent["rim"] = UPRIGHT if upright else "there is no orthophoto"
     return SurveyContents(
+        project.results,
         project.product_crs,
         crs_in_words(project.crs, project.heights),
         GroundPoints(
@@ -101,6 +116,7 @@ def survey_contents(run: Run) -> SurveyContents:
         of,
         rim,
         absent,
+        upright,
     )
 
 

@@ -241,8 +241,8 @@ def plan_of(name: str) -> str:
     """Return the map ``name`` without a vertical part. Raises FrameError as projected_crs."""
     if name == NO_CRS:
         return name
-    plan = projected_crs(name)
-    return crs_name(plan) if CRS.from_user_input(name).is_compound else name
+    plan, crs = projected_crs(name), CRS.from_user_input(name)
+    return crs_name(flat_crs(plan)) if crs.is_compound or len(crs.axis_info) > 2 else name
 
 
 def same_plan(first: str, second: str) -> bool:

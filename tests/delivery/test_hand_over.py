@@ -20,7 +20,7 @@ Photogram = Callable[..., Any]
 def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> None:
     results = adjusted_survey / "results"
     first = deliver(adjusted_survey)
-    assert [delivered.path for delivered in first] == [results / FILES[product] for product in Product]
+    assert [delivered.path for delivered in first] == [results / FILES[product][0] for product in Product]
     record = read_record(results)
     for delivered in first:
         assert record[delivered.path.name] == hashlib.sha256(delivered.path.read_bytes()).hexdigest()
@@ -28,12 +28,12 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
     again = deliver(adjusted_survey)
     assert read_record(results) == record, "the same survey gives the same bytes"
     assert again == first
-    own = results / FILES[Product.DXF]
+    own = results / FILES[Product.DXF][0]
     own.write_text("edited\n")
     with pytest.raises(ExchangeError, match="was changed since photogram wrote it"):
         deliver(adjusted_survey)
     assert own.read_text() == "edited\n"
-    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf"):
+    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf, qgis"):
         deliver(adjusted_survey, ["dwg"])
     (adjusted_survey / "elsewhere").mkdir()
     (adjusted_survey / "elsewhere" / own.name).write_text("mine\n")

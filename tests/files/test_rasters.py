@@ -9,7 +9,7 @@ from rasterio.transform import Affine
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.maps.cogs import NODATA
-from photogram.files.maps.rasters import open_raster, read_raster, write_raster
+from photogram.files.maps.rasters import open_raster, read_raster, value_range, write_raster
 from photogram.grid import Window
 from photogram.survey import Raster
 
@@ -28,6 +28,15 @@ def written(path: Path, transform: Affine, crs: str | None = CRS, count: int = 1
     with rasterio.open(path, "w", driver="GTiff", **options) as dataset:
         dataset.write(np.arange(count * 24).reshape(count, 4, 6).astype(dtype))
     return path
+
+
+def test_quantiles_leave_out_what_has_no_data(tmp_path: Path) -> None:
+    raster, path = surface(), tmp_path / "dsm.tif"
+    write_raster(path, raster, CRS)
+    known = raster.values[np.isfinite(raster.values)]
+    assert value_range(path, 0.1, 0.9) == pytest.approx(tuple(np.quantile(known, [0.1, 0.9])))
+    write_raster(path, Raster(np.full((5, 5), np.nan, np.float32), 5.0, 9.0, 1.0), CRS)
+    assert value_range(path, 0.1, 0.9) == (0.0, 0.0)
 
 
 def test_raster_survives_writing_and_reading(tmp_path: Path) -> None:

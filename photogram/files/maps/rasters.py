@@ -258,6 +258,20 @@ def _check_size(path: Path, dataset: rasterio.DatasetReader, size: int) -> None:
         )
 
 
+def value_range(path: Path, low: float, high: float) -> tuple[float, float]:
+    """Return the quantiles ``low`` and ``high`` of a raster's numbers as its file has them, of a thousand cells along a
+    side at most; 0 and 0 where no cell has any. Raises ProjectError where it cannot be read."""
+    with _opened(path) as dataset:
+        step = max(1, int(np.ceil(max(dataset.height, dataset.width) / _LOOKED_AT)))
+        shape = int(np.ceil(dataset.height / step)), int(np.ceil(dataset.width / step))
+        numbers = dataset.read(1, out_shape=shape, masked=True).compressed()
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers):
+        return 0.0, 0.0
+    least, greatest = np.quantile(numbers.astype(np.float64), [low, high]).tolist()
+    return least, greatest
+
+
 def read_codes(path: Path, window: Window) -> ByteArray:
     """Return the codes (rows, columns) of a window of a file's cells. Raises ProjectError where it cannot be read."""
     rows, columns = window.shape
