@@ -1,5 +1,6 @@
 """What a survey of a known hill hands over: contour lines with truth, points, footprints and a rim."""
 
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,9 @@ def handed_over(crs: str = "EPSG:25832") -> SurveyContents:
         tuple(Footprint(f"DJI_000{i}.JPG", square + np.array([20.0 * i, 0.0, 0.0])) for i in (1, 2)),
         contours,
         "terrain",
+        None,
+        "terrain",
+        date(2026, 5, 4),
         rim,
         {},
     )

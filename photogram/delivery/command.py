@@ -29,10 +29,18 @@ def deliver(
             show_default=False,
         ),
     ] = None,
+    surface_error_m: Annotated[
+        float | None,
+        typer.Option(
+            "--surface-error-m",
+            help="By how much the triangulated surface may be off, m; default: a tenth of the contour interval.",
+            show_default=False,
+        ),
+    ] = None,
     photographs: Photographs = None,
 ) -> None:
     """Hand a finished survey over to CAD and GIS."""
     check_project_file(project)
     from photogram.delivery.work import run
 
-    run(project, products or list(Product), output, tolerance_m, photographs)
+    run(project, products or list(Product), output, tolerance_m, surface_error_m, photographs)

@@ -5,13 +5,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photogram.delivery.drawing import write_drawing
+from photogram.delivery.land_xml import write_land_xml
 from photogram.delivery.names import FILES, Product
 from photogram.delivery.qgis_project import write_project
 from photogram.delivery.survey_contents import SurveyContents, survey_contents
 from photogram.delivery.thinned_lines import DEFAULT_TOLERANCE_CELLS, thinned
+from photogram.delivery.thinned_tin import (
+    DEFAULT_ERROR_INTERVALS,
+    MOST_VERTICES,
+    ROUNDING_M,
+    interval_of,
+    reduced_raster,
+    thinned_tin,
+)
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
 from photogram.files.npz_json import file_fingerprint
+from photogram.geodesy.crs import NO_CRS
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
@@ -36,18 +46,22 @@ def deliver(
     output: Path | str | None = None,
     *,
     tolerance_m: float | None = None,
+    surface_error_m: float | None = None,
     photographs: Path | str | None = None,
 ) -> tuple[Delivered, ...]:
     """Write products of a finished survey for CAD and GIS into a folder, that of its results unless ``output`` names
     another; their checksums stand in its ``checksums.sha256``.
 
-    ``products`` are names of ``Product``. Contour lines are simplified within ``tolerance_m``, half a cell if None. A
-    file that photogram has not written, or that somebody has changed since, is not replaced. Raises ExchangeError for
+    ``products`` are names of ``Product``. Contour lines are simplified within ``tolerance_m``, half a cell if None;
+    the triangulated surface is off by ``surface_error_m`` at most, a tenth of the contour interval if None. A file that
+    photogram has not written, or that somebody has changed since, is not replaced. Raises ExchangeError for
     such a file, where the survey is not finished as the project now stands, or has no scale; ProjectError where the
     project file is wrong; WorkspaceError where a file cannot be read or written.
     """
-    if tolerance_m is not None and not 0.0 <= tolerance_m < float("inf"):
-        raise ExchangeError(f"tolerance_m {tolerance_m:g}: is no length: give 0 or more, in metres")
+    asked = _Asked(tolerance_m, surface_error_m)
+    for name, length in (("tolerance_m", tolerance_m), ("surface_error_m", surface_error_m)):
+        if length is not None and not 0.0 <= length < float("inf"):
+            raise ExchangeError(f"{name} {length:g}: is no length: give 0 or more, in metres")
     survey = load_project(Path(project), None if photographs is None else Path(photographs))
     folder = survey.results if output is None else Path(output)
     chosen = _known(products)
@@ -62,23 +76,52 @@ def deliver(
         if not block_as_adjusted(run).has_scale:
             raise ExchangeError(f"{survey.path}: the network has no scale, so nothing is in metres: give a distance")
         contents = survey_contents(run)
-    contours = contents.contours
-    within_m = 0.0
-    if contours is not None:
-        within_m = DEFAULT_TOLERANCE_CELLS * contours.cell_m if tolerance_m is None else tolerance_m
-        contents = replace(contents, contours=thinned(contours, within_m))
     make_folder(folder)
     with recorded(folder):
-        return tuple(_written(product, folder / FILES[product][0], contents, within_m) for product in chosen)
+        return tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
 
 
-def _written(product: Product, path: Path, contents: SurveyContents, tolerance_m: float) -> Delivered:
+@dataclass(frozen=True)
+class _Asked:
+    """How exact the products are to be, m; None for what is usual."""
+
+    tolerance_m: float | None
+    surface_error_m: float | None
+
+
+def _written(product: Product, path: Path, contents: SurveyContents, asked: _Asked) -> Delivered:
     if product is Product.QGIS:
         return Delivered(path, write_project(path, contents), ())
-    holds = write_drawing(path, contents, tolerance_m)
-    return Delivered(
-        path, holds, tuple(f"{name[:1].upper()}{name[1:]}: {why}." for name, why in contents.absent.items())
+    if product is Product.LANDXML:
+        return _land_xml(path, contents, asked.surface_error_m)
+    within_m = 0.0
+    if contents.contours is not None:
+        usual_m = DEFAULT_TOLERANCE_CELLS * contents.contours.cell_m
+        within_m = usual_m if asked.tolerance_m is None else asked.tolerance_m
+        contents = replace(contents, contours=thinned(contents.contours, within_m))
+    return Delivered(path, write_drawing(path, contents, within_m), _absent(contents, "contour lines", "rim"))
+
+
+def _land_xml(path: Path, contents: SurveyContents, error_m: float | None) -> Delivered:
+    if contents.surface is None:
+        return Delivered(path, write_land_xml(path, contents, None), _absent(contents, "surface"))
+    raster = reduced_raster(contents.surface, local=contents.crs == NO_CRS)
+    if error_m is None:
+        interval_m = contents.contours.interval_m if contents.contours is not None else interval_of(raster)
+        error_m = DEFAULT_ERROR_INTERVALS * interval_m
+    tin = thinned_tin(raster, error_m)
+    coarser = (
+        f"Heights within {error_m:g} m: that takes more than {MOST_VERTICES} vertices: give a larger "
+        "--surface-error-m, or enable the terrain model (terrain.enabled).",
     )
+    full = len(tin.vertex_map_m) and tin.greatest_m > error_m + ROUNDING_M
+    return Delivered(path, write_land_xml(path, contents, tin), coarser if full else ())
+
+
+def _absent(contents: SurveyContents, *names: str) -> tuple[str, ...]:
+    """Return sentences on what of a product the survey has not."""
+    lacking = [(name, contents.absent[name]) for name in names if name in contents.absent]
+    return tuple(f"{name[:1].upper()}{name[1:]}: {why}." for name, why in lacking)
 
 
 def _known(products: Sequence[str]) -> tuple[Product, ...]:

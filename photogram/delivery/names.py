@@ -8,7 +8,12 @@ class Product(StrEnum):
 
     DXF = "dxf"
     QGIS = "qgis"
+    LANDXML = "landxml"
 
 
-FILES = {Product.DXF: ("survey.dxf",), Product.QGIS: ("survey.qgz", "ground_points.gpkg")}
+FILES = {
+    Product.DXF: ("survey.dxf",),
+    Product.QGIS: ("survey.qgz", "ground_points.gpkg"),
+    Product.LANDXML: ("survey.xml",),
+}
 """The files of each product, the one that is opened first."""

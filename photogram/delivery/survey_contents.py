@@ -1,6 +1,7 @@
 """What a finished survey hands over, gathered from what its stages have stored: lines, points and outlines, in m."""
 
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from photogram.files.maps.contour_files import read_contours
 from photogram.files.maps.seam_files import read_rim
 from photogram.files.poses import footprint_world_m
 from photogram.geodesy.crs import crs_in_words, plan_of
+from photogram.pipeline.stages.publishing.products import flight_date
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import reason_left_out
 from photogram.pipeline.stages.surface import ReliefSummary, SurfaceSummary
@@ -66,10 +68,17 @@ class SurveyContents:
     """Contour lines as traced, None where there are none."""
     contours_of: str
     """What they are of, terrain or surface."""
+    surface: Path | None
+    """Raster of the terrain, else of the surface with its holes closed, else of the surface; None where there is none
+    on the map."""
+    surface_of: str
+    """What it is: terrain or surface."""
+    created: date
+    """Day of the last exposure."""
     rim: Geometry | None
     """Rim of the orthophoto, polygons in the map, None where there is none."""
     absent: dict[str, str]
-    """What the survey has not, and why: `contour lines` and `rim`."""
+    """What the survey has not, and why: `contour lines`, `rim` and `surface`."""
     on_plane: bool = False
     """Whether the rasters lie on a plane of their own, not on the map."""
 
@@ -102,6 +111,9 @@ def survey_contents(run: Run) -> SurveyContents:
         rim = read_rim(run.workspace.file("orthophoto", "outline.gpkg"), plan_of(project.crs))
     else:
         absent["rim"] = UPRIGHT if upright else "there is no orthophoto"
+    surface, surface_of = _surface(run, upright=upright)
+    if surface is None:
+        absent["surface"] = UPRIGHT if upright else reason_left_out(run, "surface") or "there is none"
     return SurveyContents(
         project.results,
         project.product_crs,
@@ -114,10 +126,22 @@ def survey_contents(run: Run) -> SurveyContents:
         _footprints(block),
         contours,
         of,
+        surface,
+        surface_of,
+        flight_date(run.notes(), block.poses),
         rim,
         absent,
         upright,
     )
+
+
+def _surface(run: Run, *, upright: bool) -> tuple[Path | None, str]:
+    if upright:
+        return None, ""
+    if run.workspace.has("relief", "dtm.tif"):
+        return run.workspace.file("relief", "dtm.tif"), "terrain"
+    names = [name for name in ("dsm_filled.tif", "dsm.tif") if run.workspace.has("surface", name)]
+    return (run.workspace.file("surface", names[0]), "surface") if names else (None, "")
 
 
 def _footprints(block: Block) -> tuple[Footprint, ...]:

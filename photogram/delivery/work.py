@@ -11,10 +11,23 @@ from photogram.terminal.console import console
 
 
 def run(
-    project: Path, products: Sequence[Product], output: Path | None, tolerance_m: float | None, photographs: Path | None
+    project: Path,
+    products: Sequence[Product],
+    output: Path | None,
+    tolerance_m: float | None,
+    surface_error_m: float | None,
+    photographs: Path | None,
 ) -> None:
     """Write the products, and say of each where it is, what it holds and what it does not."""
-    for delivered in deliver(project, products, output, tolerance_m=tolerance_m, photographs=photographs):
+    made = deliver(
+        project,
+        products,
+        output,
+        tolerance_m=tolerance_m,
+        surface_error_m=surface_error_m,
+        photographs=photographs,
+    )
+    for delivered in made:
         console.print(f"Written: {escape(str(delivered.path))}: {escape(delivered.holds)}", soft_wrap=True)
         for sentence in delivered.left_out:
             console.print(f"Not in it: {escape(sentence)}", soft_wrap=True, highlight=False)

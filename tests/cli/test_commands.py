@@ -43,7 +43,7 @@ def test_version_is_that_of_the_package(photogram: Run) -> None:
         (("compare",), ["CLOUDS", "--reference", "--output", "--no-sor", "--method", "--polygons", "--coregister"]),
         (("demo",), ["FOLDER", "--seed"]),
         (("audit",), ["SOLUTION", "--crs", "--check", "--output"]),
-        (("deliver",), ["PROJECT", "--to", "dxf", "--output", "--tolerance-m"]),
+        (("deliver",), ["PROJECT", "--to", "dxf", "--output", "--tolerance-m", "--surface-error-m"]),
         (("calibrate-site",), ["PAIRS", "--crs", "--projection", "--scale", "--heights", "--sigma-plan-m", "--unit"]),
         (("export",), ["PROJECT", "--to", "--output", "--photographs"]),
         (("import",), ["SOLUTION", "--photographs", "--crs", "--check", "--project", "--force"]),

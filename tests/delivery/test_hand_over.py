@@ -33,7 +33,7 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
     with pytest.raises(ExchangeError, match="was changed since photogram wrote it"):
         deliver(adjusted_survey)
     assert own.read_text() == "edited\n"
-    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf, qgis"):
+    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf, qgis, landxml"):
         deliver(adjusted_survey, ["dwg"])
     (adjusted_survey / "elsewhere").mkdir()
     (adjusted_survey / "elsewhere" / own.name).write_text("mine\n")
@@ -65,8 +65,9 @@ def test_the_command_says_what_it_wrote_and_what_is_missing(
     assert f"Written: {folder / 'survey.dxf'}: " in outcome.out.replace("\n", "")
     assert sorted(path.name for path in folder.iterdir()) == ["checksums.sha256", "survey.dxf"]
     assert photogram("deliver", adjusted_survey, "--to", "dwg").code == 2
-    wrong = photogram("deliver", adjusted_survey, "--tolerance-m", "-1")
-    assert (wrong.code, "is no length" in wrong.err) == (1, True)
+    for option, name in (("--tolerance-m", "tolerance_m -1"), ("--surface-error-m", "surface_error_m -1")):
+        wrong = photogram("deliver", adjusted_survey, option, "-1")
+        assert (wrong.code, f"{name}: is no length" in wrong.err) == (1, True)
 
 
 def test_an_unfinished_survey_is_not_handed_over(survey: Path) -> None:
