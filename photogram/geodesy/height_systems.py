@@ -408,7 +408,9 @@ def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
     """
     if auxiliary_wkt(crs) is not None:
         return crs.sub_crs_list[0] if crs.is_compound else crs, None
-    if len(crs.axis_info) != 3 or crs.is_compound or crs.ellipsoid is None or crs.geodetic_crs is None:
+    if crs.is_compound:
+        return _by_codes_of_parts(crs), None
+    if len(crs.axis_info) != 3 or crs.ellipsoid is None or crs.geodetic_crs is None:
         return crs, None
     name, unit = crs_name(crs.to_2d()), crs.axis_info[2]
     plan, code = CRS.from_user_input(name), crs.geodetic_crs.to_3d().to_epsg()
@@ -421,6 +423,13 @@ def geotiff_crs(crs: CRS) -> tuple[CRS, int | None]:
         f'AXIS["ellipsoidal height (h)",up,{length}]]'
     )
     return CompoundCRS(f"{plan.name} + {vertical.name}", [plan, vertical]), None
+
+
+def _by_codes_of_parts(crs: CRS) -> CRS:
+    """Return a compound CRS whose parts have their codes: one that has a code itself, EPSG:7416 for example, is written
+    without those of its parts, of which a GeoTIFF has keys."""
+    codes = [part.to_epsg() for part in crs.sub_crs_list]
+    return crs if None in codes else CompoundCRS(crs.name, [CRS.from_epsg(code) for code in codes])
 
 
 def gdal_wkt(crs: CRS) -> str:

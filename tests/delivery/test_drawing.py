@@ -34,7 +34,9 @@ def by_layer(path: Path) -> dict[str, list[tuple[shapely.Geometry, str]]]:
     return found
 
 
-@pytest.mark.parametrize(("crs", "unit_m", "code"), [("EPSG:25832", 1.0, 6), ("EPSG:2263", US_FOOT, 21)])
+@pytest.mark.parametrize(
+    ("crs", "unit_m", "code"), [("EPSG:25832", 1.0, 6), ("EPSG:2193", 1.0, 6), ("EPSG:2263", US_FOOT, 21)]
+)
 def test_gdal_reads_what_was_surveyed(tmp_path: Path, crs: str, unit_m: float, code: int) -> None:
     path, whole = tmp_path / "survey.dxf", handed_over(crs)
     assert whole.contours is not None

@@ -51,7 +51,8 @@ def heights_of_cells(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("crs", "unit_m", "unit"), [("EPSG:25832", 1.0, "meter"), ("EPSG:2263", US_FOOT, "USSurveyFoot")]
+    ("crs", "unit_m", "unit"),
+    [("EPSG:25832", 1.0, "meter"), ("EPSG:2193", 1.0, "meter"), ("EPSG:2263", US_FOOT, "USSurveyFoot")],
 )
 def test_the_surface_is_within_what_the_file_states(tmp_path: Path, crs: str, unit_m: float, unit: str) -> None:
     path, survey = tmp_path / "survey.xml", handed_over(crs)

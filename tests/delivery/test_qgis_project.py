@@ -106,7 +106,8 @@ def test_the_same_survey_gives_the_same_bytes_and_a_plane_no_rasters(contents: S
 
 
 @pytest.mark.parametrize(
-    ("crs", "unit_m", "field"), [(MAP, 1.0, "height_m"), ("EPSG:2263", 1200 / 3937, "height_ftUS")]
+    ("crs", "unit_m", "field"),
+    [(MAP, 1.0, "height_m"), ("EPSG:2193", 1.0, "height_m"), ("EPSG:2263", 1200 / 3937, "height_ftUS")],
 )
 def test_ground_points_are_read_back(tmp_path: Path, crs: str, unit_m: float, field: str) -> None:
     points, path = handed_over(crs).points, tmp_path / POINTS_FILE

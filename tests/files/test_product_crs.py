@@ -77,6 +77,28 @@ def test_orthometric_heights_stay_compound(tmp_path: Path) -> None:
     assert found.sub_crs_list[1].name == "DVR90 height"
 
 
+@pytest.mark.parametrize("plan", ["EPSG:25832", "EPSG:2193"])
+@pytest.mark.parametrize("vertical", [None, "ellipsoidal", "EPSG:5773", "EPSG:5799", "EPSG:7839"])
+def test_the_code_of_the_plan_and_that_of_the_heights_can_be_told(
+    tmp_path: Path, plan: str, vertical: str | None
+) -> None:
+    """EPSG:25832+5799 has a code of its own, EPSG:7416; EPSG:2193 names its northing first, which no raster does."""
+    heights = DeclaredHeights()
+    if vertical == "ellipsoidal":
+        heights = DeclaredHeights(output="ellipsoidal")
+    elif vertical is not None:
+        heights = DeclaredHeights(output="orthometric", geoid=Geoid(vertical))
+    write(tmp_path / "dsm.tif", product_crs(plan, heights), PLACES[plan])
+    with rasterio.open(tmp_path / "dsm.tif") as dataset:
+        found = pyproj.CRS(dataset.crs)
+        corner = dataset.transform.c, dataset.transform.f
+    assert corner == PLACES[plan], "easting, northing"
+    assert f"EPSG:{found.to_2d().to_epsg()}" == plan
+    if vertical is not None and vertical.startswith("EPSG"):
+        assert [f"EPSG:{part.to_epsg()}" for part in found.sub_crs_list] == [plan, vertical]
+    assert plan_of(product_crs(plan, heights)) == plan
+
+
 def test_a_map_without_a_code_keeps_a_vertical_crs_that_says_ellipsoidal(tmp_path: Path) -> None:
     for plan, name in ((LOCAL, "GRS 1980"), ("+proj=tmerc +lat_0=50 +lon_0=9 +datum=WGS84 +units=m", "WGS 84")):
         write(tmp_path / "dsm.tif", product_crs(plan, DeclaredHeights(output="ellipsoidal")), (0.0, 0.0))

@@ -11,6 +11,8 @@ from pyproj import CRS
 
 from photogram.errors import FrameError, PhotogramError, ProjectError, WorkspaceError
 from photogram.files.maps.contour_files import LAYER, read_contours, write_contours
+from photogram.geodesy.crs import product_crs
+from photogram.geodesy.height_systems import DeclaredHeights, Geoid, HeightSystem
 from photogram.surface import contours as module
 from photogram.surface.contours import ContourSettings, contour_lines, interval_for
 from photogram.survey import Contours, Raster
@@ -160,7 +162,7 @@ def test_lines_survive_the_geopackage(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.bincount(of_line), np.diff(found.first))
 
 
-@pytest.mark.parametrize("crs", [MAP, "EPSG:2263", "EPSG:2263+5703"])
+@pytest.mark.parametrize("crs", [MAP, "EPSG:2193", "EPSG:2263", "EPSG:2263+5703"])
 def test_lines_are_read_back_in_metres(tmp_path: Path, crs: str) -> None:
     found = contour_lines(cone(), ContourSettings(interval_m=1.0))
     write_contours(tmp_path / "contours.gpkg", found, crs)
@@ -171,6 +173,17 @@ def test_lines_are_read_back_in_metres(tmp_path: Path, crs: str) -> None:
     np.testing.assert_array_equal(back.is_index, found.is_index)
     with pytest.raises(ProjectError, match="cannot be read"):
         read_contours(tmp_path / "other.gpkg", crs, found.interval_m, found.cell_m)
+
+
+@pytest.mark.parametrize("system", [None, "ellipsoidal", "orthometric"])
+def test_the_code_of_the_plan_stays_whatever_heights_count_from(tmp_path: Path, system: HeightSystem | None) -> None:
+    geoid = Geoid("EPSG:5773") if system == "orthometric" else None
+    crs = product_crs("EPSG:2193", DeclaredHeights(output=system, geoid=geoid))
+    found = contour_lines(cone(), ContourSettings(interval_m=1.0))
+    write_contours(tmp_path / "contours.gpkg", found, crs)
+    about = pyogrio.read_info(tmp_path / "contours.gpkg", layer=LAYER)
+    assert about["crs"] == "EPSG:2193"
+    assert about["total_bounds"][0] < 1e6 < about["total_bounds"][1], "easting, northing, though the map names it last"
 
 
 def test_no_lines_make_an_empty_layer_and_faults_leave_nothing(tmp_path: Path) -> None:
