@@ -23,10 +23,11 @@ def silent(_done: int, _total: int, _text: str) -> None:
 
 def printable(text: str) -> str:
     """Return ``text`` with whatever a terminal would obey written out: ``\\x1b`` for an escape, ``\\udcff`` for a byte
-    that is no UTF-8. Line breaks are kept."""
+    that is no UTF-8. Line breaks and thin spaces are kept."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
+    kept = ("\n", THIN_SPACE)
+    return "".join(c if c.isprintable() or c in kept else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def shortened(text: str, most: int = MOST_SHOWN) -> str:

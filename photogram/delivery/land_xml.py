@@ -13,7 +13,7 @@ from photogram.delivery.survey_contents import SurveyContents
 from photogram.delivery.thinned_tin import ThinnedTin
 from photogram.files.atomic import replacing
 from photogram.geodesy.crs import NO_CRS, any_crs, map_units, plan_of
-from photogram.wording import things
+from photogram.wording import percent, things
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -44,8 +44,8 @@ def write_land_xml(path: Path, contents: SurveyContents, tin: ThinnedTin | None)
 
 def within(tin: ThinnedTin) -> str:
     """Return in words how far a triangulation is from its cells."""
-    share = 100.0 * tin.covered / max(tin.cells, 1)
-    return f"within {tin.greatest_m:.3f} m (RMS {tin.rms_m:.3f} m) of {share:.1f} % of the cells of {tin.cell_m:g} m"
+    share = percent(tin.covered / max(tin.cells, 1), 1)
+    return f"within {tin.greatest_m:.3f} m (RMS {tin.rms_m:.3f} m) of {share} of the cells of {tin.cell_m:g} m"
 
 
 def _parts(name: str, contents: SurveyContents, tin: ThinnedTin | None) -> Iterator[str]:

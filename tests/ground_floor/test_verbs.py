@@ -62,7 +62,7 @@ def test_summaries_are_tables_of_text() -> None:
     rows = [" ".join(line.split()) for line in (cloud().summary() + "\n" + raster().summary()).splitlines()]
     assert "height 12.000 to 18.000 m" in rows
     assert "sigma, median east, north, up 0.0200, 0.0200, 0.0200 m" in rows
-    assert "with data 83.3\u202f%" in rows
+    assert "with data 83.3 %" in rows
     assert "values: least, median, largest 1.000, 4.000, 9.000" in rows
 
 

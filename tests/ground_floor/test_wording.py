@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import photogram
-from photogram.wording import percent
+from photogram.wording import percent, printable
 
 BY_HAND = re.compile(r"%\}|\}\s?%[^.0-9]|\b100(\.0)? ?\* ?[a-z][^\n]*%")
 """A share that is formatted on the spot: rounding may make all or nothing of it."""
@@ -26,6 +26,11 @@ OTHERS = {"terminal/time_left.py", "amendments/gross_errors/blunder_naming.py", 
 )  # fmt: skip
 def test_shares(share: float, digits: int, text: str) -> None:
     assert percent(share, digits) == text.replace(" ", "\u202f")
+
+
+def test_a_terminal_is_shown_shares_and_obeys_nothing() -> None:
+    assert printable(percent(0.833, 1)) == percent(0.833, 1)
+    assert printable("a\x1b[2J\u2028b\nc") == "a\\x1b[2J\\u2028b\nc"
 
 
 def test_a_part_is_neither_all_nor_nothing() -> None:
