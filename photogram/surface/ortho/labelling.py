@@ -114,7 +114,7 @@ def chosen_labels(
     finite = np.minimum(cost, NEVER)
     message = np.zeros((4, rows, columns, k), np.float32)
     for _ in range(sweeps):
-        for step in (1, -1):  # a literal would be compiled each
+        for step in (1, -1):  # each literal would be compiled by itself
             _sweep(candidate, finite, edge, message, step)
     label, place = np.full((rows, columns), -1, np.int32), np.full((rows, columns), -1, np.int32)
     for i in range(rows):
