@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 from rich.markup import escape
 
-from photogram.pipeline.finished_report import prints_of, renewed_prints
+from photogram.pipeline.finished_report import prints_of, products_of, removed_products, renewed_prints
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.precompilation import compiling_early
@@ -56,7 +56,7 @@ def run(
             raise typer.Exit(1)
     predicted = predicted_costs(survey, checked.tags if check else tags_of(survey), start, until)
     voice.forecast(predicted)
-    before = prints_of(survey)
+    before, products = prints_of(survey), products_of(survey)
     with compiling_early(), _pool(workers, scheduler) as pool, voice.watching(predicted.seconds_by_stage) as watcher:
         report = run_pipeline(survey, watcher=watcher, start=start, until=until, pool=pool)
     silent = quiet or lines is not None
@@ -64,7 +64,7 @@ def run(
         print_report(survey)
     renewed = renewed_prints(survey, [name for name in before if not (pdf and name == PRINTED)]) if report else []
     voice.result(survey, report)
-    for sentence in renewed:
+    for sentence in (*renewed, *(removed_products(survey, products) if report else ())):
         console.print(escape(sentence), soft_wrap=True)
     if report and pdf and not silent:
         say_printed(survey)

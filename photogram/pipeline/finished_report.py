@@ -6,13 +6,27 @@ from pathlib import Path
 from photogram.errors import PhotogramError
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.stages.publishing.report_files import PRINTED, VIEW, print_report, remake_report
+from photogram.pipeline.store.results_record import read_record
 from photogram.pipeline.view import write_view
 from photogram.project.project import Project
+from photogram.wording import some
 
 
 def prints_of(project: Project) -> tuple[str, ...]:
     """Return which of report.pdf and view.html lie in the folder of results; new results remove them."""
     return tuple(name for name in (PRINTED, VIEW) if (project.results / name).is_file())
+
+
+def products_of(project: Project) -> tuple[str, ...]:
+    """Return which files of photogram, but report.pdf and view.html, lie in the folder of results itself."""
+    names = sorted(set(read_record(project.results)) - {PRINTED, VIEW})
+    return tuple(name for name in names if "/" not in name and (project.results / name).is_file())
+
+
+def removed_products(project: Project, before: Collection[str]) -> list[str]:
+    """Return a sentence on the files that were there ``before`` and that new results have removed, if any."""
+    gone = [name for name in before if not (project.results / name).exists()]
+    return [f"{project.results}: removed {some(gone)}, made from earlier results."] if gone else []
 
 
 def renewed_prints(project: Project, before: Collection[str]) -> list[str]:

@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from photogram.errors import ReportError
+from photogram.files.atomic import replacing
 from photogram.pipeline import finished_report
-from photogram.pipeline.finished_report import prints_of, renewed_prints
+from photogram.pipeline.finished_report import prints_of, products_of, removed_products, renewed_prints
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.store.results_record import recorded, remove_outdated
 from photogram.project.project import Project
 
 
@@ -52,3 +54,17 @@ def test_what_cannot_be_made_anew_is_said(project: Project, monkeypatch: pytest.
         "report.pdf: removed, since it showed earlier results, and not made anew: no browser is installed: install one"
     )
     assert prints_of(project) == ()
+
+
+def test_products_that_new_results_remove_are_said(project: Project) -> None:
+    results = project.results
+    with recorded(results):
+        for name in ("dsm.tif", "survey.dxf", "view.html"):
+            with replacing(results / name) as path:
+                path.write_text("of before")
+    (results / "notes.txt").write_text("somebody's own")
+    before = products_of(project)
+    assert before == ("dsm.tif", "survey.dxf")
+    assert removed_products(project, before) == []
+    remove_outdated(results, ["dsm.tif", "view.html"])
+    assert removed_products(project, before) == [f"{results}: removed survey.dxf, made from earlier results."]
