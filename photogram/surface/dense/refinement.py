@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from photogram.arrays import ByteArray, Float32Array, Int32Array, IntArray
+from photogram.arrays import BoolArray, ByteArray, Float32Array, Int32Array, IntArray
 from photogram.compilation import njit
 from photogram.surface.dense.correlation import (
     LEFT_OUT,
@@ -50,7 +50,7 @@ ALIKE = 0.7
 FARTHEST = 1.5
 """How far from the middle of three heights, in their distance, a parabola's peak is believed."""
 
-PROBES = (-1.0, 0.0, 1.0, -3.0, 3.0)
+PROBES = (0.0, -1.0, 1.0, -3.0, 3.0)
 """Heights that are tried, in the distance of the first three: the last two where those do not hold the best."""
 
 BETWEEN_PIXELS = 2.0
@@ -104,7 +104,8 @@ class _Patch(NamedTuple):
 
 class _Scratch(NamedTuple):
     """Room to work in: as the functions name it; ``partly`` (K, side²) for one window, ``which`` (side²,) its
-    samples, ``middle``, ``east`` and ``south`` (cells,) the planes of windows."""
+    samples, ``middle``, ``east`` and ``south`` (cells,) the planes of windows, ``wanted`` (cells,) which of them are
+    asked for."""
 
     samples: Float32Array
     pairs: Float32Array
@@ -116,6 +117,7 @@ class _Scratch(NamedTuple):
     middle: Float32Array
     east: Float32Array
     south: Float32Array
+    wanted: BoolArray
 
 
 @njit(cache=True, nogil=True)
@@ -242,17 +244,16 @@ def _fill_partly(
             pairs[j, i, n] = pairs[i, j, n]
 
 
-@njit(inline="always")
+@njit(cache=True, nogil=True)
 def _fill_pairs(
-    crops: Crops, ground: GroundCells, patch: _Patch, window: Window, start: InitialHeights, widely: bool,
-    rooms: _Scratch,
-) -> Float32Array:  # fmt: skip
-    """Fill the correlations of the views over the windows of a patch at the first three heights of PROBES, or
-    ``widely`` at the others; returns all of these (5, K, K, n)."""
-    first, end = (3, 5) if widely else (0, 3)
+    crops: Crops, ground: GroundCells, patch: _Patch, window: Window, start: InitialHeights, layers: tuple[int, int],
+    rooms: _Scratch, pairs: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the correlations of the views, ``pairs`` (5, K, K, n), over the windows of a patch at some of PROBES, the
+    first and the one after the last; of windows that lie partly on another surface those of ``rooms.wanted`` alone."""
+    first, end = layers
     seen, m, half = len(patch.views), ground.per_cell, window.half
-    size, n, whole = patch.surface.shape[1], len(patch.supported), (2 * half + 1) ** 2
-    pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
+    size, whole = patch.surface.shape[1], (2 * half + 1) ** 2
     samples = rooms.samples[: 5 * seen * m * m * size].reshape(5, seen, m * m, size)
     for layer in range(first, end):
         above_m = PROBES[layer] * start.probe_m
@@ -262,15 +263,13 @@ def _fill_pairs(
                 samples[layer, i],
             )  # fmt: skip
         fill_correlations(samples[layer], window, m, patch.width, rooms.sums, pairs[layer])
-    for r in range(patch.box.rows):
-        for k in range(r * patch.width, r * patch.width + patch.box.columns):
-            if patch.supported[k] < whole:
-                which = _find_support(patch, k, start, m, half, rooms)
-                for layer in range(first, end):
-                    _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
+    for k in range(len(patch.supported)):
+        if rooms.wanted[k] and patch.supported[k] < whole:
+            which = _find_support(patch, k, start, m, half, rooms)
+            for layer in range(first, end):
+                _fill_partly(samples[layer], which, window.noise, rooms.partly, k, pairs[layer])
     for layer in range(first, end):
         leave_out_hidden(ground, patch.box, patch.width, pairs[layer])
-    return pairs
 
 
 @njit(cache=True, nogil=True)
@@ -316,41 +315,75 @@ def _parabola(pairs: Float32Array, k: int, used: IntArray, best: float, layers: 
     return 0.5 * (above - below) / bend if bend > 0.0 else np.nan, bend
 
 
+@njit(cache=True, nogil=True)
+def _agreeing(pairs: Float32Array, k: int, agreement: Agreement, using: IntArray) -> IntArray:
+    """Return which photographs tell the height of a cell (K,): 1 for those that agree."""
+    used = using[: len(pairs)]
+    for i in range(len(pairs)):
+        used[i] = 1 if agreement.sums[i, k] > LEFT_OUT else 0
+    _take_in_alike(pairs, k, used)
+    return used
+
+
+@njit(cache=True, nogil=True)
+def _height_at_peak(
+    pairs: Float32Array, at: tuple[int, int], k: int, supported: float, widely: bool, start: InitialHeights,
+    used: IntArray, out: Refined,
+) -> bool:  # fmt: skip
+    """Fill the height of a cell from three of PROBES, those ``widely`` apart or not; returns whether these hold its
+    best."""
+    best, kept = _mean_correlation(pairs[0], k, used)
+    layers, probe = ((3, 4), PROBES[4] * start.probe_m) if widely else ((1, 2), start.probe_m)
+    shift, bend = _parabola(pairs, k, used, best, layers)
+    out.correlation[at], out.rays[at] = best, kept
+    if not abs(shift) <= FARTHEST:
+        out.height[at], out.sigma[at] = start.z[at], start.doubt_m
+        return False
+    peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
+    for i in range(len(used)):
+        length += pairs[0, i, i, k] / kept if used[i] == 1 else 0.0
+    freedom = max(supported * start.independent - 2.0, 1.0)
+    noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / freedom)
+    out.height[at], out.correlation[at] = start.surface[at] + probe * shift, peak
+    out.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _find_known(z: Float32Array, box: CellWindow, width: int, known: BoolArray) -> bool:
+    """Note which cells of a box, in rows of ``width``, have a height to be refined; returns whether any has."""
+    found = False
+    known[: box.rows * width] = False
+    for r in range(box.rows):
+        for c in range(box.columns):
+            has = not np.isnan(z[box.row + r, box.column + c])
+            known[r * width + c] = has
+            found |= has
+    return found
+
+
 @njit(inline="always")
 def _refine_patch(
     crops: Crops, ground: GroundCells, patch: _Patch, window: Window, start: InitialHeights, rooms: _Scratch,
     using: IntArray, out: Refined,
 ) -> None:  # fmt: skip
-    """Fill the heights of a patch."""
-    pairs = _fill_pairs(crops, ground, patch, window, start, False, rooms)
-    fill_agreement(pairs[1], window.kept, rooms.agreement)
-    widely, seen, box = False, len(patch.views), patch.box
-    for r in range(box.rows):
-        for c in range(box.columns):
-            k, at, used = r * patch.width + c, (box.row + r, box.column + c), using[:seen]
-            if np.isnan(start.z[at]) or rooms.agreement.used[k] < 1.5:
-                continue
-            for i in range(seen):
-                used[i] = 1 if rooms.agreement.sums[i, k] > LEFT_OUT else 0
-            _take_in_alike(pairs[1], k, used)
-            best, kept = _mean_correlation(pairs[1], k, used)
-            probe, (shift, bend) = start.probe_m, _parabola(pairs, k, used, best, (0, 2))
-            if not abs(shift) <= FARTHEST:
-                if not widely:
-                    _fill_pairs(crops, ground, patch, window, start, True, rooms)
-                    widely = True
-                probe, (shift, bend) = PROBES[4] * start.probe_m, _parabola(pairs, k, used, best, (3, 4))
-            out.correlation[at], out.rays[at] = best, kept
-            if not abs(shift) <= FARTHEST:
-                out.height[at], out.sigma[at] = start.z[at], start.doubt_m
-                continue
-            peak, length = min(best + 0.5 * bend * shift * shift, 1.0), 0.0
-            for i in range(seen):
-                length += pairs[1, i, i, k] / kept if used[i] == 1 else 0.0
-            freedom = max(patch.supported[k] * start.independent - 2.0, 1.0)
-            noise = BETWEEN_PIXELS * np.sqrt(max(length - peak, 1e-4) / freedom)
-            out.height[at], out.correlation[at] = start.surface[at] + probe * shift, peak
-            out.sigma[at] = probe * noise * np.sqrt(2.0 / ((kept - 1) * bend))
+    """Fill the heights of a patch: of each three probes the next are asked where the last leave something to tell."""
+    seen, n, box, wanted = len(patch.views), len(patch.supported), patch.box, rooms.wanted
+    pairs = rooms.pairs[: 5 * seen * seen * n].reshape(5, seen, seen, n)
+    _fill_pairs(crops, ground, patch, window, start, (0, 1), rooms, pairs)
+    fill_agreement(pairs[0], window.kept, rooms.agreement)
+    for k in range(n):
+        wanted[k] &= rooms.agreement.used[k] >= 1.5
+    for widely in (False, True):
+        if not wanted[:n].any():
+            return
+        _fill_pairs(crops, ground, patch, window, start, (3, 5) if widely else (1, 3), rooms, pairs)
+        for r in range(box.rows):
+            for c in range(box.columns):
+                k, at = r * patch.width + c, (box.row + r, box.column + c)
+                if wanted[k]:
+                    used = _agreeing(pairs[0], k, rooms.agreement, using)
+                    wanted[k] = not _height_at_peak(pairs, at, k, patch.supported[k], widely, start, used, out)
 
 
 @njit(inline="always")
@@ -360,7 +393,7 @@ def _rooms(most: int, per_cell: int, cells: int, whole: int) -> _Scratch:
         np.zeros(5 * most * per_cell * per_cell * cells, np.float32), np.zeros(5 * most * most * cells, np.float32),
         scratch_for_samples(cells), scratch_for_sums(most, per_cell, cells), scratch_for_agreement(most, cells),
         np.zeros((most, whole), np.float32), np.zeros(whole, np.int32), np.zeros(cells, np.float32),
-        np.zeros(cells, np.float32), np.zeros(cells, np.float32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.bool_),
     )  # fmt: skip
 
 
@@ -389,7 +422,7 @@ def refine_heights(
             window = Window(windows.half[at], windows.noise, windows.kept[at])
             half, more = window.half, 2 * window.half // m
             seen, width = views_of_patch(ground, box, views), box.columns + more
-            if seen < 2:
+            if seen < 2 or not _find_known(start.z, box, width, rooms.wanted):
                 continue
             n, size = box.rows * width, (box.rows + more) * width + more
             on = lattice[: m * m * size].reshape(m * m, size)
