@@ -96,9 +96,10 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[np.generic]]) -> None:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an npz. Raises WorkspaceError when the file is missing or damaged."""
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz, those of some ``names`` or all. Raises WorkspaceError when the file is missing or
+    damaged."""
     try:
-        return read_npz(path)
+        return read_npz(path, *names)
     except OSError as error:
         raise WorkspaceError(f"{path}: cannot be read ({error}): delete it and run again") from error

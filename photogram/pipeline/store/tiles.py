@@ -54,7 +54,7 @@ class BlockFiles:
                 block = Window(
                     row, column, min(row + self.side, self.grid.rows), min(column + self.side, self.grid.columns)
                 )
-                arrays = read_arrays(self.checked(self._path(block)))
+                arrays = read_arrays(self.checked(self._path(block)), *names)
                 inner = Window(
                     max(row, window.row),
                     max(column, window.column),
