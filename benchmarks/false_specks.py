@@ -76,7 +76,7 @@ def specks(folder: Path) -> Specks:
     with np.errstate(invalid="ignore"):
         off = np.fmax(np.fmax(heights.values - high, low - heights.values), 0.0)
     false = off > FALSE_M
-    small = patch_cells(heights.values, np.zeros_like(heights.values), rays, grid.cell_m) < SMALL_CELLS
+    small = patch_cells(heights.values, np.zeros_like(heights.values), rays, grid.cell_m, SMALL_CELLS) < SMALL_CELLS
     known = score(heights, simulated_truth(simulated_survey(folder), grid.cell_m))
     return Specks(
         int(np.isfinite(heights.values).sum()),

@@ -16,6 +16,8 @@ from scipy.spatial import cKDTree
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
+from photogram.surface.nearest_heights import DIRECTIONS, steps_to_heights
+from photogram.surface.planes import REACH, cells_of_patches, off_planes, support_of_cells, surface_slopes
 
 HOLE, MEASURED, FILLED = 0, 1, 2
 """What a cell of the surface is."""
@@ -50,23 +52,9 @@ FACE_SUPPORT = 5
 TOLD_CORRELATION = 0.3
 """What photographs must correlate by at least where pairs tell the same height: two that do not at all show nothing."""
 
-REACH = 1.5
-"""How far from the plane of a neighbour a cell of the same surface may lie, over the distance of the two."""
-
-STEEPEST = 5.7
-"""Rise over run of the steepest plane, 80°: what rises faster from cell to cell is a wall between two surfaces."""
-
-NOISE_SIGMAS = 2.0
-"""How many standard deviations of their difference neighbours may differ besides."""
-
 NOISE_CELLS = 1.0
 """No more than so many cells of a standard deviation count for that: in one of a face is that of its place, which its
 neighbours share."""
-
-LINK_REACH = 1.0
-"""The same for neighbouring cells of one patch, where each must lie on the other's plane. Where three photographs agree
-on both, a standard deviation of their difference is allowed besides; with two it says nothing, for that of a match by
-chance is small."""
 
 LEAST_PATCH_CELLS = 50
 """Fewer connected cells than these hold no more than a few windows of 7 × 7 pixels (2.5 to 5 cells wide)."""
@@ -94,119 +82,45 @@ FILL_DIRECTIONS = 5
 _NEAREST = 8
 
 
-@njit(inline="always")
-def _gentler(behind: float, ahead: float, most: float) -> float:
-    """Return the step of the gentler side, of ``most`` at most; 0 where neither is known."""
-    if np.isnan(behind) and np.isnan(ahead):
-        return 0.0
-    step = ahead if np.isnan(behind) or abs(ahead) < abs(behind) else behind
-    return min(max(step, -most), most)
-
-
-@njit(cache=True, nogil=True)
-def _fill_slopes(height: Float32Array, most_m: float, out: Float32Array) -> None:
-    rows, columns = height.shape
-    for r in range(rows):
-        for c in range(columns):
-            z = height[r, c]
-            north = z - height[r - 1, c] if r > 0 else np.nan
-            south = height[r + 1, c] - z if r + 1 < rows else np.nan
-            west = z - height[r, c - 1] if c > 0 else np.nan
-            east = height[r, c + 1] - z if c + 1 < columns else np.nan
-            out[r, c, 0], out[r, c, 1] = _gentler(north, south, most_m), _gentler(west, east, most_m)
-
-
-def surface_slopes(height_m: Float32Array, cell_m: float) -> Float32Array:
-    """Return the plane of each cell: what the surface rises by (rows, columns, 2), m, to the next cell to the south and
-    to the east. It is that of the gentler side: beside a wall, a cell lies on the plane of its own side."""
-    out = np.empty((*height_m.shape, 2), np.float32)
-    _fill_slopes(height_m, STEEPEST * cell_m, out)
-    return out
-
-
 def _sure_slopes(height_m: Float32Array, rays: ByteArray, cell_m: float) -> Float32Array:
     """Return the planes of cells as ``surface_slopes`` does, their slopes by the median of 3 × 3 cells on which
     SURE_RAYS photographs agree, others are level: a row that hangs between two surfaces has no plane of its own, and
     what two photographs agree on by chance has none."""
-    slope = surface_slopes(np.where(rays >= SURE_RAYS, height_m, np.float32(np.nan)), cell_m)
-    return np.asarray(cv2.medianBlur(slope, 3), np.float32)
+    slopes = surface_slopes(np.where(rays >= SURE_RAYS, height_m, np.float32(np.nan)), cell_m)
+    for slope in slopes:
+        slope[:] = cv2.medianBlur(slope, 3)
+    return slopes
+
+
+def patch_cells(
+    height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float, enough: int
+) -> Int32Array:
+    """Return how many cells (rows, columns) the patch of each cell has, ``enough`` where it has more, 0 where there is
+    no height: cells that are connected as ``cells_of_patches`` says. Where PATCH_RAYS agree on both of two, a standard
+    deviation of their difference is allowed; with fewer it says nothing, for that of a match by chance is small."""
+    allowed = np.where(rays >= PATCH_RAYS, sigma_m, np.float32(np.nan)).astype(np.float32)
+    return cells_of_patches(height_m, _sure_slopes(height_m, rays, cell_m), allowed, cell_m, enough)
 
 
 @njit(inline="always")
-def off_planes(height: Float32Array, slope: Float32Array, r: int, c: int, rr: int, cc: int) -> tuple[float, float]:
-    """Return how far two cells (r, c) and (rr, cc) lie from each other's planes, the nearer first; none is further than
-    from the other's level. NaN where one of them has no height."""
-    rise, down, right = height[rr, cc] - height[r, c], rr - r, cc - c
-    from_first = abs(rise - down * slope[r, c, 0] - right * slope[r, c, 1])
-    from_other = abs(rise - down * slope[rr, cc, 0] - right * slope[rr, cc, 1])
-    return min(abs(rise), from_first, from_other), min(abs(rise), max(from_first, from_other))
+def _sureness(
+    slope: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray, cell: np.float32, r: int, c: int
+) -> tuple[bool, float]:
+    """Return whether a cell is sure, and the cosine of its slope, as ``sure_cells`` does."""
+    down, right = float(slope[0, r, c] / cell), float(slope[1, r, c] / cell)
+    cosine = 1.0 / np.sqrt(1.0 + (down * down + right * right))
+    look = seen[r, c] * ((1.0 + cosine) / 2.0 if face[r, c] else 1.0)
+    return rays[r, c] >= SURE_RAYS and SURE_SHARE[1] * float(rays[r, c]) >= SURE_SHARE[0] * look, cosine
 
 
 @njit(cache=True, nogil=True)
-def _fill_support(
-    height: Float32Array, slope: Float32Array, sigma: Float32Array, reach_m: float, out: ByteArray
-) -> None:
-    rows, columns = height.shape
-    for r in range(rows):
-        for c in range(columns):
-            near = 0
-            for k in range(9):
-                rr, cc = r + k // 3 - 1, c + k % 3 - 1
-                if k != 4 and 0 <= rr < rows and 0 <= cc < columns:
-                    run = np.sqrt(2.0) if k % 2 == 0 else 1.0
-                    noise = NOISE_SIGMAS * np.sqrt(sigma[rr, cc] ** 2 + sigma[r, c] ** 2)
-                    near += off_planes(height, slope, r, c, rr, cc)[0] < reach_m * run + noise
-            out[r, c] = near
-
-
-def support_of_cells(height_m: Float32Array, slope_m: Float32Array, sigma_m: Float32Array, cell_m: float) -> ByteArray:
-    """Return how many neighbours of each cell (rows, columns) lie on one plane with it, within REACH, give or take
-    their standard deviations; one without height has none. ``slope_m`` are the planes (rows, columns, 2)."""
-    out = np.empty(height_m.shape, np.uint8)
-    _fill_support(height_m, slope_m, sigma_m, REACH * cell_m, out)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _patch_cells(
-    height: Float32Array, slope: Float32Array, allowed: Float32Array, reach_m: float, out: Int32Array
-) -> None:
-    """Fill ``out`` with the size of the patch that each cell belongs to, 0 without a height; ``allowed`` is the
-    standard deviation of a cell that may count, NaN where none may."""
-    rows, columns = height.shape
-    out[:] = 0
-    place = np.empty(rows * columns, np.int64)
-    for start in range(rows * columns):
-        if out[start // columns, start % columns] != 0 or np.isnan(height[start // columns, start % columns]):
-            continue
-        place[0], count, done = start, 1, 0
-        out[start // columns, start % columns] = -1
-        while done < count:
-            r, c = place[done] // columns, place[done] % columns
-            done += 1
-            for k in range(9):
-                rr, cc = r + k // 3 - 1, c + k % 3 - 1
-                if k == 4 or not (0 <= rr < rows and 0 <= cc < columns) or out[rr, cc] != 0:
-                    continue
-                reach = reach_m * (np.sqrt(2.0) if k % 2 == 0 else 1.0)
-                noise = np.sqrt(allowed[rr, cc] ** 2 + allowed[r, c] ** 2)
-                if not np.isnan(noise):
-                    reach += noise
-                if off_planes(height, slope, r, c, rr, cc)[1] < reach:
-                    out[rr, cc] = -1
-                    place[count] = rr * columns + cc
-                    count += 1
-        for n in range(count):
-            out[place[n] // columns, place[n] % columns] = count
-
-
-def patch_cells(height_m: Float32Array, sigma_m: Float32Array, rays: ByteArray, cell_m: float) -> Int32Array:
-    """Return how many cells (rows, columns) the patch of each cell has, 0 where there is no height: cells that are
-    connected by neighbours, diagonal ones too, as LINK_REACH says."""
-    count = np.empty(height_m.shape, dtype=np.int32)
-    allowed = np.where(rays >= PATCH_RAYS, sigma_m, np.float32(np.nan)).astype(np.float32)
-    _patch_cells(height_m, _sure_slopes(height_m, rays, cell_m), allowed, LINK_REACH * cell_m, count)
-    return count
+def _fill_sure(
+    slope: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray, cell: np.float32, sure: BoolArray,
+    cosine: FloatArray,
+) -> None:  # fmt: skip
+    for r in range(rays.shape[0]):
+        for c in range(rays.shape[1]):
+            sure[r, c], cosine[r, c] = _sureness(slope, rays, seen, face, cell, r, c)
 
 
 def sure_cells(
@@ -215,10 +129,24 @@ def sure_cells(
     """Return on which cells (rows, columns) SURE_RAYS photographs agree, and SURE_SHARE of those that look, and the
     cosines of their slopes. Of the sky a smooth ``face`` sees (1 + cosine) / 2: the others that look see what is
     before it."""
-    slope = _sure_slopes(height_m, rays, cell_m) / np.float32(cell_m)
-    cosine = 1.0 / np.sqrt(1.0 + (slope.astype(np.float64) ** 2).sum(axis=-1))
-    look = seen * np.where(face, (1.0 + cosine) / 2.0, 1.0)
-    return (rays >= SURE_RAYS) & (SURE_SHARE[1] * rays.astype(np.float64) >= SURE_SHARE[0] * look), cosine
+    sure, cosine = np.empty(rays.shape, np.bool_), np.empty(rays.shape)
+    _fill_sure(_sure_slopes(height_m, rays, cell_m), rays, seen, face, np.float32(cell_m), sure, cosine)
+    return sure, cosine
+
+
+@njit(cache=True, nogil=True)
+def _fill_agreed(
+    height: Float32Array, slope: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray,
+    face: BoolArray, cell: np.float32, least: Float32Array, out: Float32Array,
+) -> None:  # fmt: skip
+    for r in range(rays.shape[0]):
+        for c in range(rays.shape[1]):
+            out[r, c] = np.nan
+            if rays[r, c] < 2 or (rays[r, c] == 2 and seen[r, c] >= 2 + OUTVOTED):
+                continue
+            sure, cosine = _sureness(slope, rays, seen, face, cell, r, c)
+            if correlation[r, c] >= least[r, c] * (cosine if sure else 1.0):
+                out[r, c] = height[r, c]
 
 
 def _agreed_heights(
@@ -228,10 +156,10 @@ def _agreed_heights(
     """Return the heights (rows, columns) on which enough photographs agree, that correlate by the ``least`` of all or
     of each cell. On a slope they see a window foreshortened, the texture in it finer: sure cells may correlate less
     there, by the cosine."""
-    outvoted = (rays == 2) & (seen >= 2 + OUTVOTED)
-    sure, cosine = sure_cells(height_m, rays, seen, face, cell_m)
-    agreed = (correlation >= least * np.where(sure, cosine, 1.0)) & (rays >= 2) & ~outvoted
-    return np.where(agreed, height_m, np.float32(np.nan)).astype(np.float32)
+    out, slope = np.empty(height_m.shape, np.float32), _sure_slopes(height_m, rays, cell_m)
+    of_each = np.array(np.broadcast_to(least, height_m.shape))
+    _fill_agreed(height_m, slope, correlation, rays, seen, face, np.float32(cell_m), of_each, out)
+    return out
 
 
 def rough_heights(
@@ -277,25 +205,13 @@ def filtered_heights(
     height = np.where(support >= np.where(face, FACE_SUPPORT, SUPPORT), height, np.float32(np.nan)).astype(np.float32)
     sure = (rays >= PATCH_RAYS) & (seen.astype(np.int16) - rays <= PATCH_DISSENT)
     for fewer, spared in ((LEAST_PATCH_CELLS, sure), (LEAST_WINDOW_CELLS, np.zeros_like(sure))):
-        lone = (patch_cells(height, sigma_m, rays, cell_m) < fewer) & ~spared
+        lone = (patch_cells(height, sigma_m, rays, cell_m, fewer) < fewer) & ~spared
         height = np.where(lone, np.float32(np.nan), height).astype(np.float32)
     return height
 
 
 @njit(cache=True, nogil=True)
-def steps_to_height(height: Float32Array, r: int, c: int, dr: int, dc: int, reach: int) -> int:
-    """Return after how many steps of (dr, dc) from cell (r, c) a height is met, 0 where none is within ``reach``."""
-    for step in range(1, reach + 1):
-        i, j = r + step * dr, c + step * dc
-        if not (0 <= i < height.shape[0] and 0 <= j < height.shape[1]):
-            return 0
-        if not np.isnan(height[i, j]):
-            return step
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _fill(height: Float32Array, slope: Float32Array, reach: int, reach_m: float, out: Float32Array) -> None:
+def _fill(height: Float32Array, slope: Float32Array, steps: ByteArray, reach_m: float, out: Float32Array) -> None:
     rows, columns = height.shape
     row, column, run = np.empty(8, np.int64), np.empty(8, np.int64), np.empty(8)
     for r in range(rows):
@@ -304,11 +220,8 @@ def _fill(height: Float32Array, slope: Float32Array, reach: int, reach_m: float,
             if not np.isnan(height[r, c]):
                 continue
             met = 0
-            for k in range(9):
-                dr, dc = k // 3 - 1, k % 3 - 1
-                if k == 4:
-                    continue
-                step = steps_to_height(height, r, c, dr, dc, reach)
+            for k, (dr, dc) in enumerate(DIRECTIONS):
+                step = np.int64(steps[k, r, c])
                 if step > 0:
                     row[met], column[met], run[met] = r + step * dr, c + step * dc, step * np.hypot(dr, dc)
                     met += 1
@@ -334,7 +247,8 @@ def filled_heights(height_m: Float32Array, cell_m: float, reach_cells: int) -> F
     see behind a wall is the ground, so what is not on one plane with the lowest, within REACH, is left out.
     """
     out = np.empty_like(height_m)
-    _fill(height_m, surface_slopes(height_m, cell_m), reach_cells, REACH * cell_m, out)
+    steps, slope = steps_to_heights(height_m, reach_cells), surface_slopes(height_m, cell_m)
+    _fill(height_m, slope, steps, REACH * cell_m, out)
     return out
 
 
@@ -391,7 +305,7 @@ def _fill_sigma(
                 above = (1.0 - right) * covariance[i, j, k] + right * covariance[i, jj, k]
                 below = (1.0 - right) * covariance[ii, j, k] + right * covariance[ii, jj, k]
                 six[k] = (1.0 - down) * above + down * below
-            e, n = slope[r, c, 1], -slope[r, c, 0]
+            e, n = slope[1, r, c], -slope[0, r, c]
             variance = e * e * six[0] + n * n * six[1] + six[2] + 2.0 * (e * n * six[3] - e * six[4] - n * six[5])
             out[r, c] = np.sqrt(max(variance, 0.0) + float(own[r, c]) ** 2)
 

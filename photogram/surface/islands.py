@@ -10,15 +10,17 @@ level, rests on two photographs, or on some that correlate weakly. Above a plane
 
 import numpy as np
 
-from photogram.arrays import Float32Array, FloatArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
-from photogram.surface.dsm import ROUGH_CORRELATION, STEEPEST, SURE_RAYS, SURE_SHARE, steps_to_height
+from photogram.surface.dsm import ROUGH_CORRELATION, SURE_RAYS, SURE_SHARE
 from photogram.surface.levels import LevelSurface
+from photogram.surface.nearest_heights import DIRECTIONS, steps_to_heights
+from photogram.surface.planes import STEEPEST
 
 REACH_CELLS = 100
 """Distance to which sure heights are looked for, in cells; windows must reach so much further."""
 
-DIRECTIONS = 5
+LEAST_DIRECTIONS = 5
 """So many of eight directions must meet one plane."""
 
 ON_PLANE_CELLS, OFF_PLANE_CELLS = 3.0, 16.0
@@ -27,6 +29,8 @@ ON_PLANE_CELLS, OFF_PLANE_CELLS = 3.0, 16.0
 LEAST_ALIKE, ALIKE_CELLS = 2, 8.0
 """So many sure heights that differ by no more, over the cell size, keep a height: the edge of a roof has ground on five
 sides, and the roof on three."""
+
+ALL = (slice(None), slice(None))
 
 
 @njit(cache=True, nogil=True)
@@ -60,45 +64,46 @@ def _plane_around(
 
 @njit(cache=True, nogil=True)
 def _fill_above(
-    doubtful: Float32Array, sure: Float32Array, on_plane_m: float, alike_m: float, rise_m: float, out: Float32Array
-) -> None:
+    doubtful: Float32Array, sure: Float32Array, steps: ByteArray, place: tuple[int, int], on_plane_m: float,
+    alike_m: float, rise_m: float, out: Float32Array,
+) -> None:  # fmt: skip
     """Fill how far each ``doubtful`` height is above the plane of ``sure`` heights around it, NaN where these lie in no
-    plane, or LEAST_ALIKE of them are alike; (rows, columns) each, NaN where there is no such height."""
-    rows, columns = doubtful.shape
+    plane, or LEAST_ALIKE of them are alike; (rows, columns) each, NaN where there is no such height. ``place`` is the
+    cell of these that is the first of ``out``, ``steps`` lead to sure heights."""
     down, right, z = np.empty(8), np.empty(8), np.empty(8)
-    for r in range(rows):
-        for c in range(columns):
-            out[r, c] = np.nan
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = np.nan
+            r, c = place[0] + i, place[1] + j
             if np.isnan(doubtful[r, c]):
                 continue
             met, alike = 0, 0
-            for k in range(9):
-                dr, dc = k // 3 - 1, k % 3 - 1
-                if k == 4:
-                    continue
-                step = steps_to_height(sure, r, c, dr, dc, REACH_CELLS)
+            for k, (dr, dc) in enumerate(DIRECTIONS):
+                step = np.int64(steps[k, r, c])
                 if step > 0:
                     down[met], right[met] = step * dr, step * dc
                     z[met] = sure[r + step * dr, c + step * dc] - doubtful[r, c]
                     alike += 1 if abs(z[met]) <= alike_m else 0
                     met += 1
-            if met >= DIRECTIONS and alike < LEAST_ALIKE:
+            if met >= LEAST_DIRECTIONS and alike < LEAST_ALIKE:
                 many, height = _plane_around(down[:met], right[:met], z[:met], on_plane_m, rise_m)
-                if many >= DIRECTIONS:
-                    out[r, c] = -height
+                if many >= LEAST_DIRECTIONS:
+                    out[i, j] = -height
 
 
-def without_islands(surface: LevelSurface, cell_m: float) -> LevelSurface:
-    """Return a surface without the heights that contradict a smooth surface around them, OFF_PLANE_CELLS and more off
-    its plane. All is as with a larger window from REACH_CELLS inside this one on."""
+def without_islands(surface: LevelSurface, cell_m: float, part: tuple[slice, slice] = ALL) -> LevelSurface:
+    """Return a ``part`` of a surface, rows and columns, without the heights that contradict a smooth surface around
+    them, OFF_PLANE_CELLS and more off its plane. All is as with a larger window from REACH_CELLS inside this one on."""
     agree, look = surface.rays.astype(np.int32), surface.seen.astype(np.int32)
     sure = (surface.cells == 1) & (agree >= SURE_RAYS) & (SURE_SHARE[1] * agree >= SURE_SHARE[0] * look)
-    none, above_m, limit_m = np.float32(np.nan), np.empty_like(surface.height_m), OFF_PLANE_CELLS * cell_m
+    none, limit_m = np.float32(np.nan), OFF_PLANE_CELLS * cell_m
     sure_m, doubtful_m = (np.where(which, surface.height_m, none) for which in (sure, ~sure))
-    _fill_above(doubtful_m, sure_m, ON_PLANE_CELLS * cell_m, ALIKE_CELLS * cell_m, STEEPEST * cell_m, above_m)
-    weak = (surface.cells == 1) | (agree < SURE_RAYS) | (surface.correlation < ROUGH_CORRELATION)
+    layers = {name: layer[part] for name, layer in vars(surface).items()}
+    place, above_m = (part[0].start or 0, part[1].start or 0), np.empty(layers["height_m"].shape, np.float32)
+    steps, rise_m = steps_to_heights(sure_m, REACH_CELLS), STEEPEST * cell_m
+    _fill_above(doubtful_m, sure_m, steps, place, ON_PLANE_CELLS * cell_m, ALIKE_CELLS * cell_m, rise_m, above_m)
+    weak = (layers["cells"] == 1) | (layers["rays"] < SURE_RAYS) | (layers["correlation"] < ROUGH_CORRELATION)
     island = (above_m < -limit_m) | ((above_m > limit_m) & weak)
-    layers = vars(surface).copy()
     for name, layer in layers.items():
         hole = none if name in ("height_m", "sigma_m") else layer.dtype.type(0)
         layers[name] = np.where(island, hole, layer)

@@ -15,7 +15,8 @@ import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array
 from photogram.compilation import njit
-from photogram.surface.dsm import REACH, SURE_RAYS, off_planes, sure_cells, surface_slopes
+from photogram.surface.dsm import SURE_RAYS, sure_cells
+from photogram.surface.planes import REACH, off_planes, surface_slopes
 
 HALF = (1, 2)
 """Share of the photographs that look at a rough surface which must agree there."""

@@ -11,8 +11,6 @@ from photogram.surface.dsm import (
     FACE_SUPPORT,
     FILL_DIRECTIONS,
     KEPT_MARGIN_CELLS,
-    REACH,
-    STEEPEST,
     SUPPORT,
     filled_heights,
     filtered_heights,
@@ -21,8 +19,10 @@ from photogram.surface.dsm import (
     sure_cells,
     surface_sigma_m,
 )
+from photogram.surface.planes import REACH, STEEPEST
 
 CELL_M = 0.25
+MANY = 10_000
 
 
 def gentle(height: FloatArray | Float32Array) -> BoolArray:
@@ -96,8 +96,10 @@ def test_a_small_patch_that_stands_alone_needs_a_third_photograph(side: int, ray
     )
     assert np.isfinite(found[20 : 20 + side, 20 : 20 + side]).any() == stays
     assert np.isfinite(found[1:19, 1:-1]).all()
-    counted = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
+    counted = patch_cells(height.astype(np.float32), sigma, count, CELL_M, MANY)
     assert set(np.unique(counted)) == {side * side, 60 * 60 - side * side}
+    few = patch_cells(height.astype(np.float32), sigma, count, CELL_M, side * side + 1)
+    assert np.array_equal(few, np.minimum(counted, side * side + 1)), "counted no further than asked"
 
 
 def test_small_patches_need_nearly_all_photographs_and_single_cells_go() -> None:
@@ -116,7 +118,7 @@ def test_a_patch_is_connected_over_corners_and_not_across_holes_nor_by_the_sigma
     height = np.array([[0.0, none, 5.0, none], [none, 0.2, none, 5.4], [0.0, none, none, none]], np.float32)
     for rays, sigma_m, counted in ((2, 0.1, [1, 1]), (3, 0.0, [1, 1]), (3, 0.1, [2, 2])):
         sigma, count = np.full_like(height, sigma_m), np.full(height.shape, rays, np.uint8)
-        found = patch_cells(height, sigma, count, CELL_M)
+        found = patch_cells(height, sigma, count, CELL_M, MANY)
         assert found[[0, 1, 2], [0, 1, 0]].tolist() == [3, 3, 3]
         assert found[[0, 1], [2, 3]].tolist() == counted
         assert np.all(found[np.isnan(height)] == 0)
@@ -209,10 +211,10 @@ def test_a_face_is_a_patch_and_a_piece_of_a_curtain_belongs_to_neither_side() ->
     height[:, 20:] = 8.0
     height[10:14, 18:20] = [3.1, 4.6]
     count, sigma = np.full(height.shape, 3, np.uint8), np.zeros(height.shape, np.float32)
-    found = patch_cells(height.astype(np.float32), sigma, count, CELL_M)
+    found = patch_cells(height.astype(np.float32), sigma, count, CELL_M, MANY)
     assert found[12, 18] == 8
     face = plane(30, 40, 2.7, 0.0).astype(np.float32)
-    assert (patch_cells(face, sigma, count, CELL_M) == face.size).all()
+    assert (patch_cells(face, sigma, count, CELL_M, MANY) == face.size).all()
 
 
 @pytest.mark.parametrize("wall_m", [1.5, 2.5, 3.5, 5.0, 9.0])

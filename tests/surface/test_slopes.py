@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from photogram.surface.dense.slopes import slopes_without_walls, surface_along
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 
 CELL_M = 0.5
 

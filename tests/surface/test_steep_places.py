@@ -35,7 +35,7 @@ from photogram.surface.dense.steep_places import (
     torn_cells,
 )
 from photogram.surface.dense.tile_matching import MARGIN_CELLS, DenseSettings, Heights, match_block
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 
 FACE_DEG = 65.0
 LEVEL = Level(MapGrid(0.0, 0.0, CELL_M, 60, 60), 1, 0.5, STEP_M)

@@ -263,10 +263,10 @@ def test_weak_texture_correlates_less_and_has_no_larger_cells(tmp_path: Path) ->
             layers |= {"face": of < 0.0, "steep": of < 0.0, "pairs_m": np.full_like(layers["height_m"], np.nan)}
             store.write(block, layers)
     heights = MatchedHeights(levels, 0.0, 50.0)
-    fine, _ = heights.kept(Window(3, 1, 60, 80), 1, 0.3)
+    (fine, _), _ = heights.kept(Window(3, 1, 60, 80), {1: 0.3, 2: 0.3})
     assert np.isfinite(fine.height_m[2:-2, 2:38]).all()
     assert np.isnan(fine.height_m[:, 41:]).all()
-    coarse, rough = heights.kept(grid.coarser(2).whole, 2, 0.3)
+    (_, coarse), (rough,) = heights.kept(grid.whole, {1: 0.3, 2: 0.3})
     for level in (coarse, rough):
         assert np.isnan(level.height_m[:, :21]).all()
         assert np.isfinite(level.height_m[2:-2, 23:-2]).all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -190,15 +191,30 @@ class MatchedHeights:
             for cells, store in self.levels.items()
         }
 
-    def kept(self, window: Window, cells: int, least: float) -> tuple[LevelHeights, LevelHeights]:
-        """Return the heights of a level that are kept, and those that are where the surface is rough, in a window of
-        its own grid: what it needs from beyond the edge is read. Larger cells have none of weak texture."""
+    def kept(self, window: Window, least: Mapping[int, float]) -> tuple[list[LevelHeights], list[LevelHeights]]:
+        """Return the heights of the levels that are kept, and those of the coarser ones that are where the surface is
+        rough, around a window of the finest; what they need from beyond the edge is read. ``least`` are the
+        correlations below which a level's heights are doubtful."""
+        inner = {
+            cells: store.grid.around_window(window.coarser(cells), 3 if cells > 1 else 0)
+            for cells, store in self.levels.items()
+        }
+        outer = {cells: self.levels[cells].grid.around_window(of, KEPT_MARGIN_CELLS) for cells, of in inner.items()}
+        expected = self._expected(outer)
+        levels = [self._kept(inner[n], outer[n], n, least[n], expected[n]) for n in self.levels]
+        return [level for level, *_ in levels], [level for _, *rough in levels for level in rough]
+
+    def _kept(
+        self, window: Window, outer: Window, cells: int, least: float, expected: Float32Array
+    ) -> tuple[LevelHeights, ...]:
+        """Return the heights of a level that are kept, and of a coarser one those that are where the surface is rough,
+        in a window of its own grid; larger cells have none of weak texture. ``expected`` are the correlations of
+        ``_expected`` in the ``outer`` window, which filters need."""
         store = self.levels[cells]
-        outer, at_m = store.grid.around_window(window, KEPT_MARGIN_CELLS), store.grid.cell_m
         height, sigma, correlation, rays, seen = store.read(outer, "height_m", "sigma_m", "correlation", "rays", "seen")
         face, steep, pairs_m = self._steep(outer, cells)
+        at, at_m = window.within(outer), store.grid.cell_m
         told = told_by_pairs(height, pairs_m, at_m)
-        at, expected = window.within(outer), self._expected(outer, cells)
         if cells > 1:
             height = np.where(expected < 1.0, np.float32(np.nan), height)
         smooth = filtered_heights(height, sigma, correlation, rays, seen, face, told, at_m, least * expected)
@@ -206,6 +222,8 @@ class MatchedHeights:
             smooth[at], sigma[at], correlation[at], rays[at], seen[at], cells, window.row, window.column,
             face[at], steep[at], pairs_m[at],
         )  # fmt: skip
+        if cells == 1:
+            return (level,)
         rough = rough_heights(height, sigma, correlation, rays, seen, at_m, least * expected)
         return level, replace(level, height_m=rough[at])
 
@@ -217,15 +235,21 @@ class MatchedHeights:
         no = np.zeros(window.shape, np.bool_)
         return no, no, np.full(window.shape, np.nan, np.float32)
 
-    def _expected(self, window: Window, cells: int) -> Float32Array:
-        """Return the least correlation that is to be expected in each cell (rows, columns) of a window of a level, by
-        the texture of the finest cells in it, in that of textured ground."""
-        fine = Window(window.row * cells, window.column * cells, window.row_end * cells, window.column_end * cells)
+    def _expected(self, windows: Mapping[int, Window]) -> dict[int, Float32Array]:
+        """Return the least correlation that is to be expected in each cell (rows, columns) of a window of each level,
+        by the texture of the finest cells in it, in that of textured ground. The coarsest reaches furthest."""
+        last, window = list(windows.items())[-1]
+        fine = Window(*(last * edge for edge in (window.row, window.column, window.row_end, window.column_end)))
         inner = self.grid.common(fine)
         assert inner is not None
         values = np.ones(fine.shape, np.float32)
         values[inner.within(fine)] = self.blocks.read(inner, "expected")[0]
-        return np.asarray(values.reshape(window.shape[0], cells, window.shape[1], cells).min(axis=(1, 3)))
+        expected, side = {}, 1
+        for cells, window in windows.items():
+            n, side = cells // side, cells
+            values = reduce(np.minimum, [values[i::n, j::n] for i in range(n) for j in range(n)])
+            expected[cells] = values[window.within(fine.coarser(cells))]
+        return expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,23 +432,21 @@ def _tile(
     which a level's heights are doubtful."""
     grid = heights.grid
     outer = grid.around_window(window, reach + 3 + REACH_CELLS + margin_cells([*heights.levels][1:] * 2))
-    both = [
-        heights.kept(store.grid.around_window(outer.coarser(cells), 3 if cells > 1 else 0), cells, least[cells])
-        for cells, store in heights.levels.items()
-    ]
-    kept = [level for level, _ in both]
+    kept, coarse = heights.kept(outer, least)
     if len(kept) > 1:
         kept = [*(confirmed(*of, grid.cell_m) for of in pairwise(kept)), agreed_level(kept[-1], SURE_SHARE)]
-    rough = [agreed_level(level, HALF) for _, level in both[1:]]
-    joined = without_islands(surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m), grid.cell_m)
+    rough = [agreed_level(level, HALF) for level in coarse]
+    near = grid.around_window(window, reach + 3)
+    surface = surface_of_levels(kept[0], [*kept[1:], *rough], grid.cell_m)
+    joined = without_islands(surface, grid.cell_m, near.within(outer))
     filled = filled_heights(joined.height_m, grid.cell_m, reach)
     known = np.isfinite(joined.height_m)
     none, own = np.float32(np.nan), np.where(known, joined.sigma_m, np.float32(0.0))
-    whole, *relative = (np.where(known, surface_sigma_m(s, grid, outer, joined.height_m, own), none) for s in shared)
+    whole, *relative = (np.where(known, surface_sigma_m(s, grid, near, joined.height_m, own), none) for s in shared)
     source = np.where(np.isfinite(filled), FILLED, HOLE).astype(np.uint8)
     for cells, code in MEASURED_IN.items():
         source[joined.cells == cells] = code
-    base, at = np.float32(heights.base_map_m), window.within(outer)
+    base, at = np.float32(heights.base_map_m), window.within(near)
     return _Tile(
         height=(joined.height_m + base)[at],
         filled=(filled + base)[at],
@@ -434,7 +456,7 @@ def _tile(
         source=source[at],
         confidence=joined.correlation[at],
         rays=joined.rays[at],
-        seen=kept[0].seen[at],
+        seen=kept[0].seen[window.within(outer)],
     )
 
 
@@ -539,7 +561,7 @@ SURFACE: Stage = Stage(
         0.15,
         (Rate("raster_mcells", 1.4),),
         3.5,
-        ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels"),
+        ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels", "photogram.surface.planes"),
         disk_bytes=lambda extent: extent.raster_bytes + LAYER_BYTES * extent.matched_cells,
         memory=_surface_memory,
     ),

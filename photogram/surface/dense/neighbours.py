@@ -15,7 +15,7 @@ from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.compilation import njit
 from photogram.surface.dense.refinement import own_side_mean
 from photogram.surface.dense.slopes import slopes_without_walls
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 
 SMOOTH_HALF = 5
 """Cells to each side over which the surface is smoothed."""

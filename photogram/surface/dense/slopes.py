@@ -11,10 +11,10 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 
 STEEPEST_GENTLE = 1.0
-"""What rises by more than its run is a wall where nothing but a coarser level is known; elsewhere `dsm.STEEPEST`."""
+"""What rises by more than its run is a wall where nothing but a coarser level is known; elsewhere `planes.STEEPEST`."""
 
 SMOOTH_CELLS = 3.0
 """Standard deviation of the Gaussian that smooths the slopes of the gentle surface."""

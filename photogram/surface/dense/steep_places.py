@@ -28,7 +28,7 @@ from photogram.surface.dense.rectification import Picture
 from photogram.surface.dense.refinement import own_side_mean
 from photogram.surface.dense.slopes import STEEPEST_GENTLE, slopes_without_walls
 from photogram.surface.dense.stereo_heights import TEXTURED, WEAK, Smoothness, StereoHeights, stereo_heights
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 from photogram.surface.views import Views
 
 OPEN_CELLS, WALL_CELLS, CLOSED_CELLS = 3.0, 5, 12

@@ -54,7 +54,7 @@ from photogram.surface.dense.texture import (
     windows_for,
 )
 from photogram.surface.dense.window_sums import PatchWindows
-from photogram.surface.dsm import STEEPEST
+from photogram.surface.planes import STEEPEST
 from photogram.surface.views import Views, places_in_view
 
 BLOCK_CELLS = 384

@@ -19,7 +19,8 @@ from scipy.ndimage import gaussian_filter
 from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, Int32Array
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
-from photogram.surface.dsm import SUPPORT, support_of_cells, surface_slopes
+from photogram.surface.dsm import SUPPORT
+from photogram.surface.planes import support_of_cells, surface_slopes
 
 BLOCK_CELLS = 4
 """Side of the blocks whose medians make the smooth surface."""
