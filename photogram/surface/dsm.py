@@ -104,23 +104,25 @@ def patch_cells(
 
 @njit(inline="always")
 def _sureness(
-    slope: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray, cell: np.float32, r: int, c: int
-) -> tuple[bool, float]:
+    down_m: np.float32, right_m: np.float32, rays: np.uint8, seen: np.uint8, face: np.bool_, cell: np.float32
+) -> tuple[np.bool_, float]:
     """Return whether a cell is sure, and the cosine of its slope, as ``sure_cells`` does."""
-    down, right = float(slope[0, r, c] / cell), float(slope[1, r, c] / cell)
+    down, right = float(down_m / cell), float(right_m / cell)
     cosine = 1.0 / np.sqrt(1.0 + (down * down + right * right))
-    look = seen[r, c] * ((1.0 + cosine) / 2.0 if face[r, c] else 1.0)
-    return rays[r, c] >= SURE_RAYS and SURE_SHARE[1] * float(rays[r, c]) >= SURE_SHARE[0] * look, cosine
+    look = float(seen) * ((1.0 + cosine) / 2.0 if face else 1.0)
+    return (rays >= SURE_RAYS) & (SURE_SHARE[1] * float(rays) >= SURE_SHARE[0] * look), cosine
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_sure(
     slope: Float32Array, rays: ByteArray, seen: ByteArray, face: BoolArray, cell: np.float32, sure: BoolArray,
     cosine: FloatArray,
 ) -> None:  # fmt: skip
     for r in range(rays.shape[0]):
-        for c in range(rays.shape[1]):
-            sure[r, c], cosine[r, c] = _sureness(slope, rays, seen, face, cell, r, c)
+        down, right, agree, look, smooth = slope[0, r], slope[1, r], rays[r], seen[r], face[r]
+        is_sure, upright = sure[r], cosine[r]
+        for c in range(len(agree)):
+            is_sure[c], upright[c] = _sureness(down[c], right[c], agree[c], look[c], smooth[c], cell)
 
 
 def sure_cells(
@@ -134,19 +136,19 @@ def sure_cells(
     return sure, cosine
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_agreed(
     height: Float32Array, slope: Float32Array, correlation: Float32Array, rays: ByteArray, seen: ByteArray,
     face: BoolArray, cell: np.float32, least: Float32Array, out: Float32Array,
 ) -> None:  # fmt: skip
     for r in range(rays.shape[0]):
-        for c in range(rays.shape[1]):
-            out[r, c] = np.nan
-            if rays[r, c] < 2 or (rays[r, c] == 2 and seen[r, c] >= 2 + OUTVOTED):
-                continue
-            sure, cosine = _sureness(slope, rays, seen, face, cell, r, c)
-            if correlation[r, c] >= least[r, c] * (cosine if sure else 1.0):
-                out[r, c] = height[r, c]
+        z, down, right, agree, look, smooth = height[r], slope[0, r], slope[1, r], rays[r], seen[r], face[r]
+        alike, enough, kept = correlation[r], least[r], out[r]
+        for c in range(len(agree)):
+            sure, cosine = _sureness(down[c], right[c], agree[c], look[c], smooth[c], cell)
+            outvoted = (agree[c] < 2) | ((agree[c] == 2) & (look[c] >= 2 + OUTVOTED))
+            agreed = (alike[c] >= enough[c] * (cosine if sure else 1.0)) & (not outvoted)
+            kept[c] = z[c] if agreed else np.float32(np.nan)
 
 
 def _agreed_heights(

@@ -34,10 +34,12 @@ def _fill_steps(height: Float32Array, reach: int, out: ByteArray) -> None:
         behind = np.zeros(columns + 2, np.uint8)  # what the cells of the row before tell those behind them
         for n in range(rows):
             r = n if down < 0 else rows - 1 - n
+            steps_of, of_row, told = out[k, r], height[r], behind[1 + right : 1 + right + columns]
             for c in range(columns):
-                out[k, r, c] = behind[c + 1 + right]
+                steps_of[c] = told[c]
+            telling = behind[1 : 1 + columns]
             for c in range(columns):
-                behind[c + 1] = _further(not np.isnan(height[r, c]), out[k, r, c], most)
+                telling[c] = _further(not np.isnan(of_row[c]), steps_of[c], most)
 
 
 def steps_to_heights(height_m: Float32Array, reach_cells: int) -> ByteArray:

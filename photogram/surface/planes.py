@@ -51,20 +51,30 @@ def surface_slopes(height_m: Float32Array, cell_m: float) -> Float32Array:
 
 
 @njit(inline="always")
+def _off(
+    heights: tuple[float, float], first: tuple[float, float], other: tuple[float, float], down: float, right: float
+) -> tuple[float, float]:  # fmt: skip
+    """Return ``off_planes`` of two cells from their heights, their planes, and how far the second is from the first."""
+    rise = heights[1] - heights[0]
+    from_first = abs(rise - down * first[0] - right * first[1])
+    from_other = abs(rise - down * other[0] - right * other[1])
+    return min(abs(rise), from_first, from_other), min(abs(rise), max(from_first, from_other))
+
+
+@njit(inline="always")
 def off_planes(height: Float32Array, slope: Float32Array, r: int, c: int, rr: int, cc: int) -> tuple[float, float]:
     """Return how far two cells (r, c) and (rr, cc) lie from each other's planes, the nearer first; none is further than
     from the other's level. NaN where one of them has no height."""
-    rise, down, right = height[rr, cc] - height[r, c], rr - r, cc - c
-    from_first = abs(rise - down * slope[0, r, c] - right * slope[1, r, c])
-    from_other = abs(rise - down * slope[0, rr, cc] - right * slope[1, rr, cc])
-    return min(abs(rise), from_first, from_other), min(abs(rise), max(from_first, from_other))
+    first, other = (slope[0, r, c], slope[1, r, c]), (slope[0, rr, cc], slope[1, rr, cc])
+    return _off((height[r, c], height[rr, cc]), first, other, float(rr - r), float(cc - c))
 
 
 @njit(cache=True, nogil=True)
 def _fill_support(
     height: Float32Array, slope: Float32Array, sigma: Float32Array, reach_m: float, out: ByteArray
 ) -> None:
-    """Of two cells each supports the other: every cell asks the next one and those of the next row."""
+    """Of two cells each supports the other: every cell asks the next one and those of the next row. Parts of rows with
+    indices from 0 on are what the compiler makes vectors of."""
     rows, columns = height.shape
     out[:] = 0
     near = np.empty(columns, np.uint8)
@@ -72,15 +82,25 @@ def _fill_support(
         for down, right in ((0, 1), (1, -1), (1, 0), (1, 1)):
             if r + down == rows:
                 continue
-            rr, first, end = r + down, max(-right, 0), columns - max(right, 0)
+            rr, n = r + down, columns - abs(right)
+            at, to = max(-right, 0), max(right, 0)
+            z, zz, s, ss = (
+                height[r, at : at + n],
+                height[rr, to : to + n],
+                sigma[r, at : at + n],
+                sigma[rr, to : to + n],
+            )
+            y, yy = slope[0, r, at : at + n], slope[0, rr, to : to + n]
+            x, xx = slope[1, r, at : at + n], slope[1, rr, to : to + n]
             reach = reach_m * (np.sqrt(2.0) if down * right != 0 else 1.0)
-            for c in range(first, end):
-                noise = NOISE_SIGMAS * np.sqrt(sigma[rr, c + right] ** 2 + sigma[r, c] ** 2)
-                near[c] = off_planes(height, slope, r, c, rr, c + right)[0] < reach + noise
-            for c in range(first, end):
-                out[r, c] += near[c]
-            for c in range(first, end):
-                out[rr, c + right] += near[c]
+            for c in range(n):
+                off, _ = _off((z[c], zz[c]), (y[c], x[c]), (yy[c], xx[c]), float(down), float(right))
+                near[c] = off < reach + NOISE_SIGMAS * np.sqrt(ss[c] ** 2 + s[c] ** 2)
+            own, others = out[r, at : at + n], out[rr, to : to + n]
+            for c in range(n):
+                own[c] += near[c]
+            for c in range(n):
+                others[c] += near[c]
 
 
 def support_of_cells(height_m: Float32Array, slope_m: Float32Array, sigma_m: Float32Array, cell_m: float) -> ByteArray:
