@@ -187,6 +187,8 @@ def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:
         closed_sigma.write(window, sigmas)
 
     close_surface(grid, part, run.executor, write)
+    height.flush()
+    closed_sigma.flush()
     return surface_in(scratch, grid)
 
 

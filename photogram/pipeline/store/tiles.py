@@ -86,9 +86,11 @@ class GridFile:
 
     def write(self, window: Window, values: Float32Array) -> None:
         """Write values (rows, columns) of a window; several threads may write windows apart from each other."""
-        mapped = self._mapped("r+")
-        mapped[window.slices] = values
-        mapped.flush()
+        self._mapped("r+")[window.slices] = values
+
+    def flush(self) -> None:
+        """Bring what was written to the disk, where processes on other machines find it."""
+        self._mapped("r+").flush()
 
     def read(self, window: Window) -> Float32Array:
         """Return the values (rows, columns) of a window."""

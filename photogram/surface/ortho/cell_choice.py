@@ -62,7 +62,7 @@ def edges_of(height: Float32Array, cell_m: float) -> BoolArray:
     return np.asarray(step > EDGE_CELLS * cell_m)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _shares(row: int, column: int, block: int, label: Int32Array, around: Int32Array, share: FloatArray) -> bool:
     """Fill the labels (4,) of the blocks around the centre of a cell of the grid, each once, else −1, and how much of a
     bilinear mean they make; False where there are none."""
@@ -92,14 +92,14 @@ def _shares(row: int, column: int, block: int, label: Int32Array, around: Int32A
     return bool(around[0] >= 0)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _shows(cameras: OrientedCameras, n: int, X: FloatArray) -> bool:
     u, v, _ = seen_called(cameras, np.int64(n), X[0], X[1], X[2])
     m = cameras.camera[n]
     return bool(u >= -0.5 and v >= -0.5 and u <= cameras.size_px[m, 0] - 0.5 and v <= cameras.size_px[m, 1] - 0.5)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def choose(
     relief: tuple[Float32Array, BoolArray, BoolArray, ByteArray, Int32Array],
     corner: tuple[float, float, float, int, int],
@@ -204,7 +204,7 @@ def choose(
                     m += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def close_slivers(
     slivers: BoolArray, corner: tuple[float, float, float, int, int], cameras: OrientedCameras,
     cells: tuple[FloatArray, FloatArray], first: tuple[int, int], candidate: Int32Array, block: int, over: Int32Array,
@@ -224,7 +224,7 @@ def close_slivers(
             out.used[n] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _another(
     cameras: OrientedCameras,
     X: FloatArray,

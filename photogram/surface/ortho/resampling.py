@@ -11,7 +11,7 @@ from photogram.compilation import njit
 from photogram.projection import FOCAL, OrientedCameras, seen_at, seen_called
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def catmull_rom(t: float, weight: FloatArray) -> None:
     """Fill the weights (4,) of four equidistant values for the place t, 0 to 1, between the middle two (Keys 1981,
     eq. 8, a = −1/2)."""
@@ -21,7 +21,7 @@ def catmull_rom(t: float, weight: FloatArray) -> None:
     weight[3] = t * t * (0.5 * t - 0.5)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_cubic(
     picture: ByteArray, u: float, v: float, scale: float, across: FloatArray, down: FloatArray, out: FloatArray
 ) -> None:
@@ -31,16 +31,19 @@ def add_cubic(
     c, r = int(np.floor(u)), int(np.floor(v))
     catmull_rom(u - c, across)
     catmull_rom(v - r, down)
+    red, green, blue = out[0], out[1], out[2]
     for i in range(4):
         row = min(max(r - 1 + i, 0), height - 1)
         for j in range(4):
             column = min(max(c - 1 + j, 0), width - 1)
             w = scale * down[i] * across[j]
-            for k in range(3):
-                out[k] += w * picture[row, column, k]
+            red += w * picture[row, column, 0]
+            green += w * picture[row, column, 1]
+            blue += w * picture[row, column, 2]
+    out[0], out[1], out[2] = red, green, blue
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_linear(picture: ByteArray, u: float, v: float, scale: float, out: FloatArray) -> None:
     """Add ``scale`` times the colour at the pixel (u, v), bilinear, to ``out`` (3,)."""
     height, width = picture.shape[0], picture.shape[1]
@@ -75,7 +78,7 @@ class Tone:
         return Tone(np.exp(-log_gain - falloff * radius2), per_radius2)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def add_photograph(
     number: int,
     picture: ByteArray,
@@ -126,7 +129,7 @@ def add_photograph(
                 out[i, j, k] += w * colour[k] * (factor[m, k] + share * (factor[m + 1, k] - factor[m, k]))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def _add_cell(
     picture: ByteArray,
     cameras: OrientedCameras,

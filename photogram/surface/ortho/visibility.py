@@ -434,7 +434,7 @@ class SeenCells:
                 total -= size
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def height_at(height: Float32Array, y: float, x: float) -> float:
     """Return the height of a place, in cells from the outer corner of an array of heights: bilinear between the centres
     of four cells where all are known, else that of the cell itself; NaN where it is not known."""
@@ -453,7 +453,7 @@ def height_at(height: Float32Array, y: float, x: float) -> float:
     return float(height[r, c])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place_between(
     nodes: FloatArray, first: tuple[int, int], row: int, column: int, height: float, X: FloatArray
 ) -> None:
