@@ -1,5 +1,6 @@
 """Undistorted photographs: their pinhole cameras show the same rays, and their grey values those of the photographs."""
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from PIL import Image
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, distort, image_plane
 from photogram.errors import ExchangeError, ImageError
-from photogram.exchange.formats.undistorted import pinhole_solution, write_undistorted
+from photogram.exchange.formats.undistorted import pinhole_solution, write_pinholes, write_undistorted
 from photogram.files.solutions.solution import ForeignSolution
 
 
@@ -75,6 +76,17 @@ def test_pinhole_cameras_show_the_same_rays() -> None:
     assert pinhole.ground_points is not None
     assert len(pinhole.ground_points.mark_point) == 3
     assert pinhole.left_out == ()
+
+
+def test_cameras_are_written_as_dense_programs_take_them(tmp_path: Path) -> None:
+    solution = small_solution()
+    write_pinholes(tmp_path, solution)
+    data = (tmp_path / "sparse" / "cameras.bin").read_bytes()
+    assert struct.unpack_from("<Q", data) == (len(solution.cameras),)
+    found = [camera[1:] for camera in struct.iter_unpack("<iiQQdddd", data[8:])]
+    assert found == [
+        (1, c.width_px, c.height_px, c.focal_px, c.focal_px, *(c.principal_point_px + 0.5)) for c in solution.cameras
+    ]
 
 
 def test_observations_that_cannot_be_undone_are_left_out_with_a_sentence() -> None:

@@ -54,8 +54,9 @@ MODELS = {
 
 NUMBERS = {model.name: number for number, model in MODELS.items()}
 
-_SIMPLEST = {"brown": (0, 1, 2, 3, 4, 6), "fisheye": (14, 15, 8, 9, 5, 10)}
-"""The models of a kind, the one with the fewest parameters first."""
+_SIMPLEST = {"brown": (1, 2, 3, 4, 6), "fisheye": (14, 15, 8, 9, 5, 10)}
+"""The models of a kind that are written, the one with the fewest parameters first; without distortion PINHOLE, as
+COLMAP's own undistorter writes it: dense programs take no SIMPLE_PINHOLE."""
 
 
 @dataclass(frozen=True, eq=False)
