@@ -27,6 +27,7 @@ from photogram.report.figures.style import (
     length_label,
     map_axes,
     new_figure,
+    settle_layout,
 )
 from photogram.report.numbers.numbers import gnss_residual_m
 from photogram.report.numbers.overlap import Overlap
@@ -331,10 +332,7 @@ def place_labels(figure: Figure, axes: Axes, anchors: FloatArray, texts: Sequenc
 
     Returns how many found a place.
     """
-    # The layout settles in two passes; then the texts must not move it again.
-    figure.draw_without_rendering()
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure)  # the texts must not move it again
     frame = axes.get_window_extent()
     blocked = axes.transData.transform(obstacles)
     artists = [child for child in axes.get_children() if isinstance(child, AnchoredOffsetbox | Annotation)]

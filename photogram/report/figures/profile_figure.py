@@ -14,7 +14,17 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import MapGrid, bands, decimated
 from photogram.report.figures.plan_view import BLACK, HALO
 from photogram.report.figures.profiles import Profile
-from photogram.report.figures.style import BLUE, GREEN, GREY, NORTH_UP, SKY, VERMILION, new_figure, plain_axes
+from photogram.report.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    NORTH_UP,
+    SKY,
+    VERMILION,
+    new_figure,
+    plain_axes,
+    settle_layout,
+)
 from photogram.report.numbers.dense_surface import DenseSurface
 from photogram.wording import percent
 
@@ -164,9 +174,7 @@ def _exaggerations(figure: Figure, drawn: Sequence[tuple[Axes, Profile]]) -> Non
     """Write over each profile what it is, how long, and how many times its heights are enlarged against its length."""
     for axes, profile in drawn:  # the title takes its room before the scales are known
         axes.set_title(profile.line.why, fontsize=8.5)
-    figure.draw_without_rendering()
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    settle_layout(figure)
     for axes, profile in drawn:
         box = axes.get_window_extent()
         low, high = axes.get_ylim()

@@ -8,7 +8,7 @@ object interface: no global state, no display.
 import base64
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import cv2
 import numpy as np
@@ -47,9 +47,13 @@ class _PlainFigure(Figure):
     """A figure whose texts are what they say: a ``$`` in the name of a point begins no formula."""
 
     def draw(self, renderer: RendererBase) -> None:
-        for text in self.findobj(Text):
-            text.set_parse_math(False)
+        _make_plain(self)
         super().draw(renderer)
+
+
+def _make_plain(figure: Figure) -> None:
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -57,6 +61,20 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     figure = _PlainFigure(figsize=(width_in, height_in), dpi=PAGE_DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def settle_layout(figure: Figure) -> None:
+    """Give the parts of a figure their places, which stay: the layout settles in two passes, and needs no drawing."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    _make_plain(figure)
+    for _ in range(2):
+        engine.execute(figure)
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        locator: Any = axes.get_axes_locator()  # of colour bars; it draws nothing
+        axes.apply_aspect(None if locator is None else locator(axes, None))
 
 
 _FAST_PNG: Mapping[str, object] = {"compress_level": 2}  # half the time of level 6, files 5 % larger
