@@ -1,6 +1,6 @@
 """What the stage `surface` has stored, read back for later stages and notebooks, and why a product was not made."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,9 +28,10 @@ def reason_left_out(run: Run, stage: StageName) -> str:
 
 @dataclass(frozen=True)
 class StoredSurface:
-    """The DSM of a run, with its standard deviations. Needs the stage `surface`."""
+    """The DSM of a run, with its standard deviations, each read once. Needs the stage `surface`."""
 
     run: Run
+    _rasters: dict[str, Raster] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def is_there(self) -> bool:
@@ -60,6 +61,8 @@ class StoredSurface:
         return np.asarray(read_arrays(self.run.workspace.file("surface", "held_out.npz"))["held_out_m"])
 
     def _raster(self, name: str) -> Raster:
-        path = self.run.workspace.file("surface", f"{name}.tif")
-        local = self.run.project.crs == NO_CRS or self.run.workspace.has("surface", PLANE)
-        return read_raster(path, local=local)[0]
+        if name not in self._rasters:
+            path = self.run.workspace.file("surface", f"{name}.tif")
+            local = self.run.project.crs == NO_CRS or self.run.workspace.has("surface", PLANE)
+            self._rasters[name] = read_raster(path, local=local)[0]
+        return self._rasters[name]

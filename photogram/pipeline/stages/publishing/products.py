@@ -177,7 +177,7 @@ def orthophoto_picture(run: Run) -> OrthophotoPicture | None:
     )  # fmt: skip
 
 
-def dense_surface(run: Run) -> DenseSurface | None:
+def dense_surface(run: Run, surface: StoredSurface) -> DenseSurface | None:
     """Return the dense surface as the report takes it, None where nothing was matched."""
     if not matched(run):
         return None
@@ -188,7 +188,6 @@ def dense_surface(run: Run) -> DenseSurface | None:
         for p, pose in zip(run.project.photographs, block_as_adjusted(run).poses, strict=True)
         if pose is not None
     )
-    surface = StoredSurface(run)
     return DenseSurface(
         surface.heights(), surface.sigma(), source == FILLED, measured_in(source), rays, confidence,
         seen, source == WATER, names, {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
@@ -262,10 +261,12 @@ def matching_sigma_m(run: Run) -> float | None:
     return float(np.median(sigma)) if len(sigma) else None
 
 
-def _as_drawn(run: Run, dense: DenseSurface, numbers: DenseRecord) -> tuple[DenseSurface, DenseRecord, float | None]:
+def _as_drawn(
+    stored: StoredSurface, dense: DenseSurface, numbers: DenseRecord
+) -> tuple[DenseSurface, DenseRecord, float | None]:
     """Return the surface and its numbers as figures show them, and the datum's sigma in height where it is left out of
     them: where it would hide everything else."""
-    shape, relative = made_frame(run).shape(), StoredSurface(run).relative_sigma()
+    shape, relative = made_frame(stored.run).shape(), stored.relative_sigma()
     if shape is None or relative is None or numbers["sigma_m"] is None:
         return dense, numbers, None
     without = replace(dense, sigma=relative)
@@ -287,14 +288,17 @@ class ReportedSurface:
     pictures: list[str]
 
 
-def report_surface(run: Run, control_points: Sequence[GroundPointRecord], results: Path) -> ReportedSurface:
+def report_surface(
+    stored: StoredSurface, control_points: Sequence[GroundPointRecord], results: Path
+) -> ReportedSurface:
     """Report on the orthophoto and on the dense surface, and write their pictures; nothing of what the project asks for
     none of."""
+    run = stored.run
     site = made_frame(run)
     upright = site.plane is not None
     points = site.ground_points(control_points)
     drawn, ground = list[DrawnFigure](), ground_marks(points)
-    picture, dense = orthophoto_picture(run), dense_surface(run)
+    picture, dense = orthophoto_picture(run), dense_surface(run, stored)
     orthophoto: OrthophotoRecord | NoOrthophotoRecord | None = None
     if picture is not None:
         orthophoto = orthophoto_numbers(picture)
@@ -313,12 +317,10 @@ def report_surface(run: Run, control_points: Sequence[GroundPointRecord], result
             areas = read_json(run.workspace.file("surface", WATER_FILE))
             numbers["water"] = water_numbers(areas, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
-        surface, numbers_drawn, datum_sigma_m = _as_drawn(run, dense, numbers)
+        surface, numbers_drawn, datum_sigma_m = _as_drawn(stored, dense, numbers)
         drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m)
     if upright:
         drawn = [on_plane(figure) for figure in drawn]
     names = write_surface_pictures(results / "pictures", drawn)
-    figures = surface_figures(drawn) + thumbnails(
-        picture, StoredSurface(run).heights() if StoredSurface(run).is_there else None
-    )
+    figures = surface_figures(drawn) + thumbnails(picture, stored.heights() if stored.is_there else None)
     return ReportedSurface(orthophoto, numbers, plane_record(run), figures, [f"pictures/{name}" for name in names])

@@ -106,13 +106,14 @@ class ResultsSummary(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
-    """What is published: the run, what it found, with points that are not surveyed (``whole``) and without, the folder
-    of results, and that of the stage itself."""
+    """What is published: the run, what it found, with points that are not surveyed (``whole``) and without, its
+    surface, the folder of results, and that of the stage itself."""
 
     run: Run
     whole: Adjustment
     result: Adjustment
     overlap: Overlap | None
+    surface: StoredSurface
     results: Path
     folder: Path
 
@@ -139,8 +140,9 @@ def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
     whole = stored_adjustment(run)
     result = of_surveyed_points(whole)
     outcome = _Outcome(
-        run, whole, result, ground_overlap(result, stored_cloud(run, "adjusted").position_map_m), results, folder
-    )
+        run, whole, result, ground_overlap(result, stored_cloud(run, "adjusted").position_map_m), StoredSurface(run),
+        results, folder,
+    )  # fmt: skip
     steps = (_clouds, _tables, _photographs, _masks, _pictures, _match_pictures)
     # rasters and the dense cloud are written by libraries that leave Python alone, while it draws
     ended = Event()
@@ -211,10 +213,10 @@ def _pictures(outcome: _Outcome) -> list[str]:
     run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
     block = result.block
     products = ["pictures/plan.png"] if outcome.whole.block.has_scale else list[str]()
-    if StoredSurface(run).is_there:
+    if outcome.surface.is_there:
         products.append("pictures/surface.png")
         upright = made_frame(run).plane is not None
-        figure = surface_figure(StoredSurface(run).heights(), "Digital surface model", upright=upright)
+        figure = surface_figure(outcome.surface.heights(), "Digital surface model", upright=upright)
         save_picture(figure, pictures / "surface.png")
     if outcome.whole.block.has_scale:
         contents = plan_contents(result, outcome.overlap)
@@ -260,11 +262,10 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
     return products
 
 
-def _dsm(run: Run) -> DsmRecord | NoSurfaceRecord:
-    surface = StoredSurface(run)
+def _dsm(surface: StoredSurface) -> DsmRecord | NoSurfaceRecord:
     if not surface.is_there:
-        return {"left_out": reason_left_out(run, "surface")}
-    shape, relative = SurfaceFrame(run).shape(), surface.relative_sigma()
+        return {"left_out": reason_left_out(surface.run, "surface")}
+    shape, relative = SurfaceFrame(surface.run).shape(), surface.relative_sigma()
     datum = None if shape is None else shape.datum_covariance_m2
     return dsm_numbers(surface.heights(), surface.sigma(), surface.held_out_m(), relative, datum)
 
@@ -298,7 +299,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         mark_kinds=mark_kinds(run),
         sources=run.project.camera_source,
     )
-    surface = report_surface(run, adjusted["control_points"], outcome.results)
+    surface = report_surface(outcome.surface, adjusted["control_points"], outcome.results)
     upright = surface.plane is not None and surface.plane["used"]
     overlap = adjusted["block"]["overlap"]
     if overlap is not None and surface.dense is not None and not upright:
@@ -313,7 +314,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
             outcome.result.decisions.heights,
         ),
         "gnss": gnss_numbers(outcome.result, run.notes()),
-        "dsm": _dsm(run),
+        "dsm": _dsm(outcome.surface),
         "survey": survey_record(run),
         "versions": versions(),
         "peak_memory_bytes": {name: note.get("peak_memory_bytes") for name, note in notes.items()},
@@ -343,7 +344,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["dense"] = surface.dense
     if surface.plane is not None:
         numbers["plane"] = surface.plane
-    sparse = StoredSurface(run).heights() if surface.dense is None and StoredSurface(run).is_there else None
+    sparse = outcome.surface.heights() if surface.dense is None and outcome.surface.is_there else None
     figures = page_figures(
         outcome.result, outcome.overlap, clouds["adjusted"], sparse, stored_comparisons(run), upright=upright
     )
