@@ -559,7 +559,7 @@ SURFACE: Stage = Stage(
     line_of(SurfaceSummary, _surface_words),
     Costs(
         0.15,
-        (Rate("raster_mcells", 1.4),),
+        (Rate("raster_mcells", 0.6),),
         3.5,
         ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels", "photogram.surface.planes"),
         disk_bytes=lambda extent: extent.raster_bytes + LAYER_BYTES * extent.matched_cells,
