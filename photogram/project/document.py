@@ -10,10 +10,10 @@ import dataclasses
 import difflib
 import json
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, create_model
@@ -371,6 +371,8 @@ class Entry(BaseModel):
     """A block of keys; an empty block is one whose keys are all absent."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, protected_namespaces=())
+    gone: ClassVar[Mapping[str, str]] = {}
+    """Keys of earlier versions, and what is said of each."""
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
@@ -504,7 +506,8 @@ def _unknown(entry: Entry, key: Key) -> str:
     block: object = entry
     for part in key[:-1]:
         block = _inside(block, part)
-    return f"unknown key: {suggestion(str(key[-1]), _known_keys(block))}"
+    gone = block.gone.get(str(key[-1])) if isinstance(block, Entry) else None
+    return gone or f"unknown key: {suggestion(str(key[-1]), _known_keys(block))}"
 
 
 def settings_model(settings: type[Any]) -> type[Entry]:
@@ -535,7 +538,9 @@ def _settings_model(settings: type[Any]) -> type[Entry]:
             keys[field.name] = (hints[field.name], field.default)
         else:
             keys[field.name] = (Annotated[hints[field.name] | None, Required("this setting, it has no default")], None)
-    return create_model(settings.__name__, __base__=Entry, __doc__=settings.__doc__, **keys)
+    model = create_model(settings.__name__, __base__=Entry, __doc__=settings.__doc__, **keys)
+    model.gone = getattr(settings, "gone", {})
+    return model
 
 
 def read_settings(document: Document, name: str, settings: type[SettingsT]) -> SettingsT | None:

@@ -8,10 +8,10 @@ The value is checked when an object is made; the errors of project.yaml and its 
 docs/project-file.md and the words of the report are made of the same field.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -159,6 +159,9 @@ def _settings_of(kind: type[Any]) -> tuple[Setting, ...]:
 
 class Settings:
     """Base of the dataclasses of settings: a value out of its range is refused when an object is made."""
+
+    gone: ClassVar[Mapping[str, str]] = {}
+    """Settings of earlier versions, and what is said where a project file still has them."""
 
     def __post_init__(self) -> None:
         """Check every value. Raises SettingError, which names the setting, what it must be and what was found."""

@@ -1,9 +1,9 @@
 """project.yaml as a file: what is no project, and settings that any dataclass describes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import pytest
 from makers import no_matlab
@@ -11,6 +11,7 @@ from makers import no_matlab
 from photogram.errors import ProjectError, SettingError
 from photogram.project.document import Document, read_settings
 from photogram.project.project import read_project
+from photogram.settings.settings import Settings as BaseSettings
 
 # -- files that are no project ----------------------------------------------------------------------------------------
 
@@ -116,3 +117,19 @@ def test_settings_faults(document: Callable[[str], Document], text: str, expecte
 def test_list_items_are_called_by_name_or_path(document: Callable[[str], Document]) -> None:
     opened = document("a: [{name: N}, {path: p.txt}, {path: q, name: 7}, {x: 1}, 3]")
     assert [opened.where(("a", i)) for i in range(5)] == ["a[N]", "a[p.txt]", "a[7]", "a[#4]", "a[#5]"]
+
+
+@dataclass(frozen=True)
+class Shortened(BaseSettings):
+    gone: ClassVar[Mapping[str, str]] = {"height": "was the depth with its sign turned: write depth"}
+
+    depth: int = 0
+
+
+def test_a_setting_of_an_earlier_version_is_told_what_replaces_it(document: Callable[[str], Document]) -> None:
+    opened = document("s: {height: 3, dept: 2}")
+    assert read_settings(opened, "s", Shortened) is None
+    with pytest.raises(ProjectError) as raised:
+        opened.raise_errors()
+    assert "s.height: was the depth with its sign turned: write depth" in str(raised.value)
+    assert "s.dept: unknown key: did you mean 'depth'?" in str(raised.value)
