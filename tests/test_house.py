@@ -24,7 +24,6 @@ COMMANDS = (
     *(f"{wing}.work" for wing in ("delivery", "local_grids", "marking", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
-    "CSF_3DFin": ("surface.dtm",),
     "contourpy": ("surface.contours",),
     "defusedxml": ("files.xml_elements", "files.photographs"),
     "distributed": ("pipeline.store.cluster",),

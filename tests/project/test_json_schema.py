@@ -92,7 +92,6 @@ WRONG = {
     "above the range": "orthophoto: {feather_cells: 9}",
     "below the range": "contours: {interval_m: 0.001}",
     "none of the words": "adjustment: {robust_loss: hubber}",
-    "none of the numbers": "terrain: {rigidness: 4}",
     "two numbers for three": "gnss: {offset_sigma_m: [0.2, 0.2]}",
     "one out of range": "gnss: {lever_arm_m: [0, 0, 100000]}",
     "a sigma of 0": "control_points: {sigma_m: [0, 0.1, 0.1]}",
@@ -106,7 +105,6 @@ WRONG = {
     "a mask that is none": "photographs: {folder: p, masks: {auto: [clouds]}}",
     "a fraction of a pixel": "control_points: {files: [{path: a.txt, picture_size_px: [4000.5, 3000]}]}",
     "null for a list": "rigs:",
-    "true for a number": "terrain: {rigidness: true}",
 }
 
 

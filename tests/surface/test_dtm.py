@@ -1,6 +1,5 @@
 """On a made site, whose bare terrain is known: simulated."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,16 @@ from photogram.surface.dtm import Terrain, TerrainSettings, terrain_from_surface
 from photogram.survey import Raster
 
 SEED, RELIEF_M, NOISE_M = 5, 6.0, 0.03
+HOLE = np.s_[100:112, 40:60]
 FRAME = LocalFrame.near("EPSG:25832", np.array([[602_300.0, 5_794_200.0, 40.0]]))
 
 
 def heights_of(scene: Scene, height_m: np.ndarray) -> np.ndarray:
     return surface_raster(replace(scene, height_m=height_m.astype(np.float32)), FRAME, 0.25).values
+
+
+def sigma_of(surface: Raster) -> Raster:
+    return replace(surface, values=np.where(np.isfinite(surface.values), np.float32(NOISE_M), np.float32(np.nan)))
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +35,9 @@ def site() -> tuple[Raster, np.ndarray, np.ndarray, Terrain]:
     surface = surface_raster(scene, FRAME, 0.25)
     rng = np.random.default_rng(2)
     surface.values[:] += rng.normal(0.0, NOISE_M, surface.values.shape)
-    surface.values[100:112, 40:60] = np.nan
+    surface.values[HOLE] = np.nan
     covered = heights_of(scene, (scene.material >= Material.TREE).astype(float)) - FRAME.origin_map_m[2] > 0.5
-    return surface, bare, covered, terrain_from_surface(surface)
+    return surface, bare, covered, terrain_from_surface(surface, sigma_of(surface))
 
 
 def test_houses_and_trees_are_taken_away(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:
@@ -59,24 +63,45 @@ def test_ground_keeps_its_heights_and_holes_stay(site: tuple[Raster, np.ndarray,
 
 def test_same_surface_gives_the_same_terrain(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:
     surface, _, _, terrain = site
-    np.testing.assert_array_equal(terrain_from_surface(surface).heights.values, terrain.heights.values)
+    np.testing.assert_array_equal(
+        terrain_from_surface(surface, sigma_of(surface)).heights.values, terrain.heights.values
+    )
 
 
 def test_wide_gaps_stay_open(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:
     surface, _, _, terrain = site
-    found = terrain_from_surface(surface, TerrainSettings(maximum_gap_m=2.0))
+    found = terrain_from_surface(surface, sigma_of(surface), TerrainSettings(maximum_gap_m=2.0))
     opened = np.isfinite(terrain.heights.values) & ~np.isfinite(found.heights.values)
     assert 0 < opened.sum() < terrain.interpolated.sum()
     assert not opened[~terrain.interpolated].any()
 
 
-def test_what_cannot_be_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sigma_is_the_surfaces_on_the_ground_and_true_where_interpolated(
+    site: tuple[Raster, np.ndarray, np.ndarray, Terrain],
+) -> None:
+    surface, bare, _, terrain = site
+    known = np.isfinite(terrain.heights.values)
+    np.testing.assert_array_equal(np.isfinite(terrain.sigma.values), known)
+    kept = known & ~terrain.interpolated
+    np.testing.assert_array_equal(terrain.sigma.values[kept], sigma_of(surface).values[kept])
+    ratio = (terrain.heights.values - bare) / terrain.sigma.values
+    assert 0.7 < np.sqrt(np.mean(ratio[terrain.interpolated] ** 2)) < 1.3
+
+
+def test_what_was_not_measured_is_interpolated_from_the_ground(
+    site: tuple[Raster, np.ndarray, np.ndarray, Terrain],
+) -> None:
+    surface, bare, _, _ = site
+    filled = replace(surface, values=surface.values.copy())
+    filled.values[HOLE] = bare[HOLE] + 4.0  # as a hole that was filled from a roof
+    terrain = terrain_from_surface(filled, sigma_of(surface))
+    assert terrain.interpolated[HOLE].all()
+    assert np.abs(terrain.heights.values - bare)[HOLE].max() < 0.5
+
+
+def test_what_cannot_be_is_said() -> None:
+    nothing = Raster(np.full((9, 9), np.nan, np.float32), 0.0, 0.0, 0.5)
     with pytest.raises(PhotogramError, match="no ground found"):
-        terrain_from_surface(Raster(np.full((9, 9), np.nan, np.float32), 0.0, 0.0, 0.5))
-    with pytest.raises(PhotogramError, match="rigidness: must be 1, 2 or 3, found 4"):
-        TerrainSettings(rigidness=4)  # type: ignore[arg-type]
-    with pytest.raises(PhotogramError, match=r"step_m: must be from 0\.001 to 1000 m, found 0"):
-        TerrainSettings(step_m=0)
-    monkeypatch.setitem(sys.modules, "CSF_3DFin", None)
-    with pytest.raises(PhotogramError, match="pip install csf-3dfin"):
-        terrain_from_surface(Raster(np.zeros((9, 9), np.float32), 0.0, 0.0, 0.5))
+        terrain_from_surface(nothing, nothing)
+    with pytest.raises(PhotogramError, match=r"maximum_gap_m: must be from 0\.001 to 100000 m, found 0"):
+        TerrainSettings(maximum_gap_m=0)

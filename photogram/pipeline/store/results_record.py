@@ -32,6 +32,7 @@ PRODUCTS = (
     "dsm_*.tif",
     "dsm_source.tif.aux.xml",
     "dtm.tif",
+    "dtm_sigma.tif",
     "dtm_source.tif",
     "dtm_source.tif.aux.xml",
     "dense.laz",
