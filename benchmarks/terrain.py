@@ -1,12 +1,14 @@
 """Ground filters on simulated sites whose bare terrain is known, and on a classified tile of airborne lidar.
 
-    python benchmarks/terrain.py [--seeds 1 2] [--cloth]
+    python benchmarks/terrain.py [--seeds 3 4] [--cloth]
 
 Each row is a class of site (benchmarks/lib/simulated/terrain_sites.py), each group of columns a filter: type I (ground
 rejected, % of the ground), type II (objects accepted, % of the objects), total (% of both), as Sithole and Vosselman
 (2004) define them, and the RMS of the terrain against the truth in metres, where photogram makes one. All filters take
 one set of parameters for all sites; the terrain is linear between what each takes for ground. `own` is photogram's;
 `over sigma` the RMS of its errors over their stated standard deviations, in interpolated cells and in all.
+
+The filter was developed on the sites of seeds 1 and 2.
 
 --cloth compares the cloth simulation too (package csf-3dfin, Python up to 3.13), which takes 20 s for a site.
 
@@ -113,7 +115,7 @@ def print_row(
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
     parser.add_argument("--cloth", action="store_true")
     given = parser.parse_args()
     compared = {"SMRF": smrf, "progr. morphology": progressive_morphology} | ({"cloth": cloth} if given.cloth else {})

@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, create_model
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails
 
 from photogram.errors import ProjectError, SettingError
 from photogram.files.reading import read_whole
 from photogram.project.findings import Finding
-from photogram.settings.settings import Default, Within, settings_of
+from photogram.settings.settings import Default, Within
 from photogram.wording import shortened
 
 Key = tuple[str | int, ...]
@@ -515,19 +515,9 @@ def settings_model(settings: type[Any]) -> type[Entry]:
     return _settings_model(settings)  # type: ignore[arg-type]  # mypy takes no class for hashable
 
 
-def _no_truth_value(value: object) -> object:
-    """Refuse true where one of some numbers is expected: Python takes it for 1."""
-    if isinstance(value, bool):
-        raise ValueError(f"must be a number, found {described(value)}")
-    return value
-
-
 @cache
 def _settings_model(settings: type[Any]) -> type[Entry]:
     hints = get_type_hints(settings, include_extras=True)
-    for setting in settings_of(settings):
-        if any(isinstance(choice, int) for choice in setting.choices):
-            hints[setting.name] = Annotated[hints[setting.name], BeforeValidator(_no_truth_value)]
     keys: dict[str, Any] = {}
     for field in dataclasses.fields(settings):
         if not field.init:
