@@ -159,7 +159,7 @@ def _agreed_heights(
     of each cell. On a slope they see a window foreshortened, the texture in it finer: sure cells may correlate less
     there, by the cosine."""
     out, slope = np.empty(height_m.shape, np.float32), _sure_slopes(height_m, rays, cell_m)
-    of_each = np.array(np.broadcast_to(least, height_m.shape))
+    of_each = np.array(np.broadcast_to(least, height_m.shape), dtype=np.float32)
     _fill_agreed(height_m, slope, correlation, rays, seen, face, np.float32(cell_m), of_each, out)
     return out
 
