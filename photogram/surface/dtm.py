@@ -43,7 +43,7 @@ class TerrainSettings(Settings):
 
     gone: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("cell_m", "cloth_m", "rigidness", "reach_m", "step_m", "margin_m"),
-        "was a setting of the cloth simulation, and nothing replaces it, since one filter serves all ground: remove it",
+        "belonged to the cloth simulation, which a filter without settings has replaced: remove this line",
     )
 
     enabled: Annotated[bool, "Whether a terrain model is made."] = False

@@ -84,9 +84,11 @@ def held_out(
 
 
 def own_variance(heights_m: FloatArray, ground: BoolArray) -> float:
-    """Return the variance of the noise that each height has for itself, by how it departs from its neighbours."""
+    """Return the variance of the noise that each height has for itself, by how it departs from its neighbours; 0 where
+    none has ground all around, so that what is stated of interpolated heights holds that noise too."""
     off = heights_m - convolve(heights_m, _NEIGHBOURS, mode="nearest")
-    return float(0.8 * nmad(off[binary_erosion(ground, np.ones((3, 3), dtype=bool)) & np.isfinite(off)]) ** 2)
+    known = off[binary_erosion(ground, np.ones((3, 3), dtype=bool)) & np.isfinite(off)]
+    return float(0.8 * nmad(known) ** 2) if len(known) else 0.0
 
 
 def fitted(distance_m: FloatArray, rough: FloatArray, error_m: FloatArray, own: float) -> tuple[float, float, float]:

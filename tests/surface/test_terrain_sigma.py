@@ -63,3 +63,12 @@ def test_too_little_ground_says_so_by_a_wide_sigma() -> None:
     ground[:2, :2] = True
     sigma = interpolated_sigma(np.full((20, 20), 5.0), ground, SIDE_M, linear_between)
     assert (sigma == SIDE_M).all()
+
+
+def test_ground_that_is_seen_in_single_cells_has_true_sigmas_too() -> None:
+    truth = ground_of(1, 10.0, 0.5)
+    heights, ground = truth + np.random.default_rng(3).normal(0.0, 0.02, truth.shape), np.zeros(truth.shape, bool)
+    ground[::4, ::4] = True
+    sigma = interpolated_sigma(np.where(ground, heights, np.nan), ground, SIDE_M, linear_between)
+    error = linear_between(heights, ground) - truth
+    assert 0.5 < np.sqrt(np.mean((error / sigma)[~ground] ** 2)) < 1.25
