@@ -51,7 +51,7 @@ from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface
-from photogram.pipeline.stages.surface import OWN_SIGMA_FILE
+from photogram.pipeline.stages.surfaces.surface import OWN_SIGMA_FILE
 from photogram.pipeline.store.memory import peak_memory
 from photogram.project.project import Project
 from photogram.simulation.demonstration import write_demonstration, write_survey

@@ -26,7 +26,7 @@ from photogram.arrays import FloatArray
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface
-from photogram.pipeline.stages.surface import surface_layers
+from photogram.pipeline.stages.surfaces.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.simulated_survey import whole_survey_plan
 from photogram.surface.dsm import MEASURED

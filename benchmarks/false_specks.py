@@ -27,7 +27,7 @@ from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.stored_surface import StoredSurface
-from photogram.pipeline.stages.surface import surface_layers
+from photogram.pipeline.stages.surfaces.surface import surface_layers
 from photogram.simulation.demonstration import write_demonstration
 from photogram.surface.dsm import MEASURED, patch_cells
 from photogram.survey import Raster

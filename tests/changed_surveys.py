@@ -13,7 +13,7 @@ from photogram.change.surfaces import SurfaceFiles
 from photogram.files.clouds.dense_points import points_of_cells, write_dense_laz
 from photogram.files.maps.cogs import write_cog_codes
 from photogram.files.maps.rasters import write_raster
-from photogram.pipeline.stages.surface import SOURCES
+from photogram.pipeline.stages.surfaces.surface import SOURCES
 from photogram.survey import Raster
 
 HEAP, PIT = Heap(-6.0, 3.0, 4.0, 0.6), Heap(7.0, -4.0, 3.0, -0.5)

@@ -30,7 +30,7 @@ def _allowed(setting: Setting) -> str:
         return str(setting.within).replace("from ", "")
     if setting.choices:
         return ", ".join(_value(choice) for choice in setting.choices)
-    return "true, false" if setting.kind is bool else "text"
+    return "true, false" if setting.kind in (bool, bool | None) else "text"
 
 
 def table(section: str) -> str:

@@ -25,7 +25,7 @@ from photogram.files.photographs.images import read_grey
 from photogram.grid import Window
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted, stored_cloud
-from photogram.pipeline.stages.surface import FILL_CELLS
+from photogram.pipeline.stages.surfaces.surface import FILL_CELLS
 from photogram.pipeline.store.run import Run
 from photogram.surface.dense.pyramid import (
     MINIMUM_RAYS,

@@ -15,7 +15,7 @@ from photogram.errors import ProjectError, ReportError, SettingError
 from photogram.files.maps.rasters import RasterFile, open_raster
 from photogram.grid import MapGrid, Window
 from photogram.report.reading import read_report
-from photogram.surface.dsm import FILLED, WATER, measured_in
+from photogram.surface.dsm import FILLED, INTERPOLATED, WATER, measured_in
 
 WINDOW_CELLS = 5.0
 """Width of the windows in which heights were matched, in cells, at most (2.5 to 5): what their errors are correlated
@@ -186,7 +186,7 @@ def surface_cells(surface: SurfaceFiles, grid: MapGrid, window: Window) -> Surfa
     width, interpolated = np.ones(height.shape), np.zeros(height.shape, dtype=bool)
     if surface.source is not None:
         code = _nearest(surface.source, grid, window)
-        interpolated = np.isin(code, (FILLED, WATER))
+        interpolated = np.isin(code, (FILLED, WATER, INTERPOLATED))
         width = np.maximum(measured_in(np.nan_to_num(code, nan=0.0).astype(np.uint8)), 1).astype(np.float64)
     if surface.stated is not None:
         own, common = nothing + surface.stated.own_m, nothing + surface.stated.common_m

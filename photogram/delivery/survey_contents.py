@@ -15,8 +15,9 @@ from photogram.geodesy.crs import crs_in_words, plan_of
 from photogram.pipeline.stages.publishing.products import flight_date
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import reason_left_out
-from photogram.pipeline.stages.surface import ReliefSummary, SurfaceSummary
 from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.stages.surfaces.relief import ReliefSummary
+from photogram.pipeline.stages.surfaces.surface import SurfaceSummary
 from photogram.pipeline.store.run import Run
 from photogram.survey import Block, Contours
 

@@ -17,7 +17,8 @@ from photogram.surface.dense.pyramid import reductions_of
 
 Part = Literal[
     "photographs", "megapixels", "search", "comparisons", "pairs", "key_points", "observations",
-    "dense_mcells", "raster_mcells", "contoured_mcells", "terrain_mcells", "orthophoto_mpx", "comparison",
+    "dense_mcells", "raster_mcells", "contoured_mcells", "terrain_mcells", "terrain_mblocks", "orthophoto_mpx",
+    "comparison",
 ]  # fmt: skip
 """What a rate counts: the fields of Workload."""
 Kind = Literal["features", "matches", "dense", "plain"]
@@ -41,6 +42,7 @@ class Workload:
     raster_mcells: float
     contoured_mcells: float
     terrain_mcells: float
+    terrain_mblocks: float
     orthophoto_mpx: float
     comparison: float
 
@@ -111,7 +113,7 @@ class Extent:
     @property
     def relief_bytes(self) -> float:
         """Return what terrain and contour lines take on disk."""
-        return self.cells * RELIEF_BYTES * (self.project.terrain.enabled + self.project.contours.enabled)
+        return self.cells * RELIEF_BYTES * (self.project.makes_terrain + self.project.contours.enabled)
 
     @property
     def raster_bytes(self) -> float:

@@ -194,6 +194,11 @@ class Project:
         return product_crs(self.crs, self.heights)
 
     @property
+    def makes_terrain(self) -> bool:
+        """Whether a terrain model is looked for: where it is asked for, and of matched surfaces unless it is not."""
+        return self.dense.enabled if self.terrain.enabled is None else self.terrain.enabled
+
+    @property
     def datum_sigma_m(self) -> float:
         """The standard deviation of an error in plan that all GNSS positions have in common because they come from
         another datum; 0 where none does, or nothing is declared."""

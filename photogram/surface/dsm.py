@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
@@ -27,6 +28,9 @@ MEASURED_IN = {1: MEASURED, 2: 3, 4: 4, 8: 5}
 
 WATER = 6
 """The code of a cell that lies on water: its height is the water's level, and not measured there."""
+
+INTERPOLATED = 7
+"""The code of a cell whose height is interpolated from heights farther off, or that do not lie on one plane with it."""
 
 
 def measured_in(source: ByteArray) -> ByteArray:
@@ -312,16 +316,28 @@ def _fill_sigma(
             out[r, c] = np.sqrt(max(variance, 0.0) + float(own[r, c]) ** 2)
 
 
+def shared_plan_variance(shared: SharedError, grid: MapGrid, window: Window) -> FloatArray:
+    """Return the sum of the variances (rows, columns) in easting and northing, m², that cells have in common."""
+    row, column = _places_in(shared.grid, grid, window)
+    plan = shared.covariance_m2[..., 0] + shared.covariance_m2[..., 1]
+    last = np.array(plan.shape) - 1
+    i, j = (np.clip(at, 0.0, most) for at, most in zip((row, column), last, strict=True))
+    return np.asarray(map_coordinates(plan, np.stack(np.meshgrid(i, j, indexing="ij")), order=1, mode="nearest"))
+
+
+def _places_in(wide: MapGrid, grid: MapGrid, window: Window) -> tuple[FloatArray, FloatArray]:
+    """Return rows and columns of the centres of a window's cells in a wide grid, in its cells from its first centre."""
+    east, north = grid.centres_map_m(window)
+    return (wide.north_map_m - north) / wide.cell_m - 0.5, (east - wide.west_map_m) / wide.cell_m - 0.5
+
+
 def surface_sigma_m(
     shared: SharedError, grid: MapGrid, window: Window, height_m: Float32Array, matching_sigma_m: Float32Array
 ) -> Float32Array:
     """Return the standard deviations (rows, columns), m, of heights at fixed places, NaN where there is none:
     σ² = σ_matching² + nᵀ Σ n with n = (−∂h/∂E, −∂h/∂N, 1), of the gentler side, Σ being what photographs and
     calibration contribute."""
-    east, north = grid.centres_map_m(window)
-    wide = shared.grid
-    row = (wide.north_map_m - north) / wide.cell_m - 0.5
-    column = (east - wide.west_map_m) / wide.cell_m - 0.5
+    row, column = _places_in(shared.grid, grid, window)
     out = np.empty(height_m.shape, np.float32)
     slope = surface_slopes(height_m, grid.cell_m) / np.float32(grid.cell_m)
     _fill_sigma(shared.covariance_m2, row, column, height_m, slope, matching_sigma_m, out)

@@ -38,7 +38,8 @@ def _add_surface(table: Table, dense: DenseRecord) -> None:
     table.add_row("cell", f"{dense['cell_m']:.3f} m, {dense['columns']} × {dense['rows']} cells")
     areas, share = dense["areas"], dense["completeness"]
     parts = {"measured": areas["measured_m2"], "filled": areas["filled_m2"], "water": areas["water_m2"]}
-    told = [f"{m2:.0f} m² {name}" for name, m2 in parts.items() if m2] + [f"{areas['empty_m2']:.0f} m² without height"]
+    told = [f"{m2:.0f} m² {name}" for name, m2 in parts.items() if m2]
+    told.append(f"{areas['interpolated_m2']:.0f} m² interpolated over holes")
     table.add_row("mapped, seen by two photographs or more", f"{areas['mapped_m2']:.0f} m²: {', '.join(told)}")
     if areas["left_out_m2"]:
         table.add_row("not mapped", f"{areas['left_out_m2']:.0f} m² seen only obliquely and coarsely")

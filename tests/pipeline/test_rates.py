@@ -23,6 +23,7 @@ WORK = Workload(
     raster_mcells=12.0,
     contoured_mcells=12.0,
     terrain_mcells=0.0,
+    terrain_mblocks=0.0,
     orthophoto_mpx=30.0,
     comparison=1.0,
 )

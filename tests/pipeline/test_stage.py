@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from photogram.pipeline.pipeline import STAGES, load_project, open_run, stage_named
+from photogram.pipeline.stages.surfaces.relief import BARE
 from photogram.pipeline.store.stage_summary import Summary
 
 
@@ -49,6 +50,12 @@ from photogram.pipeline.store.stage_summary import Summary
             "508 × 421 cells of 0.18 m, 3 levels",
         ),
         ("relief", {"contours": 39, "interval_m": 0.5, "of": "surface"}, "39 contour lines every 0.5 m of the surface"),
+        (
+            "relief",
+            {"no_terrain": BARE, "contours": 2, "interval_m": 0.5, "of": "surface"},
+            "no terrain model (nothing stands on the ground, so the surface is the terrain), "
+            "2 contour lines every 0.5 m of the surface",
+        ),
         ("orthophoto", {"left_out": "the photographs are oblique"}, "left out: the photographs are oblique"),
         ("comparison", {"clouds": 0}, "no reference given"),
         ("results", {"products": ["report.json", "report.html"]}, "2 files written"),

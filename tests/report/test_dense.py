@@ -154,10 +154,10 @@ def test_cells_and_areas_of_what_is_mapped_add_up() -> None:
     cells, areas = numbers["cells"], numbers["areas"]
     # the three columns at the rim have heights, though fewer than three photographs show them
     assert cells == {
-        "grid": 5400, "mapped": 5400, "measured": 5400 - 60 - 30, "filled": 30, "water": 0, "empty": 60,
-        "seen_3_or_more": 5400 - 3 * 60, "measured_of_these": 5400 - 3 * 60 - 60 - 30, "water_of_these": 0,
+        "grid": 5400, "mapped": 5400, "measured": 5400 - 60 - 30, "filled": 30, "water": 0, "interpolated": 60,
+        "seen_2_or_more": 5400 - 2 * 60, "seen_3_or_more": 5400 - 3 * 60, "measured_of_these": 5400 - 3 * 60 - 60 - 30, "water_of_these": 0,
     }  # fmt: skip
-    told = [areas["mapped_m2"], areas["measured_m2"], areas["filled_m2"], areas["water_m2"], areas["empty_m2"]]
+    told = [areas["mapped_m2"], areas["measured_m2"], areas["filled_m2"], areas["water_m2"], areas["interpolated_m2"]]
     assert told == [count * CELL**2 for count in (5400, 5310, 30, 0, 60)]
     assert areas["seen_3_or_more_m2"] == 5220 * CELL**2
     assert areas["left_out_m2"] == 12.5
@@ -186,8 +186,8 @@ def test_cells_without_height_that_one_photograph_shows_are_not_mapped() -> None
     heights[:5, :5], wet[:5, :5] = np.nan, True
     numbers = dense_numbers(replace(dense, heights=replace(dense.heights, values=heights), water=wet), none)
     cells = numbers["cells"]
-    assert (cells["mapped"], cells["water"], cells["empty"]) == (5400 - 2 * 60, 25, 60 + 60)
-    assert cells["measured"] + cells["filled"] + cells["water"] + cells["empty"] == cells["mapped"]
+    assert (cells["mapped"], cells["water"], cells["interpolated"]) == (5400 - 2 * 60, 25, 60 + 60)
+    assert cells["measured"] + cells["filled"] + cells["water"] + cells["interpolated"] == cells["mapped"]
     assert cells["seen_3_or_more"] == 5400 - 3 * 60
     assert cells["water_of_these"] == 25
     assert numbers["completeness"] == pytest.approx((5130 - 25) / (5220 - 25))

@@ -20,10 +20,10 @@ import rasterio
 from photogram.grid import MapGrid, Window
 from photogram.pipeline.pipeline import load_project, open_run
 from photogram.pipeline.stages import dense as dense_stages
-from photogram.pipeline.stages import surface as surface_stages
 from photogram.pipeline.stages.dense import match_surface
 from photogram.pipeline.stages.publishing.products import CLOUD, write_dense_cloud
-from photogram.pipeline.stages.surface import MatchedHeights, model_surface
+from photogram.pipeline.stages.surfaces import surface as surface_stages
+from photogram.pipeline.stages.surfaces.surface import MatchedHeights, model_surface
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.pipeline.store.workspace import Workspace

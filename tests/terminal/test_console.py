@@ -188,8 +188,8 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
     check = {"n": n, "rmse_m": rmse_m, "mean_m": None if rmse_m is None else -0.004, "rms_z": rmse_m and 1.1}
     return {
         "cell_m": 0.12, "columns": 1200, "rows": 900, "completeness": 0.9732,
-        "areas": {"mapped_m2": 15_000.0, "measured_m2": 14_000.4, "filled_m2": 57.6, "water_m2": 0.0, "empty_m2": 942.0,
-                  "seen_3_or_more_m2": 14_300.0, "left_out_m2": 35.4},
+        "areas": {"mapped_m2": 15_000.0, "measured_m2": 14_000.4, "filled_m2": 57.6, "water_m2": 0.0,
+                  "interpolated_m2": 942.0, "seen_3_or_more_m2": 14_300.0, "left_out_m2": 35.4},
         "sigma_m": {"median": 0.0312, "percentile_95": 0.0871}, "check_points": check,
     }  # fmt: skip
 
@@ -197,7 +197,7 @@ def dense(n: int = 8, rmse_m: float | None = 0.021) -> Json:
 def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
     report_tables.show_report(report() | {"dense": dense()})
     text = shown.export_text()
-    for words in ("0.120 m, 1200 × 900", "15000 m²: 14000 m² measured, 58 m² filled, 942 m² without height",
+    for words in ("0.120 m, 1200 × 900", "15000 m²: 14000 m² measured, 58 m² filled, 942 m² interpolated over holes",
                   "35 m² seen only obliquely", "97.3\u202f% measured of 14300 m²", "0.031 m, 95 % below 0.087 m",
                   "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
         assert words in text, words

@@ -17,6 +17,7 @@ from photogram.project.validation.resources import surface_size
 from photogram.sfm.tie_points.detector import detector_named
 from photogram.sfm.tie_points.matching import MATCHERS
 from photogram.sfm.tie_points.pairs import select_pairs
+from photogram.surface.dtm import expected_blocks
 from photogram.survey import Photograph
 
 OBSERVATIONS_PER_KEY_POINT = 0.35
@@ -63,7 +64,8 @@ def workload(project: Project, tags: Sequence[PhotographTags | None]) -> Workloa
         dense_mcells=size.covered_share * size.surface_cells / 1e6 if dense else 0.0,
         raster_mcells=raster_mcells,
         contoured_mcells=raster_mcells if project.contours.enabled else 0.0,
-        terrain_mcells=raster_mcells if project.terrain.enabled else 0.0,
+        terrain_mcells=raster_mcells if project.makes_terrain else 0.0,
+        terrain_mblocks=expected_blocks(cells, size.cell_m) / 1e6 if project.makes_terrain else 0.0,
         orthophoto_mpx=size.covered_share * size.orthophoto_cells / 1e6,
         comparison=float(project.reference is not None),
     )

@@ -163,7 +163,7 @@ def match_surface(run: Run, folder: Path, progress: Progress) -> DenseSummary:
     return made
 
 
-def _area(run: Run) -> Geometry | None:
+def asked_area(run: Run) -> Geometry | None:
     """Return the area of the map that the surface is asked for, None where it is all that photographs resolve."""
     path = run.project.surface.area
     if path is None:
@@ -192,7 +192,7 @@ class _Matching:
         frame, views = block.frame, Views.of(block)
         points = site.cloud().position_map_m
         known = known_ground(points, frame.world_from_map(points), views, settings.photographs)
-        area = _area(run)
+        area = asked_area(run)
         if area is None:
             views = replace(views, coarsest_m=known.coarsest_m)
         cell_m = run.project.surface.cell_m or default_cell_m(known.gsd_m)

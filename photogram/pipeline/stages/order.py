@@ -9,7 +9,8 @@ from photogram.pipeline.stages.matches import MATCHES, PAIRS
 from photogram.pipeline.stages.orientation import INTERSECTION, ORIENTATION, TRANSFER
 from photogram.pipeline.stages.orthophoto import ORTHOPHOTO
 from photogram.pipeline.stages.photographs import PHOTOGRAPHS
-from photogram.pipeline.stages.surface import RELIEF, SURFACE
+from photogram.pipeline.stages.surfaces.relief import RELIEF
+from photogram.pipeline.stages.surfaces.surface import SURFACE
 from photogram.pipeline.stages.tie_points import TIE_POINTS
 
 BEFORE_RESULTS: tuple[Stage, ...] = (

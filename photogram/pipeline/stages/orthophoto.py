@@ -1,19 +1,19 @@
 """The stage `orthophoto`: reads the adjustment, the surface and the photographs, and writes `orthophoto.tif` with its
 rim and its seams, and the bands of companions beside it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from photogram.arrays import BoolArray, ByteArray, Float32Array
+from photogram.arrays import ByteArray
 from photogram.camera import Pose
-from photogram.errors import ProjectError, SurfaceError
+from photogram.errors import ProjectError
 from photogram.files.atomic import scratch_folder, temporary_name
-from photogram.files.maps.cogs import write_cog_rgba
+from photogram.files.maps.cogs import CATEGORY_SUFFIX, write_cog_rgba
 from photogram.files.maps.seam_files import NamedPolygon, read_seams, write_seams
 from photogram.files.npz_json import file_fingerprint, write_json
-from photogram.grid import MapGrid, Window
+from photogram.grid import Window
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
     LIBRARIES_BYTES,
@@ -27,25 +27,20 @@ from photogram.pipeline.stage_costs import (
 )
 from photogram.pipeline.stages.bands.band_orthophoto import BANDS_FILE, make_bands
 from photogram.pipeline.stages.orthophoto_pieces import (
-    CLOSED_HEIGHT,
-    CLOSED_SIGMA,
     CachedPhotographs,
     looked_at,
     masks_of,
-    surface_in,
     tiles_of,
 )
 from photogram.pipeline.stages.photographs import stretches
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
-from photogram.pipeline.stages.stored_surface import LEFT_OUT, StoredSurface, reason_left_out
-from photogram.pipeline.stages.surface import matched, surface_layers
+from photogram.pipeline.stages.stored_surface import LEFT_OUT, reason_left_out
 from photogram.pipeline.stages.surface_frame import GridSummary, cells_in_words, depression, made_frame
+from photogram.pipeline.stages.surfaces.closing import stored_closing
+from photogram.pipeline.stages.surfaces.plan_quality import SIGMA_FILE, SOURCE_FILE, PlanQuality
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.tiles import GridFile
 from photogram.project.project import Project
 from photogram.project.rigs.entries import without_products
-from photogram.surface.dsm import MEASURED, WATER
-from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import (
     CACHE_BYTES,
     LEAST_CACHED,
@@ -53,19 +48,18 @@ from photogram.surface.ortho.orthophoto import (
     TILE_CELLS,
     ForcedOf,
     Orthophoto,
+    above_ground_m,
     chosen_orthophoto,
     scored_samples,
 )
 from photogram.surface.ortho.outline import (
     SeamPolygon,
     cells_inside,
-    rim_of,
     seam_polygons,
     sides_of,
     views_in_blocks,
 )
 from photogram.surface.ortho.seamlines import LARGEST_LATTICE, SMALLEST_BLOCK
-from photogram.surface.ortho.visibility import WindowedSurface
 from photogram.surface.views import Views
 from photogram.wording import Progress, some, things
 
@@ -123,27 +117,28 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     names = [block.photographs[i].name for i in views.photograph]
     pixels_of = CachedPhotographs.of(run, views)
     camera = np.array([block.photographs[i].camera for i in views.photograph], dtype=np.int64)
-    progress(0, 0, "surface without holes")
+    progress(0, 0, "seams and exposure")
     with scratch_folder(temporary_name(folder)) as scratch:
-        surface = closed_surface_of(run, scratch)
-        progress(0, 0, "seams and exposure")
+        surface, rim = stored_closing(run)
         settings, edited = run.project.orthophoto, edited_seams(run.project, names, site.plan)
         masks = masks_of(run, views)
         block_samples = scored_samples(views, block.frame, surface, run.executor, settings, forced=edited, masks=masks)
         samples = looked_at(run, folder, scratch, block_samples, pixels_of)
         orthophoto = chosen_orthophoto(block_samples, samples, settings, camera)
         grid, blocks, seams = orthophoto.grid, orthophoto.blocks, orthophoto.seams
-        rim = rim_of(seams.looks, seams.label >= 0, blocks)
-        if rim is None:
-            raise SurfaceError("orthophoto: no photograph shows the surface: check its heights and the poses")
         sides = sides_of(rim)
         inside = visible = masked = 0
+        quality = PlanQuality.of(
+            run, site, surface, float(np.median(above_ground_m(views, orthophoto.terrain))), scratch
+        )
 
         def counted() -> Iterator[tuple[Window, ByteArray]]:
             nonlocal inside, visible, masked
             total = -(-grid.rows // TILE_CELLS) * -(-grid.columns // TILE_CELLS)
-            for done, (window, rgba) in enumerate(tiles_of(run, folder, scratch, orthophoto, pixels_of), 1):
+            made = tiles_of(run, folder, scratch, orthophoto, pixels_of)
+            for done, (window, (rgba, rays)) in enumerate(made, 1):
                 within = cells_inside(sides, grid, window)
+                quality.take(rays, cells_inside(sides, surface.grid, rays.window))
                 rgba[~within] = 0
                 only_masked = rgba[..., 3] == ONLY_MASKED
                 rgba[only_masked] = 0
@@ -154,6 +149,7 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
                 progress(done, total, f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
 
         write_cog_rgba(folder / "orthophoto.tif", grid, site.plan, counted(), note=site.note)
+        quality.write(folder, site)
         if without_products(run.project.rigs):
             progress(0, 0, "bands")
             make_bands(run, folder, site, surface, orthophoto, sides, pixels_of)
@@ -165,51 +161,6 @@ def make_orthophoto(run: Run, folder: Path, progress: Progress) -> OrthophotoSum
     write_json(folder / RIM_FILE, rim_record)
     size: OrthophotoSummary = {"rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m}
     return {**size, "cells": visible, "transparent": transparent, **summary(orthophoto)}
-
-
-def closed_surface_of(run: Run, scratch: Path) -> WindowedSurface:
-    """Return the surface of the run as orthophotos need it, made in a folder that outlives it."""
-    grid, parts = _known_heights(run)
-    known, sigma = GridFile(scratch / "known.f32", grid), GridFile(scratch / "sigma.f32", grid)
-    height, closed_sigma = GridFile(scratch / CLOSED_HEIGHT, grid), GridFile(scratch / CLOSED_SIGMA, grid)
-    for file in (known, sigma, height, closed_sigma):
-        file.make()
-    for window, heights_m, sigmas_m in parts:
-        known.write(window, heights_m)
-        sigma.write(window, sigmas_m)
-
-    def part(window: Window) -> tuple[Float32Array, BoolArray, Float32Array]:
-        own = sigma.read(window)
-        return known.read(window), np.isfinite(own), own
-
-    def write(window: Window, values: Float32Array, sigmas: Float32Array) -> None:
-        height.write(window, values)
-        closed_sigma.write(window, sigmas)
-
-    close_surface(grid, part, run.executor, write)
-    height.flush()
-    closed_sigma.flush()
-    return surface_in(scratch, grid)
-
-
-def _known_heights(run: Run) -> tuple[MapGrid, Iterable[tuple[Window, Float32Array, Float32Array]]]:
-    """Return the grid of the surface, and window by window its heights with their standard deviations, NaN for cells
-    that were not measured."""
-    nowhere = np.float32(np.nan)
-    if not matched(run):
-        raster = StoredSurface(run).heights()
-        grid = MapGrid.of(raster)
-        return grid, [(grid.whole, raster.values, np.where(np.isfinite(raster.values), np.float32(0.0), nowhere))]
-    layers = surface_layers(run)
-
-    def part(window: Window) -> tuple[Window, Float32Array, Float32Array]:
-        filled, own, source = layers.read(window, "filled", "own", "source")
-        # coarser levels are too rough to hide what is behind them
-        measured = np.where(source == MEASURED, own, nowhere)
-        # water is shown on its level, which its shore tells
-        return window, filled, np.where(source == WATER, np.float32(layers.grid.cell_m), measured)
-
-    return layers.grid, map(part, layers.windows)
 
 
 def edited_seams(project: Project, names: Sequence[str], crs: str) -> ForcedOf | None:
@@ -283,5 +234,5 @@ ORTHOPHOTO: Stage = Stage(
         disk_bytes=lambda extent: extent.size.orthophoto_cells * extent.size.covered_share * PICTURE_BYTES,
         memory=_memory,
     ),
-    products=("orthophoto.tif", BANDS_FILE, OUTLINE_FILE),
+    products=("orthophoto.tif", SIGMA_FILE, SOURCE_FILE, SOURCE_FILE + CATEGORY_SUFFIX, BANDS_FILE, OUTLINE_FILE),
 )

@@ -6,11 +6,13 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photogram.arrays import ByteArray, FloatArray, IntArray
 from photogram.files.npz_json import read_arrays, read_json, write_arrays, write_json
@@ -18,21 +20,19 @@ from photogram.files.records import read_record, write_record
 from photogram.grid import MapGrid, Window
 from photogram.machine import cores, memory_bytes
 from photogram.pipeline.stages.surface_frame import made_frame
+from photogram.pipeline.stages.surfaces.closing import stored_closing
 from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
-from photogram.pipeline.store.tiles import GridFile
 from photogram.surface.ortho.block_samples import BlockSamples, seen_cells
 from photogram.surface.ortho.colour_balance import Balance
 from photogram.surface.ortho.masked_cells import Masks
 from photogram.surface.ortho.orthophoto import CACHE_BYTES, LEAST_CACHED, TILE_CELLS, Orthophoto, plain_blocks
+from photogram.surface.ortho.plan_sigma import RaysAt
 from photogram.surface.ortho.seamlines import Lattice, Seams
-from photogram.surface.ortho.visibility import SurfaceModel, WindowedSurface
+from photogram.surface.ortho.visibility import SurfaceModel
 from photogram.surface.views import Views
 
-CLOSED_HEIGHT, CLOSED_SIGMA = "height.f32", "closed_sigma.f32"
-"""The closed surface in the stage's scratch folder."""
-
-_GRIDS, _LATTICE, _SEAMS, _BALANCE = "grids.json", "lattice.npz", "seams.npz", "balance.npz"
+_GRID, _LATTICE, _SEAMS, _BALANCE = "grid.json", "lattice.npz", "seams.npz", "balance.npz"
 
 TILES_ALONG = 4
 """Tiles along a square of them that one process makes, so that a photograph that it decodes serves several."""
@@ -88,13 +88,6 @@ def masks_of(run: Run, views: Views) -> Masks | None:
     return Masks(masked, lambda view: run.mask(int(views.photograph[view]))) if masked.any() else None
 
 
-def surface_in(scratch: Path, grid: MapGrid) -> WindowedSurface:
-    """Return the closed surface that lies in a scratch folder."""
-    return WindowedSurface(
-        grid, GridFile(scratch / CLOSED_HEIGHT, grid).read, GridFile(scratch / CLOSED_SIGMA, grid).read
-    )
-
-
 def looked_at(
     run: Run, folder: Path, scratch: Path, block_samples: BlockSamples, pixels_of: CachedPhotographs
 ) -> list[tuple[IntArray, FloatArray]]:
@@ -103,9 +96,7 @@ def looked_at(
         return list(
             run.executor.map(lambda view: block_samples.at(view, pixels_of(view)), range(len(block_samples.views)))
         )
-    write_json(
-        scratch / _GRIDS, {"surface": asdict(block_samples.terrain.grid), "orthophoto": asdict(block_samples.grid)}
-    )
+    write_json(scratch / _GRID, asdict(block_samples.grid))
     lattice = block_samples.lattice
     write_arrays(scratch / _LATTICE, {name: np.asarray(getattr(lattice, name)) for name in _WHOLE})
     colours = []
@@ -119,20 +110,22 @@ def looked_at(
 
 def tiles_of(
     run: Run, folder: Path, scratch: Path, orthophoto: Orthophoto, pixels_of: CachedPhotographs
-) -> Iterator[tuple[Window, ByteArray]]:
-    """Yield all tiles of an orthophoto with their red, green, blue and alpha (rows, columns, 4)."""
+) -> Iterator[tuple[Window, tuple[ByteArray, RaysAt]]]:
+    """Yield all tiles of an orthophoto with their red, green, blue and alpha (rows, columns, 4), and the rays that show
+    them."""
     if run.pool is None:
-        yield from orthophoto.tiles(pixels_of, run.executor)
+        yield from orthophoto.tiles_with_rays(pixels_of, run.executor)
         return
     write_record(scratch / _SEAMS, orthophoto.seams)
     write_record(scratch / _BALANCE, orthophoto.balance)
     write_json(scratch / "colours.json", [orthophoto.feather_cells, orthophoto.highlights])
     squares = list(orthophoto.grid.tiles(TILES_ALONG * TILE_CELLS))
     for square, name in zip(squares, run_pieces(run, folder, _SQUARES, squares), strict=True):
-        made = read_arrays(scratch / name)["rgba"]
+        made = read_arrays(scratch / name)
         (scratch / name).unlink()
-        for window in square.tiles(TILE_CELLS):
-            yield window, made[window.within(square)]
+        for number, window in enumerate(square.tiles(TILE_CELLS)):
+            cells, sideways, state = (made[f"{key}{number}"] for key in RaysAt._fields)
+            yield window, (made["rgba"][window.within(square)], RaysAt(Window(*cells.tolist()), sideways, state))
 
 
 class _Elsewhere:
@@ -141,12 +134,10 @@ class _Elsewhere:
 
     def __init__(self, run: Run, folder: Path) -> None:
         # the only folder with this file: others belong to products that are being written
-        self.scratch = next(path.parent for path in folder.glob(f".photogram-*/{_GRIDS}"))
-        grids = read_json(self.scratch / _GRIDS)
+        self.scratch = next(path.parent for path in folder.glob(f".photogram-*/{_GRID}"))
         block = made_frame(run).block()
-        self.grid, self.frame, self.views = MapGrid(**grids["orthophoto"]), block.frame, Views.of(block)
-        surface = surface_in(self.scratch, MapGrid(**grids["surface"]))
-        self.terrain = SurfaceModel.under(self.views, self.frame, surface)
+        self.grid, self.frame, self.views = MapGrid(**read_json(self.scratch / _GRID)), block.frame, Views.of(block)
+        self.terrain = SurfaceModel.under(self.views, self.frame, stored_closing(run)[0])
         self.pixels_of = CachedPhotographs.of(run, self.views, share=cores())
         self.masks = masks_of(run, self.views)
 
@@ -185,9 +176,11 @@ def _square(prepared: tuple[_Elsewhere, Orthophoto], square: Window) -> str:
     here, orthophoto = prepared
     name = f"square{square.row:07d}-{square.column:07d}.npz"
     made = np.empty((*square.shape, 4), np.uint8)
-    for window in square.tiles(TILE_CELLS):
-        made[window.within(square)] = orthophoto.tile(window, here.pixels_of)
-    write_arrays(here.scratch / name, {"rgba": made})
+    rays: dict[str, NDArray[Any]] = {}
+    for number, window in enumerate(square.tiles(TILE_CELLS)):
+        made[window.within(square)], (cells, sideways, state) = orthophoto.tile_with_rays(window, here.pixels_of)
+        rays |= {f"window{number}": np.array(astuple(cells)), f"sideways{number}": sideways, f"state{number}": state}
+    write_arrays(here.scratch / name, {"rgba": made, **rays})
     return name
 
 

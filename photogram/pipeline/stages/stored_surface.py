@@ -1,19 +1,25 @@
 """What the stage `surface` has stored, read back for later stages and notebooks, and why a product was not made."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.files.maps.rasters import read_raster
+from photogram.files.maps.rasters import RasterFile, open_raster, read_codes, read_raster
 from photogram.files.npz_json import read_arrays, read_json
 from photogram.geodesy.crs import NO_CRS
+from photogram.grid import MapGrid
 from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.store.run import Run
+from photogram.surface.dsm import INTERPOLATED
 from photogram.survey import Raster
 
 PLANE = "plane.json"
 """File of the stage `surface` with the plane that its rasters lie on; not there where they lie on the map."""
+
+SOURCE = "dsm_source.tif"
+"""What each cell of a matched DSM is."""
 
 LEFT_OUT = "left_out.json"
 """File of a stage that has made no product, with the reason; not there where it has."""
@@ -47,6 +53,28 @@ class StoredSurface:
         matched = self.run.workspace.has("surface", "dsm_filled.tif")
         return self._raster("dsm_filled" if matched else "dsm")
 
+    def filled_nearby(self) -> Raster:
+        """Return the DSM with its holes closed from their neighbours alone: what is interpolated from farther off has
+        no height."""
+        filled = self.filled()
+        if not self.run.workspace.has("surface", SOURCE):
+            return filled
+        grid = MapGrid.of(filled)
+        far = read_codes(self.run.workspace.file("surface", SOURCE), grid.whole) == INTERPOLATED
+        return grid.raster(np.where(far, np.float32(np.nan), filled.values))
+
+    def measured(self) -> RasterFile:
+        """Return the DSM, of which windows are read."""
+        return open_raster(self._path("dsm"), local=self._is_local)
+
+    def files(self) -> tuple[RasterFile, RasterFile]:
+        """Return the DSM, with its holes closed where it was matched, and its standard deviations, of which windows
+        are read."""
+        matched = self.run.workspace.has("surface", "dsm_filled.tif")
+        names = "dsm_filled" if matched else "dsm", "dsm_sigma"
+        heights, sigma = (open_raster(self._path(name), local=self._is_local) for name in names)
+        return heights, sigma
+
     def sigma(self) -> Raster:
         """Return the standard deviations of the DSM."""
         return self._raster("dsm_sigma")
@@ -62,7 +90,12 @@ class StoredSurface:
 
     def _raster(self, name: str) -> Raster:
         if name not in self._rasters:
-            path = self.run.workspace.file("surface", f"{name}.tif")
-            local = self.run.project.crs == NO_CRS or self.run.workspace.has("surface", PLANE)
-            self._rasters[name] = read_raster(path, local=local)[0]
+            self._rasters[name] = read_raster(self._path(name), local=self._is_local)[0]
         return self._rasters[name]
+
+    def _path(self, name: str) -> Path:
+        return self.run.workspace.file("surface", f"{name}.tif")
+
+    @property
+    def _is_local(self) -> bool:
+        return self.run.project.crs == NO_CRS or self.run.workspace.has("surface", PLANE)

@@ -38,6 +38,8 @@ PRODUCTS = (
     "dense.laz",
     "contours.gpkg",
     "orthophoto.tif",
+    "orthophoto_*.tif",
+    "orthophoto_source.tif.aux.xml",
     "outline.gpkg",
     "plane.json",
     "masks/*.png",

@@ -37,12 +37,14 @@ _REACH = 2.0  # in flying heights, as far as ground is looked for that a photogr
 @dataclass(frozen=True)
 class SurfaceSize:
     """About how many cells the dense surface and the orthophoto have, 0 where they are not made, how many ground
-    sampling distances a cell of the surface is wide, and which share of the cells photographs show."""
+    sampling distances a cell of the surface is wide, which share of the cells photographs show, and the side of a cell
+    of the surface in m, None where the flying height is not known."""
 
     surface_cells: float
     orthophoto_cells: float
     cell_gsd: float
     covered_share: float = 1.0
+    cell_m: float | None = None
 
 
 def surface_size(project: Project, tags: Sequence[PhotographTags | None]) -> SurfaceSize:
@@ -96,6 +98,7 @@ def _sized(project: Project, area_gsd2: float, gsd_m: float | None, covered_shar
         area_gsd2 / picture_gsd**2 if project.orthophoto.enabled else 0.0,
         surface_gsd,
         covered_share,
+        None if gsd_m is None else surface_gsd * gsd_m,
     )
 
 

@@ -124,7 +124,7 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
     caption = (
         f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
         f"cells of {_length(orthophoto.cell_m)}: every cell is taken from the most suitable photograph, "
-        "rectified by the surface model; where that has no height it is closed for the picture alone, and shown. Grey: "
+        "rectified by the surface model; where that has no height by what dsm_filled.tif has there. Grey: "
         "beyond the rim, masked, or hidden from all photographs. "
         "Symbols mark the surveyed coordinates of the ground points: their targets must lie under them."
     )
@@ -145,7 +145,8 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
     differences = " Δh beside a check point is the height of the surface minus the surveyed one." if tested else ""
     caption = (
         f"Dense surface model of {columns} × {rows} cells of {_length(dense.cell_m)}, lit from the north-west, heights "
-        f"enlarged for the shading.{part} Grey: holes, where the photographs do not agree on a height.{filled}"
+        f"enlarged for the shading.{part} Grey: holes, where the photographs do not agree on a height (closed in "
+        f"dsm_filled.tif).{filled}"
         f"{differences}"
     )
     figure = relief_figure(dense, ground, tested, WIDTH_IN)

@@ -97,18 +97,20 @@ def _confidence(dense: DenseSurface) -> ConfidenceRecord | None:
 
 
 def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray, IntArray]:
-    """Count cells: those mapped, which are measured, filled, on water or empty; those measured by so many photographs,
-    and those measured in cells of so many to a side."""
+    """Count cells: those mapped, which are measured, filled, on water or interpolated from far off; those
+    measured by so many photographs, and those measured in cells of so many to a side."""
     shape = dense.heights.values.shape
-    mapped = measured = filled = water = several = told = under = 0
+    mapped = measured = filled = water = twice = several = told = under = 0
     by_rays, by_level = np.zeros((2, 256), dtype=np.int64)
     for band in bands(shape):
         known, made_up = dense.measured(band), dense.filled[band]
         wet = np.zeros_like(known) if dense.water is None else dense.water[band]
         seen = np.full(known.shape, SEEN_BY) if dense.seen is None else dense.seen[band]
         often = seen >= SEEN_BY
+        twice += int((seen >= MINIMUM_RAYS).sum())
+        far = seen >= MINIMUM_RAYS if dense.interpolated is None else dense.interpolated[band]
         # a height that was closed at the rim counts where it is, though one photograph alone may show it
-        mapped += int(((seen >= MINIMUM_RAYS) | known | made_up | wet).sum())
+        mapped += int((far | known | made_up | wet).sum())
         measured, filled, water = measured + int(known.sum()), filled + int(made_up.sum()), water + int(wet.sum())
         several, told = several + int(often.sum()), told + int((known & often).sum())
         under += int((wet & often).sum())
@@ -122,7 +124,8 @@ def _counted(dense: DenseSurface) -> tuple[CellsRecord, IntArray, IntArray]:
         "measured": measured,
         "filled": filled,
         "water": water,
-        "empty": mapped - measured - filled - water,
+        "interpolated": mapped - measured - filled - water,
+        "seen_2_or_more": twice,
         "seen_3_or_more": several if is_known else None,
         "measured_of_these": told if is_known else None,
         "water_of_these": under if is_known else None,
@@ -137,7 +140,7 @@ def _areas(cells: CellsRecord, cell_m2: float, left_out_m2: float) -> AreasRecor
         "measured_m2": cells["measured"] * cell_m2,
         "filled_m2": cells["filled"] * cell_m2,
         "water_m2": cells["water"] * cell_m2,
-        "empty_m2": cells["empty"] * cell_m2,
+        "interpolated_m2": cells["interpolated"] * cell_m2,
         "seen_3_or_more_m2": None if several is None else several * cell_m2,
         "left_out_m2": left_out_m2,
     }
@@ -161,10 +164,10 @@ def _finite(dense: DenseSurface, values: np.ndarray[Any, Any], band: slice) -> n
 def overlap_on_surface(overlap: OverlapRecord, dense: DenseRecord) -> OverlapRecord:
     """Return the key `block.overlap` of report.json with area and share of the surface in plan, which counts what was
     looked up in finer cells and knows what hides."""
-    mapped, several = dense["cells"]["mapped"], dense["cells"]["seen_3_or_more"]
-    if not mapped or several is None:
+    twice, several = dense["cells"]["seen_2_or_more"], dense["cells"]["seen_3_or_more"]
+    if not twice or several is None:
         return overlap
-    return {**overlap, "area_m2": dense["areas"]["mapped_m2"], "share_3_or_more": several / mapped}
+    return {**overlap, "area_m2": dense["areas"]["mapped_m2"], "share_3_or_more": several / twice}
 
 
 def water_numbers(areas: Sequence[WaterAreaRecord], cells: CellsRecord) -> WaterRecord:

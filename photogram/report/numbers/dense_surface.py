@@ -23,7 +23,8 @@ class DenseSurface:
     was made up from their neighbours (``heights`` may hold it or not); ``level`` the side of the cells
     that a height was measured in, in those of the surface, 0 where it was not; ``rays`` how many photographs a height
     was matched in; ``confidence`` 0 to 1. ``seen`` says in how many photographs a cell was looked up, None that it was
-    three or more in all; ``water`` are cells on water, which have no height. ``photographs`` are the names of those
+    three or more in all; ``water`` are cells on water, which have no height, ``interpolated`` those closed from farther
+    off, None for all that two photographs show and that are nothing else. ``photographs`` are the names of those
     that took part, ``settings`` what the matching was asked for.
     """
 
@@ -37,10 +38,11 @@ class DenseSurface:
     water: BoolArray | None = None
     photographs: tuple[str, ...] = ()
     settings: Mapping[str, bool | int | float | str | None] = field(default_factory=dict)
+    interpolated: BoolArray | None = None
 
     def __post_init__(self) -> None:
         shape = self.heights.values.shape
-        for name in ("filled", "level", "rays", "confidence", "seen", "water"):
+        for name in ("filled", "level", "rays", "confidence", "seen", "water", "interpolated"):
             values = getattr(self, name)
             if values is not None:
                 check_shape(name, values, shape)

@@ -120,16 +120,17 @@ class PlaneRecord(TypedDict):
 
 
 class CellsRecord(TypedDict):
-    """Cells of the dense surface: those mapped, which two photographs or more show, are measured, filled, on water or
-    empty, and these add up; how many of them three photographs or more show, and how many of these are measured and on
-    water, null where no more than two were asked."""
+    """Cells of the dense surface: those mapped, which two photographs or more show, are measured, filled from their
+    neighbours, on water or interpolated from farther off, and these add up; how many two photographs or more, or three,
+    show, and how many of these are measured and on water, null where no more than two were asked."""
 
     grid: Count
     mapped: Count
     measured: Count
     filled: Count
     water: Count
-    empty: Count
+    interpolated: Count
+    seen_2_or_more: Count
     seen_3_or_more: Count | None
     measured_of_these: Count | None
     water_of_these: Count | None
@@ -142,7 +143,7 @@ class AreasRecord(TypedDict):
     measured_m2: SquareMetres
     filled_m2: SquareMetres
     water_m2: SquareMetres
-    empty_m2: SquareMetres
+    interpolated_m2: SquareMetres
     seen_3_or_more_m2: SquareMetres | None
     left_out_m2: SquareMetres
 

@@ -49,9 +49,16 @@ TILE_CELLS = 1024
 _MARGIN_CELLS = 28
 _OFF = WINDOW_CELLS // 2
 
+CANOPY_SHARE = 0.25
+"""Share of the cells around that are torn, measured or told by larger cells, from which what is empty between them
+belongs to a crown; else it is ground that something hides, or that has no texture."""
+
 PartOf = Callable[[Window], tuple[Float32Array, BoolArray, Float32Array]]
 """Gives of a window (rows, columns) the heights with holes closed, NaN where they are not; which are measured; and the
-standard deviations of these."""
+standard deviations of these, infinite where larger cells alone tell a height."""
+
+GroundOf = Callable[[Window], Float32Array]
+"""Gives of a window (rows, columns) the ground between the ground that is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,26 +70,36 @@ class SmoothSurface:
 
 
 def close_surface(
-    grid: MapGrid, part_of: PartOf, executor: Executor, write: Callable[[Window, Float32Array, Float32Array], None]
+    grid: MapGrid,
+    part_of: PartOf,
+    executor: Executor,
+    write: Callable[[Window, Float32Array, Float32Array], None],
+    ground_of: GroundOf | None = None,
 ) -> None:
     """Make the closed surface of a grid: ``write`` takes windows with their heights and standard deviations (rows,
-    columns), from several threads. Nothing is written where nothing is measured."""
+    columns), from several threads. Nothing is written where nothing is measured. What is empty beside canopy lies on
+    the ground, where it is given."""
     shape = (-(-grid.rows // BLOCK_CELLS), -(-grid.columns // BLOCK_CELLS))
     height = np.empty(shape, np.float32)
     spread = np.empty(shape, np.float32)
     loose = np.empty(shape, np.bool_)
+    crown = np.empty(shape, np.float32)
 
     def medians(window: Window) -> None:
         outer = grid.around_window(window, AROUND_BLOCKS * BLOCK_CELLS + _MARGIN_CELLS)
         known, measured, sigma = part_of(outer)
         values = np.where(measured, known, np.float32(np.nan))
         block, count = _block_medians(values)
-        torn = _block_means(_torn(values, sigma, grid.cell_m)) > 0.5
+        cells = _torn(values, sigma, grid.cell_m)
+        torn = _block_means(cells) > 0.5
+        told = _block_means(((cells > 0.5) & (measured | np.isinf(sigma))).astype(np.float32))
         row, column = ((a - b) // BLOCK_CELLS for a, b in ((window.row, outer.row), (window.column, outer.column)))
         blocks = window.coarser(BLOCK_CELLS)
         rows, columns = blocks.shape
         _medians_around(block, count, torn, (row, column), height[blocks.slices], spread[blocks.slices])
         loose[blocks.slices] = torn[row : row + rows, column : column + columns]
+        around = cv2.blur(told.astype(np.float32), (2 * AROUND_BLOCKS + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
+        crown[blocks.slices] = around[row : row + rows, column : column + columns]
 
     tiles = list(grid.tiles(TILE_CELLS))
     for _ in executor.map(medians, tiles):
@@ -92,7 +109,7 @@ def close_surface(
     smooth = _smoothed(filled_from_coarser(height), filled_from_coarser(spread), loose)
 
     def close(window: Window) -> None:
-        write(window, *_closed(grid, part_of, smooth, window))
+        write(window, *_closed(grid, part_of, smooth, window, crown, ground_of))
 
     for _ in executor.map(close, tiles):
         pass
@@ -113,7 +130,14 @@ def _blurred(values: FloatArray) -> FloatArray:
     return np.asarray(gaussian_filter(values, BLUR_BLOCKS, mode="nearest", truncate=2.5))
 
 
-def _closed(grid: MapGrid, part_of: PartOf, smooth: SmoothSurface, window: Window) -> tuple[Float32Array, Float32Array]:
+def _closed(
+    grid: MapGrid,
+    part_of: PartOf,
+    smooth: SmoothSurface,
+    window: Window,
+    crown: Float32Array,
+    ground_of: GroundOf | None,
+) -> tuple[Float32Array, Float32Array]:
     """Return the closed heights and their standard deviations in a window."""
     outer = grid.around_window(window, _MARGIN_CELLS)
     known, measured, sigma = part_of(outer)
@@ -121,6 +145,10 @@ def _closed(grid: MapGrid, part_of: PartOf, smooth: SmoothSurface, window: Windo
     torn = _torn(np.where(measured, known, np.float32(np.nan)), sigma, grid.cell_m)[at]
     known, own = known[at], np.where(measured, sigma, np.float32(grid.cell_m))[at]
     level, spread = (_between_blocks(a, window) for a in (smooth.height, smooth.spread))
+    if ground_of is not None:
+        bare = ~measured[at] & ~np.isinf(sigma[at]) & (_between_blocks(crown, window) < CANOPY_SHARE)
+        known = np.where(bare & np.isnan(known), ground_of(window), known)
+        torn = np.where(bare, np.float32(0.0), torn)
     torn = np.where(np.isnan(known), np.float32(1.0), torn)
     height = np.where(torn > 0, torn * level + (1 - torn) * np.where(torn < 1, known, np.float32(0.0)), known)
     loose = np.maximum(spread, np.float32(UNSURE_CELLS * grid.cell_m))

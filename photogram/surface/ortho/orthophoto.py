@@ -44,6 +44,7 @@ from photogram.surface.ortho.colour_balance import (
     joined,
 )
 from photogram.surface.ortho.masked_cells import Masks
+from photogram.surface.ortho.plan_sigma import RaysAt, rays_at
 from photogram.surface.ortho.resampling import Tone, add_photograph
 from photogram.surface.ortho.seamlines import (
     SMALLEST_BLOCK,
@@ -99,7 +100,7 @@ class OrthophotoSettings(Settings):
     ] = None
 
 
-def _above_ground_m(views: Views, terrain: SurfaceModel) -> FloatArray:
+def above_ground_m(views: Views, terrain: SurfaceModel) -> FloatArray:
     """Return how high the views (V,) are over the ground below them, in m.
 
     Ground without a height counts with the mean of the heights there are.
@@ -119,7 +120,7 @@ def orthophoto_grid(views: Views, terrain: SurfaceModel, cell_m: float | None = 
     Raises SurfaceError where no photograph is above the surface.
     """
     if cell_m is None:
-        gsd = ground_sampling_m(_above_ground_m(views, terrain), views.focal_px)
+        gsd = ground_sampling_m(above_ground_m(views, terrain), views.focal_px)
         if not gsd > 0:
             raise SurfaceError("orthophoto: the photographs are not above the surface: check the surface's heights")
         cell_m = float(f"{gsd:.1e}")
@@ -172,6 +173,10 @@ class Orthophoto:
         Alpha is 0 where there is no surface, or no photograph that sees it, ONLY_MASKED where none does but in pixels
         that its mask leaves out, else 255.
         """
+        return self.tile_with_rays(window, pixels_of)[0]
+
+    def tile_with_rays(self, window: Window, pixels_of: PixelsOf) -> tuple[ByteArray, RaysAt]:
+        """Return the same, and the rays that show the cells of the surface whose middles lie in the window."""
         terrain, half = self.terrain, int(np.ceil(0.5 * SLIVER_CELLS * self.terrain.grid.cell_m / self.grid.cell_m))
         wide = self.grid.around_window(window, 4 * half)
         shape, near = wide.shape, terrain.cells_around(self.grid, wide, EDGE_REACH + 1)
@@ -211,16 +216,23 @@ class Orthophoto:
         rgba = np.empty((*shape, 4), np.uint8)
         _rounded(colour, chosen.label, self.highlights, rgba)
         rgba[chosen.masked, 3] = ONLY_MASKED
-        return np.ascontiguousarray(rgba[window.within(wide)])
+        rays = rays_at(terrain, self.grid, window, wide, chosen, near, seen, slot)
+        return np.ascontiguousarray(rgba[window.within(wide)]), rays
 
     def tiles(
         self, pixels_of: PixelsOf, executor: Executor, side: int = TILE_CELLS
     ) -> Iterator[tuple[Window, ByteArray]]:
         """Yield all windows of ``side`` × ``side`` cells with their colours, in squares of GROUP_TILES × GROUP_TILES of
         them, so that photographs that are decoded for one serve its neighbours."""
-        waiting: deque[tuple[Window, Future[ByteArray]]] = deque()
+        return ((window, rgba) for window, (rgba, _) in self.tiles_with_rays(pixels_of, executor, side))
+
+    def tiles_with_rays(
+        self, pixels_of: PixelsOf, executor: Executor, side: int = TILE_CELLS
+    ) -> Iterator[tuple[Window, tuple[ByteArray, RaysAt]]]:
+        """Yield the same with the rays that show them."""
+        waiting: deque[tuple[Window, Future[tuple[ByteArray, RaysAt]]]] = deque()
         for window in _grouped(self.grid, side):
-            waiting.append((window, executor.submit(self.tile, window, pixels_of)))
+            waiting.append((window, executor.submit(self.tile_with_rays, window, pixels_of)))
             if len(waiting) >= TILES_AHEAD:
                 first, future = waiting.popleft()
                 yield first, future.result()

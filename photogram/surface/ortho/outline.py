@@ -57,7 +57,7 @@ def rim_of(looks: ByteArray, shown: BoolArray, blocks: MapGrid) -> Geometry | No
     smooth = smooth.buffer(-radius).buffer(2.0 * radius).buffer(-radius)
     smooth = shapely.intersection(smooth, whole.buffer(-0.5 * blocks.cell_m))
     smooth = smooth.simplify(SIMPLE_BLOCKS * blocks.cell_m)
-    parts = [p for p in shapely.get_parts(smooth).tolist() if p.geom_type == "Polygon" and not p.is_empty]
+    parts = _polygons(smooth)
     if not parts:
         return shapely.normalize(whole)
     least = LEAST_SHARE * max(p.area for p in parts)
@@ -82,9 +82,18 @@ def seam_polygons(label: Int32Array, blocks: MapGrid, rim: Geometry) -> list[Sea
     seams = []
     for view, polygon in zip(views, simple.tolist(), strict=True):
         inside = shapely.intersection(polygon, rim)
-        parts = [p for p in shapely.get_parts(inside).tolist() if p.geom_type == "Polygon" and p.area > 0.0]
-        seams += [SeamPolygon(view, shapely.normalize(part)) for part in parts]
+        seams += [SeamPolygon(view, shapely.normalize(part)) for part in _polygons(inside)]
     return seams
+
+
+def polygons_of(geometry: Geometry) -> Geometry | None:
+    """Return the polygons of a geometry as one, None where it has none: an intersection may have points and lines."""
+    parts = _polygons(geometry)
+    return shapely.normalize(shapely.MultiPolygon(parts)) if parts else None
+
+
+def _polygons(geometry: Geometry) -> list[Geometry]:
+    return [p for p in shapely.get_parts(geometry).tolist() if p.geom_type == "Polygon" and p.area > 0.0]
 
 
 def views_in_blocks(seams: Sequence[SeamPolygon], blocks: MapGrid) -> Int32Array:

@@ -34,8 +34,8 @@ from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.orthophoto import RIM_FILE
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
-from photogram.pipeline.stages.surface import WATER_FILE, matched, surface_layers
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
+from photogram.pipeline.stages.surfaces.surface import WATER_FILE, matched, surface_layers
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.project.measured.measured_block import PhotographNote
@@ -60,7 +60,7 @@ from photogram.report.numbers.dense import (
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
-from photogram.surface.dsm import FILLED, MEASURED, WATER, measured_in
+from photogram.surface.dsm import FILLED, INTERPOLATED, MEASURED, WATER, measured_in
 from photogram.surface.ortho.marked_targets import (
     GreyImage,
     LocatedTarget,
@@ -182,7 +182,8 @@ def dense_surface(run: Run, surface: StoredSurface) -> DenseSurface | None:
     if not matched(run):
         return None
     layers = surface_layers(run)
-    source, rays, confidence, seen = layers.read(layers.grid.whole, "source", "rays", "confidence", "seen")
+    rays, confidence, seen = layers.read(layers.grid.whole, "rays", "confidence", "seen")
+    source = read_codes(run.workspace.file("surface", "dsm_source.tif"), layers.grid.whole)
     names = tuple(
         p.name
         for p, pose in zip(run.project.photographs, block_as_adjusted(run).poses, strict=True)
@@ -191,6 +192,7 @@ def dense_surface(run: Run, surface: StoredSurface) -> DenseSurface | None:
     return DenseSurface(
         surface.heights(), surface.sigma(), source == FILLED, measured_in(source), rays, confidence,
         seen, source == WATER, names, {k: v for k, v in asdict(run.project.dense).items() if k != "enabled"},
+        source == INTERPOLATED,
     )  # fmt: skip
 
 

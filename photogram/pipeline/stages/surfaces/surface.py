@@ -1,4 +1,4 @@
-"""The stages that make surfaces: the DSM from matched heights or tie points, terrain and contour lines."""
+"""The stage `surface`: the DSM from matched heights or tie points, and the same closed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import TypedDict
 
 from photogram.arrays import ByteArray, Float32Array, IntArray
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
-from photogram.files.maps.contour_files import write_contours
 from photogram.files.maps.rasters import write_raster
 from photogram.files.npz_json import read_json, write_arrays, write_json
-from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window
 from photogram.measures.ground_sampling import photographs_ground_sampling_m
 from photogram.pipeline.stage import Stage, line_of
@@ -34,20 +31,20 @@ from photogram.pipeline.stage_costs import (
     Memory,
     Rate,
 )
-from photogram.pipeline.stages.dense import heights_folder
+from photogram.pipeline.stages.dense import asked_area, heights_folder
 from photogram.pipeline.stages.features import starts_from_tie_points, stored_features
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
-from photogram.pipeline.stages.stored_surface import LEFT_OUT, PLANE, StoredSurface
-from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame, made_frame
+from photogram.pipeline.stages.stored_surface import LEFT_OUT, PLANE
+from photogram.pipeline.stages.surface_frame import GridSummary, SurfaceFrame, cells_in_words, fitted_frame
+from photogram.pipeline.stages.surfaces.closing import CLOSED_BYTES, close_within_rim, closed_tiles, measured_parts
 from photogram.pipeline.store.pieces import PieceType, run_pieces
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
-from photogram.surface.contours import MAXIMUM_CELLS as CONTOURED_CELLS
-from photogram.surface.contours import contour_lines
 from photogram.surface.dense.pyramid import correlation_histogram, least_correlation_of
 from photogram.surface.dsm import (
     FILLED,
     HOLE,
+    INTERPOLATED,
     KEPT_MARGIN_CELLS,
     MEASURED,
     MEASURED_IN,
@@ -60,7 +57,6 @@ from photogram.surface.dsm import (
     shared_error,
     surface_sigma_m,
 )
-from photogram.surface.dtm import terrain_from_surface
 from photogram.surface.islands import REACH_CELLS, without_islands
 from photogram.surface.levels import (
     HALF,
@@ -82,7 +78,7 @@ from photogram.surface.water import (
     key_points_on_ground,
     surface_cells,
 )
-from photogram.survey import TRANSFERRED, Raster
+from photogram.survey import TRANSFERRED
 from photogram.wording import Progress, things
 
 
@@ -93,6 +89,8 @@ class SurfaceSummary(GridSummary, total=False):
     """Number of cells that were matched."""
     filled_of_grid: int
     """Number of cells that were filled."""
+    interpolated_of_grid: int
+    """Number of cells that were interpolated from farther off."""
     water_of_grid: int
     """Number of cells that lie on water, where that is asked for."""
     least_correlation: float
@@ -101,22 +99,8 @@ class SurfaceSummary(GridSummary, total=False):
     """Why there is none."""
 
 
-class ReliefSummary(TypedDict, total=False):
-    """What the stage `relief` says of itself."""
-
-    interpolated: int
-    """Number of cells of the terrain that were interpolated."""
-    contours: int
-    """Number of contour lines."""
-    interval_m: float
-    """Contour interval."""
-    of: str
-    """What the contour lines are of, terrain or surface."""
-    left_out: str
-    """Why there is neither."""
-
-
 HEIGHT, SIGMA = "height of the surface", "standard deviation of the height"
+CLOSED = f"{HEIGHT}, holes closed"
 RELATIVE_SIGMA = "standard deviation of the height relative to the survey's mean height, without the datum"
 RELATIVE_SIGMA_FILE = "dsm_sigma_relative.tif"
 OWN_SIGMA = "standard deviation of the height by the noise of its own, without what neighbours share"
@@ -135,16 +119,9 @@ SOURCES = (
     Category(MEASURED_IN[4], "measured at 4 cells", (140, 195, 120)),
     Category(MEASURED_IN[8], "measured at 8 cells", (215, 205, 110)),
     Category(WATER, "water", (40, 60, 150)),
+    Category(INTERPOLATED, "interpolated", (176, 122, 184)),
 )
-TERRAIN_SOURCES = (
-    *SOURCES[:1],
-    Category(MEASURED, "ground", (140, 110, 70)),
-    Category(FILLED, "interpolated", (230, 120, 20)),
-)
-"""What the codes of `dsm_source.tif` and `dtm_source.tif` mean, and their colours."""
-
-ON_PLANE = "terrain and contour lines belong on a map, and the surface lies on a plane"
-"""Why neither is made on a plane."""
+"""What the codes of `dsm_source.tif` mean, and their colours."""
 
 WATER_FILE = "water.json"
 """File of the stage `surface` with area and level of each area of water; not there where none was looked for."""
@@ -304,22 +281,34 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
         areas = [{"area_m2": a, "level_map_m": h} for a, h in zip(lakes.area_m2, lakes.level_m.tolist(), strict=True)]
         write_json(folder / WATER_FILE, areas)
         water = {"water_of_grid": int(counts[WATER])}
+    progress(0, 0, "surface without holes")
+    area = asked_area(run) if site.plane is None else None
+    rim = close_within_rim(run, site, folder, grid, measured_parts(store), area)
     crs, plan, note = site.crs, site.plan, site.note
     rasters = (
-        ("dsm.tif", "height", crs, HEIGHT),
-        ("dsm_filled.tif", "filled", crs, f"{HEIGHT}, holes filled"),
-        ("dsm_sigma.tif", "sigma", plan, SIGMA),
-        (OWN_SIGMA_FILE, "own", plan, OWN_SIGMA),
-        *([] if len(modelling.shared) == 1 else [(RELATIVE_SIGMA_FILE, "relative", plan, RELATIVE_SIGMA)]),
+        ("dsm.tif", _layer(store, "height"), crs, HEIGHT),
+        ("dsm_filled.tif", ((w, filled) for w, filled, _ in closed_tiles(store, folder, rim, area)), crs, CLOSED),
+        ("dsm_sigma.tif", _layer(store, "sigma"), plan, SIGMA),
+        (OWN_SIGMA_FILE, _layer(store, "own"), plan, OWN_SIGMA),
+        *(
+            []
+            if len(modelling.shared) == 1
+            else [(RELATIVE_SIGMA_FILE, _layer(store, "relative"), plan, RELATIVE_SIGMA)]
+        ),
     )
 
-    def write(raster: tuple[str, str, str, str]) -> None:
-        name, layer, of, description = raster
-        write_cog(folder / name, grid, of, _layer(store, layer), description=description, note=note)
+    def write(raster: tuple[str, Iterator[tuple[Window, Float32Array]], str, str]) -> None:
+        name, values, of, description = raster
+        write_cog(folder / name, grid, of, values, description=description, note=note)
+
+    def sources() -> Iterator[tuple[Window, ByteArray]]:
+        for window, _, source in closed_tiles(store, folder, rim, area):
+            counts[INTERPOLATED] += np.count_nonzero(source == INTERPOLATED)
+            yield window, source
 
     with ThreadPoolExecutor(FILES_AT_ONCE) as writers:
         list(writers.map(write, rasters))
-    write_cog_codes(folder / "dsm_source.tif", grid, plan, _layer(store, "source"), categories=SOURCES, note=note)
+    write_cog_codes(folder / "dsm_source.tif", grid, plan, sources(), categories=SOURCES, note=note)
     site.write(folder, grid)
     write_arrays(folder / "held_out.npz", {"held_out_m": np.zeros(0)})
     write_json(folder / "mask.json", {"least_correlation": least[1], "fill_cells": reach})
@@ -327,6 +316,7 @@ def model_surface(run: Run, folder: Path, progress: Progress) -> SurfaceSummary:
     return {
         "rows": grid.rows, "columns": grid.columns, "cell_m": grid.cell_m,
         "measured_of_grid": sum(measured.values()), "filled_of_grid": int(counts[FILLED]),
+        "interpolated_of_grid": int(counts[INTERPOLATED]),
         "least_correlation": round(least[1], 3), **water,
     }  # fmt: skip
 
@@ -460,38 +450,6 @@ def _tile(
     )
 
 
-def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
-    """Make the terrain model and the contour lines that the project asks for."""
-    terrain, contours = run.project.terrain, run.project.contours
-    summary: ReliefSummary = {}
-    surface: Raster | None = None
-    if not StoredSurface(run).is_there:
-        return summary
-    if made_frame(run).plane is not None:
-        return {"left_out": ON_PLANE} if terrain.enabled or contours.enabled else summary
-    if terrain.enabled:
-        progress(0, 0, "terrain model")
-        stored = StoredSurface(run)
-        model = terrain_from_surface(stored.filled(), stored.sigma(), terrain)
-        surface, grid = model.heights, MapGrid.of(model.heights)
-        values = [(grid.whole, surface.values)]
-        write_cog(folder / "dtm.tif", grid, run.project.product_crs, values, description="height of the terrain")
-        spread = [(grid.whole, model.sigma.values)]
-        write_cog(folder / "dtm_sigma.tif", grid, plan_of(run.project.crs), spread, description=SIGMA)
-        codes = np.where(model.interpolated, FILLED, np.where(np.isfinite(surface.values), MEASURED, HOLE))
-        tiles = [(grid.whole, codes.astype(np.uint8))]
-        write_cog_codes(folder / "dtm_source.tif", grid, plan_of(run.project.crs), tiles, categories=TERRAIN_SOURCES)
-        summary["interpolated"] = int(np.count_nonzero(model.interpolated))
-    if contours.enabled:
-        progress(0, 0, "contour lines")
-        lines = contour_lines(surface or StoredSurface(run).filled(), contours)
-        write_contours(folder / "contours.gpkg", lines, run.project.product_crs)
-        summary["contours"] = len(lines)
-        summary["interval_m"] = lines.interval_m
-        summary["of"] = "terrain" if surface else "surface"
-    return summary
-
-
 def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Progress) -> SurfaceSummary:
     """Make the DSM from the adjusted tie points alone, and the standard deviations of its heights."""
     settings = run.project.surface
@@ -506,7 +464,10 @@ def interpolate_surface(run: Run, site: SurfaceFrame, folder: Path, progress: Pr
     if surface.relative is not None:
         path = folder / RELATIVE_SIGMA_FILE
         write_raster(path, surface.relative, site.plan, description=RELATIVE_SIGMA, note=note)
-    site.write(folder, MapGrid.of(raster))
+    grid, known = MapGrid.of(raster), np.isfinite(raster.values)
+    whole = grid.whole, raster.values, np.where(known, np.float32(0.0), np.float32(np.nan))
+    close_within_rim(run, site, folder, grid, [whole])
+    site.write(folder, grid)
     write_arrays(folder / "held_out.npz", {"held_out_m": surface.held_out_m})
     rows, columns = raster.values.shape
     progress(1, 1, f"{columns} × {rows} cells of {raster.cell_m:g} m")
@@ -524,33 +485,10 @@ def _surface_words(summary: SurfaceSummary) -> str:
     return f"{cells_in_words(summary)}{water}"
 
 
-def _relief_words(summary: ReliefSummary) -> str:
-    parts = []
-    if "interpolated" in summary:
-        parts.append(f"terrain with {things(summary['interpolated'], 'interpolated cell')}")
-    if "contours" in summary:
-        lines = things(summary["contours"], "contour line")
-        parts.append(f"{lines} every {summary['interval_m']:g} m of the {summary['of']}")
-    return ", ".join(parts) or "not requested"
-
-
 def _surface_memory(extent: Extent) -> Memory:
     picture = extent.size.orthophoto_cells
     tiles = min(extent.workers * TILE_BYTES, MATCHED_CELL_BYTES * (picture + extent.cells))
     return Memory(LIBRARIES_BYTES + tiles * extent.project.dense.enabled, remedy=COARSER)
-
-
-TERRAIN_BYTES, CONTOUR_BYTES = 45.0, 70.0
-"""In memory for a cell of the surface: of the terrain model, of the contour lines for a cell that is contoured.
-The former counted, the latter measured on seven million cells, lines included."""
-
-
-def _relief_memory(extent: Extent) -> Memory:
-    cells, project = extent.cells, extent.project
-    contoured = cells / np.ceil(np.sqrt(max(cells, 1.0) / CONTOURED_CELLS)) ** 2  # blocks of cells beyond that
-    terrain = TERRAIN_BYTES * project.terrain.enabled
-    lines = (4.0 + CONTOUR_BYTES * contoured / max(cells, 1.0)) * project.contours.enabled
-    return Memory(LIBRARIES_BYTES, cells * max(terrain, lines), COARSER)
 
 
 SURFACE: Stage = Stage(
@@ -565,7 +503,9 @@ SURFACE: Stage = Stage(
         (Rate("raster_mcells", 0.6),),
         3.5,
         ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels", "photogram.surface.planes"),
-        disk_bytes=lambda extent: extent.raster_bytes + LAYER_BYTES * extent.matched_cells,
+        disk_bytes=lambda extent: (
+            extent.raster_bytes + LAYER_BYTES * extent.matched_cells + CLOSED_BYTES * extent.cells
+        ),
         memory=_surface_memory,
     ),
     products=(
@@ -578,21 +518,4 @@ SURFACE: Stage = Stage(
         "dsm_source.tif.aux.xml",
         PLANE,
     ),
-)
-
-RELIEF: Stage = Stage(
-    "relief",
-    "Terrain and contours",
-    ("surface",),
-    lambda run: [run.project.terrain, run.project.contours],
-    trace_relief,
-    line_of(ReliefSummary, _relief_words),
-    Costs(
-        0.05,
-        (Rate("contoured_mcells", 0.15, pieces=False), Rate("terrain_mcells", 1.5, pieces=False)),
-        is_asked_for=lambda extent: extent.project.contours.enabled or extent.project.terrain.enabled,
-        disk_bytes=lambda extent: extent.relief_bytes,
-        memory=_relief_memory,
-    ),
-    products=("dtm.tif", "dtm_sigma.tif", "dtm_source.tif", "dtm_source.tif.aux.xml", "contours.gpkg"),
 )
