@@ -155,7 +155,8 @@ def test_cells_and_areas_of_what_is_mapped_add_up() -> None:
     # the three columns at the rim have heights, though fewer than three photographs show them
     assert cells == {
         "grid": 5400, "mapped": 5400, "measured": 5400 - 60 - 30, "filled": 30, "water": 0, "interpolated": 60,
-        "seen_2_or_more": 5400 - 2 * 60, "seen_3_or_more": 5400 - 3 * 60, "measured_of_these": 5400 - 3 * 60 - 60 - 30, "water_of_these": 0,
+        "seen_2_or_more": 5400 - 2 * 60, "seen_3_or_more": 5400 - 3 * 60,
+        "measured_of_these": 5400 - 3 * 60 - 60 - 30, "water_of_these": 0,
     }  # fmt: skip
     told = [areas["mapped_m2"], areas["measured_m2"], areas["filled_m2"], areas["water_m2"], areas["interpolated_m2"]]
     assert told == [count * CELL**2 for count in (5400, 5310, 30, 0, 60)]

@@ -77,3 +77,13 @@ def test_outside_of_all_polygons_no_photograph_is_asked_for() -> None:
     )
     assert set(np.unique(found).tolist()) == {-1, 4}
     assert np.count_nonzero(found == 4) == 400
+
+
+def test_rows_of_blocks_leave_no_gap_wherever_they_lie() -> None:
+    """Sides of blocks that are not whole numbers round otherwise in every row."""
+    blocks = MapGrid(602268.72, 5794179.24, 0.96, 122, 147)
+    looks = np.full((blocks.rows, blocks.columns), 3, np.uint8)
+    rim = rim_of(looks, looks > 0, blocks)
+    assert rim is not None
+    assert len(shapely.get_parts(rim)) == 1
+    assert cells_inside(sides_of(rim), blocks, blocks.whole)[2:-2, 2:-2].all()

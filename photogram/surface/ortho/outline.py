@@ -145,12 +145,7 @@ def _boxes(mask: BoolArray, blocks: MapGrid) -> NDArray[np.object_]:
     step = np.diff(padded, axis=1)
     row, first = np.nonzero(step == 1)
     _, last = np.nonzero(step == -1)
-    south = blocks.north_map_m - (row + 1) * blocks.cell_m
-    return np.asarray(
-        shapely.box(
-            blocks.west_map_m + first * blocks.cell_m,
-            south,
-            blocks.west_map_m + last * blocks.cell_m,
-            south + blocks.cell_m,
-        )
-    )
+    # sums of other terms would differ in the last digit, and leave gaps between rows
+    north = blocks.north_map_m - np.arange(len(mask) + 1) * blocks.cell_m
+    east = blocks.west_map_m + np.arange(mask.shape[1] + 1) * blocks.cell_m
+    return np.asarray(shapely.box(east[first], north[row + 1], east[last], north[row]))
