@@ -410,5 +410,17 @@ def full_report(finished_survey: Path) -> Any:
     left_out = {"registered": False, "reason": "shares too few tie points", "tie_points": 0, "gnss_residual_m": None}
     report["photographs"]["sim_0099.JPG"] = {"camera": "simulated", **left_out}
     report["block"] |= {"photographs": 5}
-    settings = ReportSettings("Quarry, stage 3", "The owner", "A. Surveyor", 0.05, 0.02, legacy_95=True)
+    settings = ReportSettings(
+        name="Quarry, stage 3",
+        client="The owner",
+        author="A. Surveyor",
+        surveyor="B. Surveyor",
+        instrument="GNSS receiver, RTK",
+        targets="boards of 40 cm",
+        place="Exampleton",
+        standard="pec-pcd",
+        target_rmse_h_m=0.05,
+        target_rmse_v_m=0.02,
+        legacy_95=True,
+    )
     return complete(report, settings)

@@ -11,7 +11,7 @@ Errors beyond three times the target are blunders to be explained, means beyond 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -36,7 +36,14 @@ class ReportSettings(Settings):
 
     name: Annotated[str, "Name of the survey."] = ""
     client: Annotated[str, "Client."] = ""
-    author: Annotated[str, "Author."] = ""
+    author: Annotated[str, "Author, whose name stands above the line for the signature."] = ""
+    surveyor: Annotated[str, "Who has surveyed the ground points."] = ""
+    instrument: Annotated[str, "What they were surveyed with, and how: receiver or total station, method."] = ""
+    targets: Annotated[str, "How the ground points are marked on the ground."] = ""
+    place: Annotated[str, "Place of the signature."] = ""
+    standard: Annotated[
+        Literal["none", "asprs-2024", "pec-pcd"], "Whose classes or statements the first part of the page has."
+    ] = "none"
     target_rmse_h_m: Annotated[
         float | None,
         Within(0.0001, 1000, "m"),

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.asprs import AXES
+from photogram.report.client.contents import client_part
 from photogram.report.figures.mark_patches import figure_key
 from photogram.report.identity import grouped
 from photogram.report.marks import point_marks
@@ -92,6 +93,7 @@ def report_page(
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(
         report=report,
+        client=client_part(report),
         figures={figure["key"]: figure for figure in figures},
         residual_figures=residuals,
         datum=_datum(report),

@@ -14,6 +14,7 @@ import pytest
 from makers import Json, read_json
 
 from photogram.errors import ReportError
+from photogram.report.client.files import CONTENTS
 from photogram.report.identity import grouped
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
@@ -25,7 +26,7 @@ from selenium.webdriver import Chrome  # noqa: E402
 
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
-TABLES = 27
+TABLES = 29
 FIGURES, MARKED_POINTS = 14, 12
 SMALLEST_PX = 12.0
 
@@ -229,7 +230,7 @@ def check_pages(document: bytes, browser: Chrome) -> None:
     reader = pypdf.PdfReader(io.BytesIO(document))
     for page in reader.pages:
         assert (float(page.mediabox.width), float(page.mediabox.height)) == pytest.approx(A4_PT, abs=2)
-    assert 5 <= len(reader.pages) <= 27
+    assert 5 <= len(reader.pages) <= 31
     texts = [unicodedata.normalize("NFKC", page.extract_text()) for page in reader.pages]
     whole = compact("".join(texts))
     cells = browser.execute_script(
@@ -247,6 +248,40 @@ def test_browser_prints_the_page_as_pdf(browser: Chrome, pages: dict[str, Path],
     print_pdf(pages["small survey"], target)
     show(browser, pages["small survey"], 1200)
     check_pages(target.read_bytes(), browser)
+
+
+CLIENT_PAGES = 4
+
+
+@NAMES
+def test_the_clients_part_is_four_printed_pages(pages: dict[str, Path], tmp_path: Path, name: str) -> None:
+    """Survey and accuracy, pictures, plan and check points, files and signature; then the technical part begins."""
+    target = tmp_path / "report.pdf"
+    print_pdf(pages[name], target)
+    texts = [compact(page.extract_text()) for page in pypdf.PdfReader(target).pages]
+    heads = ("The survey", "surface", "Plan and check points", "What is handed over", "Technical part")
+    for n, head in enumerate(heads):
+        assert compact(head) in texts[n], (n + 1, head)
+    assert compact("How the figures were found") in texts[CLIENT_PAGES]
+    assert compact("Signature") in texts[CLIENT_PAGES - 1]
+
+
+def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
+    full_report: Json, finished_survey: Path, tmp_path: Path
+) -> None:
+    report = deepcopy(full_report)
+    model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
+    report["control_points"] += [{**model, "name": f"Boundary stone {n} by the old mill"} for n in range(60)]
+    report["deliverables"] = [
+        {"file": name, "bytes": 1, "sha256": "0" * 64} for name in [*CONTENTS, "photographs.prj", "photographs.csvt"]
+    ]
+    report["survey"] |= {"client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2}
+    page, target = tmp_path / "long.html", tmp_path / "long.pdf"
+    figures = read_json(finished_survey / "work/results.stage/figures.json")
+    page.write_text(report_page(report, figures), encoding="utf-8")
+    print_pdf(page, target)
+    texts = [compact(p.extract_text()) for p in pypdf.PdfReader(target).pages]
+    assert compact("How the figures were found") in texts[CLIENT_PAGES]
 
 
 def test_every_printed_page_says_what_it_belongs_to(full_report: Json, tmp_path: Path) -> None:

@@ -260,6 +260,24 @@ def _control(draft: ProjectDraft) -> list[str]:
     return ["control_points:", "  files:", *(line for file in draft.control for line in _control_file(file, draft.crs))]
 
 
+REPORT_EXAMPLE = (
+    "# What the report says that no photograph tells. Remove the # signs and the lines that you do not need;",
+    "# photogram report makes the page again after a change, in seconds.",
+    "# report:",
+    "#   name: Quarry north, stage 3 # title",
+    "#   client: Example Ltd",
+    "#   author: A. Surveyor # stands above the line for the signature",
+    "#   place: Exampleton # of the signature",
+    "#   surveyor: B. Surveyor # of the ground points",
+    "#   instrument: GNSS receiver, RTK, base on the site # that they were surveyed with",
+    "#   targets: black and white boards, 40 cm # that they are marked by on the ground",
+    "#   target_rmse_h_m: 0.05 # accuracy that was agreed on, in plan",
+    "#   target_rmse_v_m: 0.08 # and in height",
+    "#   standard: asprs-2024 # or pec-pcd: whose classes or statements the report has",
+)
+"""The block of the report, as a comment to fill in."""
+
+
 def _heights(draft: ProjectDraft) -> list[str]:
     """Return the block of height systems; as a comment where somebody must fill it in."""
     systems = draft.height_systems
@@ -308,4 +326,4 @@ def project_text(draft: ProjectDraft, folder: str) -> str:
         lines += _camera(camera, members[camera.name])
     lines += ["", *_photographs(draft, folder), "", *rig_lines(draft.rigs)]
     lines += gnss_lines([p.gnss for p in draft.photographs], draft.offset_sigma_m, draft.offset_reason)
-    return "\n".join([*lines, *_control(draft), ""])
+    return "\n".join([*lines, *_control(draft), "", *REPORT_EXAMPLE, ""])

@@ -36,8 +36,10 @@ from photogram.report.record.verdict import (
     AsprsRecord,
     AxisAccuracyRecord,
     DiscardedRecord,
+    NamesRecord,
     ProductAccuracyRecord,
 )
+from photogram.report.standards.profiles import standard_record
 from photogram.report.titles import CLOUD_TITLES
 from photogram.report.values import finite, record_of
 
@@ -60,21 +62,30 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     whole: Report = {
         **numbers,
         "diagnosis": diagnosis,
-        "survey": {
-            **numbers["survey"],
-            "name": settings.name or None,
-            "client": settings.client or None,
-            "author": settings.author or None,
-        },
+        "survey": {**numbers["survey"], **survey_names(settings)},
         "asprs": asprs,
         "discarded": discarded(numbers),
         "warnings": warnings,
         "summary": lights,
         "verdict": overall(numbers, asprs, lights, warnings),
+        "standard": standard_record(settings, numbers["control_points"], asprs),
         "report_id": "",
     }
     whole["report_id"] = report_id(whole)
     return whole
+
+
+def survey_names(settings: ReportSettings) -> NamesRecord:
+    """Return what the project calls the survey, whose it is, and how its ground points were surveyed."""
+    return {
+        "name": settings.name or None,
+        "client": settings.client or None,
+        "author": settings.author or None,
+        "surveyor": settings.surveyor or None,
+        "instrument": settings.instrument or None,
+        "targets": settings.targets or None,
+        "place": settings.place or None,
+    }
 
 
 def _without_metres(value: ValueT) -> ValueT:

@@ -41,6 +41,7 @@ from photogram.report.record.verdict import (
     DeliverableRecord,
     DiscardedRecord,
     LightRecord,
+    StandardRecord,
     SurveyRecord,
     VerdictRecord,
     WarningRecord,
@@ -105,6 +106,7 @@ class Report(SurveyNumbers):
     warnings: list[WarningRecord]
     summary: list[LightRecord]
     verdict: VerdictRecord
+    standard: NotRequired[StandardRecord | None]
     report_id: str
 
 

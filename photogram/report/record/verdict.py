@@ -127,15 +127,56 @@ class VerdictRecord(TypedDict):
     to_do: list[str]
 
 
-class SurveyRecord(TypedDict):
-    """Whose survey it is, when it was flown, and the name of its map grid."""
+class NamesRecord(TypedDict):
+    """What the project calls the survey, whose it is, and how its ground points were surveyed; null where it does not
+    say."""
+
+    name: str | None
+    client: str | None
+    author: str | None
+    surveyor: NotRequired[str | None]
+    instrument: NotRequired[str | None]
+    targets: NotRequired[str | None]
+    place: NotRequired[str | None]
+
+
+class SurveyRecord(NamesRecord):
+    """The names of a survey, when it was flown, and the name of its map grid."""
 
     flown_first: str | None
     flown_last: str | None
     crs_name: str | None
-    name: str | None
-    client: str | None
-    author: str | None
+
+
+class StandardFigureRecord(TypedDict):
+    """A figure that an authority asks for: its name there, from `n` check points, and the `key` that it comes from."""
+
+    name: str
+    value_m: Metres | None
+    n: Count
+    key: str
+
+
+class ScaleClassRecord(TypedDict):
+    """Classes at a scale, 1 to `scale`, with its contour interval; null where none is held or none can be told."""
+
+    scale: Count
+    contour_interval_m: Metres
+    plan: Literal["A", "B", "C", "D"] | None
+    height: Literal["A", "B", "C", "D"] | None
+
+
+class StandardRecord(TypedDict):
+    """What an authority asks for, from check points alone: a statement needs `least_points` of them, or says that they
+    are fewer."""
+
+    profile: Literal["asprs-2024", "pec-pcd"]
+    standard: str
+    least_points: Count
+    figures: list[StandardFigureRecord]
+    scales: list[ScaleClassRecord]
+    statements: list[str]
+    not_stated: list[str]
 
 
 class DeliverableRecord(TypedDict):

@@ -18,7 +18,7 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
-from photogram.report.numbers.completion import complete
+from photogram.report.numbers.completion import complete, survey_names
 from photogram.report.numbers.numbers import RejectedAttitudes
 from photogram.report.numbers.verdicts import RejectedBlunders
 from photogram.report.page import report_page
@@ -36,14 +36,12 @@ SCHEMA = "report.schema.json"
 
 def survey_record(run: Run) -> SurveyRecord:
     """Return the days of flight, the map, and what the project calls the survey."""
-    days, names = sorted(note["time"][:10] for note in run.notes() if note["time"]), run.project.report
+    days = sorted(note["time"][:10] for note in run.notes() if note["time"])
     return {
         "flown_first": days[0] if days else None,
         "flown_last": days[-1] if days else None,
         "crs_name": crs_title(run.project.crs),
-        "name": names.name or None,
-        "client": names.client or None,
-        "author": names.author or None,
+        **survey_names(run.project.report),
     }
 
 
