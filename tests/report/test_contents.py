@@ -7,7 +7,7 @@ import pytest
 from makers import Json
 
 from photogram.quality.asprs import ReportSettings
-from photogram.report.client.contents import MOST_POINTS, client_part
+from photogram.report.client.contents import MOST_BY_STANDARD, MOST_POINTS, client_part
 from photogram.report.numbers.completion import complete
 from photogram.report.numbers.overall import length
 
@@ -42,12 +42,16 @@ def test_without_check_points_the_accuracy_is_called_predicted(full_report: Json
     assert "RMSE" not in said
 
 
-def test_of_many_check_points_those_furthest_off_are_shown(full_report: Json) -> None:
+@pytest.mark.parametrize(("by_standard", "most"), [(False, MOST_POINTS), (True, MOST_BY_STANDARD)])
+def test_of_many_check_points_those_furthest_off_are_shown(full_report: Json, by_standard: bool, most: int) -> None:
     report = deepcopy(full_report)
+    report["standard"] = full_report["standard"] if by_standard else None
     model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
     report["control_points"] = [
         {**model, "name": f"C{n}", "residual_m": [0.0, 0.0, 0.001 * n]} for n in range(MOST_POINTS + 30)
     ]
     part = client_part(report)
-    assert [row.name for row in part.check_points] == [f"C{n}" for n in range(30, MOST_POINTS + 30)]
+    assert [row.name for row in part.check_points] == [
+        f"C{n}" for n in range(MOST_POINTS + 30 - most, MOST_POINTS + 30)
+    ]
     assert part.checked == MOST_POINTS + 30

@@ -441,7 +441,11 @@ def test_everything_discarded_is_listed_with_its_reason(full_report: Json) -> No
 
 
 def test_completing_twice_changes_nothing(full_report: Json) -> None:
-    settings = ReportSettings("Quarry, stage 3", "The owner", "A. Surveyor", 0.05, 0.02, legacy_95=True)
+    settings = ReportSettings(
+        name="Quarry, stage 3", client="The owner", author="A. Surveyor", surveyor="B. Surveyor",
+        instrument="GNSS receiver, RTK", targets="boards of 40 cm", place="Exampleton", standard="pec-pcd",
+        target_rmse_h_m=0.05, target_rmse_v_m=0.02, legacy_95=True,
+    )  # fmt: skip
     assert json.dumps(complete(full_report, settings)) == json.dumps(full_report)
 
 

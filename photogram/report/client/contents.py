@@ -15,6 +15,8 @@ from photogram.report.record.verdict import VerdictFigureRecord
 
 MOST_POINTS = 20
 """Check points in the table, so that it shares a page with the plan."""
+MOST_BY_STANDARD = 10
+"""The same where figures of an authority share the page too."""
 
 
 @dataclass(frozen=True)
@@ -48,24 +50,24 @@ def client_part(report: Report) -> ClientPart:
     return ClientPart(
         survey_facts(report, scaled),
         _accuracy(report, scaled),
-        _check_rows(points) if scaled else [],
+        _check_rows(points, MOST_BY_STANDARD if report.get("standard") else MOST_POINTS) if scaled else [],
         len(points),
         (axes["easting"]["rmse_m"], axes["northing"]["rmse_m"], axes["height"]["rmse_m"]),
         handed_over(report["deliverables"]),
     )
 
 
-def _check_rows(points: Sequence[GroundPointRecord]) -> list[CheckRow]:
-    """Return the check points, or those that are furthest off where they are many, in the order of the report."""
+def _check_rows(points: Sequence[GroundPointRecord], most: int) -> list[CheckRow]:
+    """Return the check points in the order of the report; where they are many, the ``most`` that are furthest off."""
 
     def along(point: GroundPointRecord, values: Sequence[float | None] | None) -> tuple[float | None, ...]:
         roles = point["axis_roles"]
         return tuple(values[k] if values is not None and roles[k] == "check" else None for k in range(len(AXES)))
 
     rows = [CheckRow(p["name"], along(p, p["residual_m"]), along(p, p["sigma_m"])) for p in points]
-    if len(rows) <= MOST_POINTS:
+    if len(rows) <= most:
         return rows
-    worst = sorted(rows, key=lambda row: -max(abs(d) for d in row.difference_m if d is not None))[:MOST_POINTS]
+    worst = sorted(rows, key=lambda row: -max(abs(d) for d in row.difference_m if d is not None))[:most]
     return [row for row in rows if row in worst]
 
 
