@@ -33,8 +33,9 @@ def test_accuracy_is_the_verdict_and_what_check_points_say(full_report: Json) ->
 
 def test_without_check_points_the_accuracy_is_called_predicted(full_report: Json) -> None:
     points = [p for p in full_report["control_points"] if "check" not in p["axis_roles"]]
-    report = complete({**full_report, "control_points": points}, ReportSettings())
-    part = client_part(report)
+    bare = deepcopy(full_report)
+    bare["control_points"] = points
+    part = client_part(complete(bare, ReportSettings()))
     assert part.check_points == []
     assert part.rmse_m == (None, None, None)
     said = " ".join(fact.text for fact in part.accuracy)

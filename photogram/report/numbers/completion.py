@@ -39,7 +39,7 @@ from photogram.report.record.verdict import (
     NamesRecord,
     ProductAccuracyRecord,
 )
-from photogram.report.standards.profiles import standard_record
+from photogram.report.standards.authorities import standard_record
 from photogram.report.titles import CLOUD_TITLES
 from photogram.report.values import finite, record_of
 
