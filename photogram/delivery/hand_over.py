@@ -6,6 +6,7 @@ from pathlib import Path
 
 from photogram.delivery.drawing import write_drawing
 from photogram.delivery.land_xml import write_land_xml
+from photogram.delivery.model.glb_model import write_model
 from photogram.delivery.names import FILES, Product
 from photogram.delivery.qgis_project import write_project
 from photogram.delivery.survey_contents import SurveyContents, survey_contents
@@ -35,7 +36,7 @@ class Delivered:
     path: Path
     """Its file."""
     holds: str
-    """What it holds, in words."""
+    """What it holds, in words; empty where there is nothing to hold, and no file was written."""
     left_out: tuple[str, ...]
     """Sentences on what it does not hold."""
 
@@ -94,6 +95,8 @@ def _written(product: Product, path: Path, contents: SurveyContents, asked: _Ask
         return Delivered(path, write_project(path, contents), ())
     if product is Product.LANDXML:
         return _land_xml(path, contents, asked.surface_error_m)
+    if product is Product.GLB:
+        return Delivered(path, *write_model(path, contents, asked.surface_error_m))
     within_m = 0.0
     if contents.contours is not None:
         usual_m = DEFAULT_TOLERANCE_CELLS * contents.contours.cell_m

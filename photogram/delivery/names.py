@@ -9,11 +9,13 @@ class Product(StrEnum):
     DXF = "dxf"
     QGIS = "qgis"
     LANDXML = "landxml"
+    GLB = "glb"
 
 
 FILES = {
     Product.DXF: ("survey.dxf",),
     Product.QGIS: ("survey.qgz", "ground_points.gpkg"),
     Product.LANDXML: ("survey.xml",),
+    Product.GLB: ("model.glb",),
 }
 """The files of each product, the one that is opened first."""

@@ -12,6 +12,7 @@ from photogram.files.maps.contour_files import read_contours
 from photogram.files.maps.seam_files import read_rim
 from photogram.files.poses import footprint_world_m
 from photogram.geodesy.crs import crs_in_words, plan_of
+from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.stages.publishing.products import flight_date
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import reason_left_out
@@ -82,6 +83,11 @@ class SurveyContents:
     """What the survey has not, and why: `contour lines`, `rim` and `surface`."""
     on_plane: bool = False
     """Whether the rasters lie on a plane of their own, not on the map."""
+    top: Path | None = None
+    """Raster of the surface with its holes closed, else of the surface, whether there is terrain or not; None where
+    there is none on the map."""
+    orthophoto: Path | None = None
+    """Picture on the map, None where there is none."""
 
     @property
     def extent_map_m(self) -> FloatArray:
@@ -112,7 +118,9 @@ def survey_contents(run: Run) -> SurveyContents:
         rim = read_rim(run.workspace.file("orthophoto", "outline.gpkg"), plan_of(project.crs))
     else:
         absent["rim"] = UPRIGHT if upright else "there is no orthophoto"
-    surface, surface_of = _surface(run, upright=upright)
+    top = None if upright else _stored(run, "surface", "dsm_filled.tif", "dsm.tif")
+    terrain = None if upright else _stored(run, "relief", "dtm.tif")
+    surface, surface_of = (top, "surface" if top else "") if terrain is None else (terrain, "terrain")
     if surface is None:
         absent["surface"] = UPRIGHT if upright else reason_left_out(run, "surface") or "there is none"
     return SurveyContents(
@@ -133,16 +141,14 @@ def survey_contents(run: Run) -> SurveyContents:
         rim,
         absent,
         upright,
+        top,
+        None if upright else _stored(run, "orthophoto", "orthophoto.tif"),
     )
 
 
-def _surface(run: Run, *, upright: bool) -> tuple[Path | None, str]:
-    if upright:
-        return None, ""
-    if run.workspace.has("relief", "dtm.tif"):
-        return run.workspace.file("relief", "dtm.tif"), "terrain"
-    names = [name for name in ("dsm_filled.tif", "dsm.tif") if run.workspace.has("surface", name)]
-    return (run.workspace.file("surface", names[0]), "surface") if names else (None, "")
+def _stored(run: Run, stage: StageName, *names: str) -> Path | None:
+    """Return the first file of a stage that is there."""
+    return next((run.workspace.file(stage, name) for name in names if run.workspace.has(stage, name)), None)
 
 
 def _footprints(block: Block) -> tuple[Footprint, ...]:

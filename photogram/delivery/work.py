@@ -28,6 +28,9 @@ def run(
         photographs=photographs,
     )
     for delivered in made:
-        console.print(f"Written: {escape(str(delivered.path))}: {escape(delivered.holds)}", soft_wrap=True)
+        if delivered.holds:
+            console.print(f"Written: {escape(str(delivered.path))}: {escape(delivered.holds)}", soft_wrap=True)
+        else:
+            console.print(f"Not written: {escape(str(delivered.path))}", soft_wrap=True)
         for sentence in delivered.left_out:
             console.print(f"Not in it: {escape(sentence)}", soft_wrap=True, highlight=False)

@@ -283,6 +283,19 @@ def read_codes(path: Path, window: Window) -> ByteArray:
     return np.asarray(codes, dtype=np.uint8)
 
 
+def _plan_unit_m(dataset: rasterio.DatasetReader) -> float:
+    return map_units(str(dataset.crs.to_wkt(version="WKT2_2019"))).plan_m if dataset.crs else 1.0
+
+
+def pixel_m(path: Path) -> float:
+    """Return the side of the pixels of a picture in a map grid, m. Raises ProjectError where it cannot be read."""
+    try:
+        with rasterio.open(path, driver="GTiff") as dataset:
+            return float(dataset.res[0] * _plan_unit_m(dataset))
+    except RasterioError as error:
+        raise ProjectError(f"picture {path}: cannot be read ({error}): delete it and run again") from error
+
+
 def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> ByteArray:
     """Return what a picture file shows in a window of a grid of its own CRS, in m: red, green, blue and alpha (rows,
     columns, 4), means over the cells, 0 beyond the picture. Cells of many pixels are means of its overviews' pixels.
@@ -291,7 +304,7 @@ def picture_on_grid(path: Path, grid: MapGrid, window: Window) -> ByteArray:
     rows, columns = window.shape
     try:
         with rasterio.open(path, driver="GTiff") as whole:
-            unit_m = map_units(str(whole.crs.to_wkt(version="WKT2_2019"))).plan_m if whole.crs else 1.0
+            unit_m = _plan_unit_m(whole)
             fine = [
                 n for n, factor in enumerate(whole.overviews(1)) if 2 * factor * whole.res[0] <= grid.cell_m / unit_m
             ]
