@@ -9,6 +9,7 @@ from photogram.delivery.land_xml import write_land_xml
 from photogram.delivery.model.glb_model import write_model
 from photogram.delivery.names import FILES, Product
 from photogram.delivery.qgis_project import write_project
+from photogram.delivery.shapefiles import write_shapefiles
 from photogram.delivery.survey_contents import SurveyContents, survey_contents
 from photogram.delivery.thinned_lines import DEFAULT_TOLERANCE_CELLS, thinned
 from photogram.delivery.thinned_tin import (
@@ -102,7 +103,10 @@ def _written(product: Product, path: Path, contents: SurveyContents, asked: _Ask
         usual_m = DEFAULT_TOLERANCE_CELLS * contents.contours.cell_m
         within_m = usual_m if asked.tolerance_m is None else asked.tolerance_m
         contents = replace(contents, contours=thinned(contents.contours, within_m))
-    return Delivered(path, write_drawing(path, contents, within_m), _absent(contents, "contour lines", "rim"))
+    absent = _absent(contents, "contour lines", "rim")
+    if product is Product.SHAPEFILE:
+        return Delivered(path, write_shapefiles(path, contents), absent)
+    return Delivered(path, write_drawing(path, contents, within_m), absent)
 
 
 def _land_xml(path: Path, contents: SurveyContents, error_m: float | None) -> Delivered:

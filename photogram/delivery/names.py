@@ -10,6 +10,7 @@ class Product(StrEnum):
     QGIS = "qgis"
     LANDXML = "landxml"
     GLB = "glb"
+    SHAPEFILE = "shapefile"
 
 
 FILES = {
@@ -17,5 +18,6 @@ FILES = {
     Product.QGIS: ("survey.qgz", "ground_points.gpkg"),
     Product.LANDXML: ("survey.xml",),
     Product.GLB: ("model.glb",),
+    Product.SHAPEFILE: ("survey_shp.zip",),
 }
 """The files of each product, the one that is opened first."""

@@ -33,7 +33,7 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
     with pytest.raises(ExchangeError, match="was changed since photogram wrote it"):
         deliver(adjusted_survey)
     assert own.read_text() == "edited\n"
-    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf, qgis, landxml"):
+    with pytest.raises(ExchangeError, match="'dwg': is no product that is handed over: choose of dxf, qgis, landxml, "):
         deliver(adjusted_survey, ["dwg"])
     (adjusted_survey / "elsewhere").mkdir()
     (adjusted_survey / "elsewhere" / own.name).write_text("mine\n")
