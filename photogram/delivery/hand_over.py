@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photogram.delivery.drawing import write_drawing
+from photogram.delivery.google_earth import write_kmz
 from photogram.delivery.land_xml import write_land_xml
 from photogram.delivery.model.glb_model import write_model
 from photogram.delivery.names import FILES, Product
@@ -29,10 +30,12 @@ from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.results_record import read_record, recorded
 
+_NO_DEGREES = "and Google Earth needs longitude and latitude"
+
 
 @dataclass(frozen=True)
 class Delivered:
-    """A product that was written."""
+    """A product that was written, or left out."""
 
     path: Path
     """Its file."""
@@ -78,6 +81,8 @@ def deliver(
         if not block_as_adjusted(run).has_scale:
             raise ExchangeError(f"{survey.path}: the network has no scale, so nothing is in metres: give a distance")
         contents = survey_contents(run)
+    if contents.crs == NO_CRS and Product.KMZ in chosen and len(chosen) < len(Product):
+        raise ExchangeError(f"{survey.path}: crs: none, {_NO_DEGREES}: give the CRS of the map, or other products")
     make_folder(folder)
     with recorded(folder):
         return tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
@@ -98,6 +103,10 @@ def _written(product: Product, path: Path, contents: SurveyContents, asked: _Ask
         return _land_xml(path, contents, asked.surface_error_m)
     if product is Product.GLB:
         return Delivered(path, *write_model(path, contents, asked.surface_error_m))
+    if product is Product.KMZ and contents.crs == NO_CRS:
+        return Delivered(path, "", (f"{path.name}: crs: none, {_NO_DEGREES}.",))
+    if product is Product.KMZ:
+        return Delivered(path, write_kmz(path, contents), _absent(contents, "rim"))
     within_m = 0.0
     if contents.contours is not None:
         usual_m = DEFAULT_TOLERANCE_CELLS * contents.contours.cell_m

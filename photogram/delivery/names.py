@@ -11,6 +11,7 @@ class Product(StrEnum):
     LANDXML = "landxml"
     GLB = "glb"
     SHAPEFILE = "shapefile"
+    KMZ = "kmz"
 
 
 FILES = {
@@ -19,5 +20,6 @@ FILES = {
     Product.LANDXML: ("survey.xml",),
     Product.GLB: ("model.glb",),
     Product.SHAPEFILE: ("survey_shp.zip",),
+    Product.KMZ: ("survey.kmz",),
 }
 """The files of each product, the one that is opened first."""

@@ -88,6 +88,8 @@ class SurveyContents:
     there is none on the map."""
     orthophoto: Path | None = None
     """Picture on the map, None where there is none."""
+    stations: tuple[tuple[str, FloatArray], ...] = ()
+    """Photographs that are oriented, and where they were taken (3,)."""
 
     @property
     def extent_map_m(self) -> FloatArray:
@@ -143,6 +145,11 @@ def survey_contents(run: Run) -> SurveyContents:
         upright,
         top,
         None if upright else _stored(run, "orthophoto", "orthophoto.tif"),
+        tuple(
+            (photograph.name, block.frame.map_from_world(pose.position_world_m[None])[0])
+            for photograph, pose in zip(block.photographs, block.poses, strict=True)
+            if pose is not None
+        ),
     )
 
 

@@ -30,7 +30,6 @@ def run(
     for delivered in made:
         if delivered.holds:
             console.print(f"Written: {escape(str(delivered.path))}: {escape(delivered.holds)}", soft_wrap=True)
-        else:
-            console.print(f"Not written: {escape(str(delivered.path))}", soft_wrap=True)
         for sentence in delivered.left_out:
-            console.print(f"Not in it: {escape(sentence)}", soft_wrap=True, highlight=False)
+            lead = "Not in it" if delivered.holds else "Not written"
+            console.print(f"{lead}: {escape(sentence)}", soft_wrap=True, highlight=False)
