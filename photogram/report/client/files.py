@@ -10,10 +10,12 @@ PICTURES = "pictures/"
 CONTENTS: Mapping[str, str] = MappingProxyType(
     {
         "orthophoto.tif": "Orthophoto: the photographs, corrected to fit the map (GeoTIFF)",
+        "orthophoto_sigma.tif": "How accurately each pixel of the orthophoto is placed (standard deviation)",
+        "orthophoto_source.tif": "Which pixels stand on measured heights, and which show hidden ground",
         "orthophoto_bands.tif": "Further colour bands on the cells of the orthophoto",
         "dsm.tif": "Surface model: heights of ground, plants and buildings, cell by cell (GeoTIFF)",
-        "dsm_filled.tif": "The same, with small holes filled from the cells around them",
-        "dsm_source.tif": "Which cells of the surface model are measured, filled or empty",
+        "dsm_filled.tif": "The same without holes: what was not measured is filled or interpolated",
+        "dsm_source.tif": "Which cells of the surface model are measured, filled or interpolated",
         "dsm_sigma.tif": "How accurate each height of the surface model is in the map (standard deviation)",
         "dsm_sigma_relative.tif": "How accurate these heights are relative to each other",
         "dsm_sigma_own.tif": "The part of the standard deviation that differs from cell to cell, for volumes",
