@@ -24,6 +24,7 @@ from photogram.report.record.block import CameraRecord
 from photogram.report.record.diagnosis import CalibrationRecord
 from photogram.report.record.ground import GroundPointRecord, MarkRecord
 from photogram.report.record.photographs import OrientedPhotograph
+from photogram.report.record.positions import is_placed_by_prior
 from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
 from photogram.report.record.verdict import LightRecord
@@ -97,6 +98,7 @@ def report_page(
         figures={figure["key"]: figure for figure in figures},
         residual_figures=residuals,
         datum=_datum(report),
+        placed_by_prior=is_placed_by_prior(report["gnss"]),
         control=control,
         predicted_points=[row for row in control if row["predicted"]],
         check=_ground_rows(report, "check"),

@@ -2,6 +2,7 @@
 
 from rich.table import Table
 
+from photogram.report.record.positions import is_placed_by_prior
 from photogram.report.record.report import Report
 from photogram.report.record.surfaces import DenseRecord, OrthophotoCheckRecord
 from photogram.wording import percent
@@ -20,6 +21,8 @@ def surface_table(report: Report) -> Table | None:
         table.add_row("on a plane", f"{plane['tilt_deg']:.1f}° from level, of {plane['points']} tie points: plane.json")
     if dense is not None:
         _add_surface(table, dense)
+        table.add_row("predicted sigma of heights, median", _predicted(report, dense))
+        _add_surface_test(table, dense)
     if orthophoto is not None and "left_out" in orthophoto:
         table.add_row("orthophoto", f"left out: {orthophoto['left_out']}")
     elif orthophoto is not None:
@@ -46,15 +49,26 @@ def _add_surface(table: Table, dense: DenseRecord) -> None:
     if share is not None and areas["seen_3_or_more_m2"] is not None:
         of = f"{areas['seen_3_or_more_m2']:.0f} m² that three photographs or more show"
         table.add_row("completeness", f"{percent(share, 1)} measured of {of}")
+
+
+def _predicted(report: Report, dense: DenseRecord) -> str:
+    """Return the predicted sigma in words: relative, where nothing but a prior tells the absolute one."""
+    dsm, gnss = report.get("dsm"), report.get("gnss")
+    relative = None if dsm is None or "left_out" in dsm else dsm["relative_sigma_m"]
+    if relative is not None and gnss is not None and is_placed_by_prior(gnss):
+        figures = f"{relative['median']:.3f} m, 95 % below {relative['percentile_95']:.3f} m"
+        return f"{figures}, relative to each other; absolute height is not determined: only the prior of GNSS tells it"
     sigma = dense["sigma_m"]
-    predicted = "–" if sigma is None else f"{sigma['median']:.3f} m, 95 % below {sigma['percentile_95']:.3f} m"
-    table.add_row("predicted sigma of heights, median", predicted)
+    return "–" if sigma is None else f"{sigma['median']:.3f} m, 95 % below {sigma['percentile_95']:.3f} m"
+
+
+def _add_surface_test(table: Table, dense: DenseRecord) -> None:
     check = dense["check_points"]
     if check["rmse_m"] is None:
-        table.add_row("check points", f"{check['n']} on the surface: too few to test it")
+        table.add_row("surface at check points", f"{check['n']} on the surface: too few to test it")
     else:
         table.add_row(
-            f"check points ({check['n']}): RMSE, mean of the heights",
+            f"surface at check points ({check['n']}): RMSE, mean of the heights",
             f"{check['rmse_m']:.3f}, {check['mean_m']:+.3f} m; {check['rms_z']:.2f} times their sigmas",
         )
 

@@ -440,6 +440,35 @@ def test_everything_discarded_is_listed_with_its_reason(full_report: Json) -> No
     assert all(entry["count"] > 0 for entry in found.values())
 
 
+def _row(text: str, title: str) -> str:
+    row = text.partition(f'<th scope="row">{title}</th>')[2].partition("</tr>")[0]
+    return " ".join(re.sub("<.*?>", " ", row).replace("&#8239;", " ").split())
+
+
+def test_extreme_sigmas_of_the_surface_are_named(full_report: Json) -> None:
+    report = deepcopy(full_report)
+    sigma = {"median": 0.03, "mean": 0.05, "percentile_95": 0.1, "maximum": 0.4}
+    report["dsm"] = {**report["dsm"], "sigma_m": sigma}
+    assert "the largest 0.400 m" in _row(report_page(report, []), "Predicted sigma, median")
+    sigma["maximum"] = 412.0
+    said = _row(report_page(report, []), "Predicted sigma, median")
+    assert "the largest 412.000 m: single cells are next to undetermined" in said
+
+
+def test_a_sigma_that_is_only_a_prior_is_no_prediction(full_report: Json) -> None:
+    report = deepcopy(full_report)
+    flight = {**next(iter(report["gnss"]["flights"].values())), "estimated": True, "degrees_of_freedom": 0}
+    report["gnss"] = {**report["gnss"], "flights": {"1": flight}, "control_points_used": 0}
+    relative = {"median": 0.19, "mean": 0.2, "percentile_95": 0.441, "maximum": 3.69}
+    datum = {"easting": 2.0, "northing": 2.0, "height": 10.5}
+    report["dsm"] = {**report["dsm"], "relative_sigma_m": relative, "datum_sigma_m": datum}
+    said = _row(report_page(report, []), "Predicted sigma, median")
+    assert said.startswith("0.190 m of heights relative to each other")
+    assert "Absolute height is not determined" in said
+    report["gnss"]["control_points_used"] = 4
+    assert "not determined" not in _row(report_page(report, []), "Predicted sigma, median")
+
+
 def test_completing_twice_changes_nothing(full_report: Json) -> None:
     settings = ReportSettings(
         name="Quarry, stage 3", client="The owner", author="A. Surveyor", surveyor="B. Surveyor",

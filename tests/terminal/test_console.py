@@ -199,8 +199,23 @@ def test_the_dense_surface_is_told_in_four_lines(shown: Console) -> None:
     text = shown.export_text()
     for words in ("0.120 m, 1200 × 900", "15000 m²: 14000 m² measured, 58 m² filled, 942 m² interpolated over holes",
                   "35 m² seen only obliquely", "97.3\u202f% measured of 14300 m²", "0.031 m, 95 % below 0.087 m",
-                  "check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
+                  "surface at check points (8)", "0.021, -0.004 m; 1.10 times"):  # fmt: skip
         assert words in text, words
+
+
+@pytest.mark.parametrize(("degrees_of_freedom", "control", "is_relative"), [(0, 0, True), (3, 0, False), (0, 4, False)])
+def test_heights_that_only_a_prior_places_have_their_relative_sigma(
+    shown: Console, degrees_of_freedom: int, control: int, is_relative: bool
+) -> None:
+    flights = {"1": {"estimated": True, "degrees_of_freedom": degrees_of_freedom, "significant": None, "sentence": ""}}
+    relative = {"dsm": {"relative_sigma_m": {"median": 0.19, "percentile_95": 0.441}}}
+    told: Json = {"sentence": "", "solutions": {}, "warnings": []}
+    gnss = {"gnss": {**told, "flights": flights, "control_points_used": control}}
+    report_tables.show_report(report() | {"dense": dense()} | relative | gnss)
+    text = " ".join(shown.export_text().split())
+    assert ("0.190 m, 95 % below 0.441 m, relative to each other" in text) is is_relative
+    assert ("absolute height is not determined" in text) is is_relative
+    assert ("0.031 m, 95 % below 0.087 m" in text) is not is_relative
 
 
 def test_a_surface_that_nothing_tests_is_not_called_tested(shown: Console) -> None:

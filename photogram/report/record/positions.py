@@ -96,6 +96,14 @@ class GnssRecord(TypedDict):
     warnings: list[str]
 
 
+def is_placed_by_prior(gnss: GnssRecord) -> bool:
+    """Whether nothing but the prior of the offset of GNSS tells where a survey is: no control point, and one flight, or
+    several of which none tests the offset of another."""
+    flights = gnss["flights"].values()
+    untested = all(flight["estimated"] and not flight["degrees_of_freedom"] for flight in flights)
+    return bool(flights) and untested and not gnss["control_points_used"]
+
+
 class HeightCountsRecord(TypedDict):
     """How many heights were given in each system."""
 
