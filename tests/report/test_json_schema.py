@@ -142,7 +142,7 @@ def test_wrong_values_are_refused(
 
 
 def test_no_key_but_the_optional_may_be_absent(report: Json, validator: Draft202012Validator) -> None:
-    optional = {"dense", "orthophoto", "estimated_sigmas", "marks"}
+    optional = {"dense", "orthophoto", "estimated_sigmas", "marks", "standard"}
     for key in report:
         without = {k: v for k, v in report.items() if k != key}
         assert validator.is_valid(without) == (key in optional), key
