@@ -20,6 +20,7 @@ from photogram.errors import SurfaceError
 from photogram.grid import MapGrid, Window
 from photogram.settings.settings import Default, Settings, Within
 from photogram.surface.ground_filter import LEAST_M, nearest_known, on_ground
+from photogram.surface.nearest_heights import known_of_block
 from photogram.surface.terrain_sigma import interpolated_sigma
 from photogram.survey import Raster
 
@@ -274,12 +275,7 @@ def _fill_low(height: Float32Array, block: int, low: FloatArray) -> None:
     values = np.empty(block * block)
     for i in range(low.shape[0]):
         for j in range(low.shape[1]):
-            n = 0
-            for r in range(i * block, min((i + 1) * block, height.shape[0])):
-                for c in range(j * block, min((j + 1) * block, height.shape[1])):
-                    if not np.isnan(height[r, c]):
-                        values[n] = height[r, c]
-                        n += 1
+            n = known_of_block(height, block, i, j, values)
             if n:
                 values[:n].sort()
                 low[i, j] = values[int(_LOW_SHARE * (n - 1))]

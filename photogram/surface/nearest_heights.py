@@ -1,8 +1,8 @@
-"""The heights that are met first in each of eight directions, for every cell of a map at once."""
+"""The heights around cells: those met first in each of eight directions, and those of a block."""
 
 import numpy as np
 
-from photogram.arrays import ByteArray, Float32Array
+from photogram.arrays import ByteArray, Float32Array, FloatArray
 from photogram.compilation import njit
 
 DIRECTIONS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
@@ -50,3 +50,15 @@ def steps_to_heights(height_m: Float32Array, reach_cells: int) -> ByteArray:
     out = np.empty((len(DIRECTIONS), *height_m.shape), np.uint8)
     _fill_steps(height_m, reach_cells, out)
     return out
+
+
+@njit(inline="always")
+def known_of_block(height: Float32Array, side: int, row: int, column: int, known: FloatArray) -> int:
+    """Fill the known heights of a block of ``side`` × ``side`` cells, and return how many they are."""
+    count = 0
+    for r in range(row * side, min((row + 1) * side, height.shape[0])):
+        for c in range(column * side, min((column + 1) * side, height.shape[1])):
+            if not np.isnan(height[r, c]):
+                known[count] = height[r, c]
+                count += 1
+    return count

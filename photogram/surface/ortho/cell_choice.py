@@ -54,12 +54,16 @@ def slivers_of(hidden: BoolArray, half: int) -> BoolArray:
 
 def edges_of(height: Float32Array, cell_m: float) -> BoolArray:
     """Return whether there is a height edge within two cells."""
+    return np.asarray(height_steps(height) > EDGE_CELLS * cell_m)
+
+
+def height_steps(height: Float32Array) -> Float32Array:
+    """Return by how much the known heights within EDGE_REACH cells of each (rows, columns) differ."""
     known = np.isfinite(height)
     low, high = np.where(known, height, np.float32(np.inf)), np.where(known, height, np.float32(-np.inf))
     around = np.ones((2 * EDGE_REACH + 1,) * 2, np.uint8)
     with np.errstate(invalid="ignore", over="ignore"):  # where nothing is known around
-        step = cv2.dilate(high, around) - cv2.erode(low, around)
-    return np.asarray(step > EDGE_CELLS * cell_m)
+        return np.asarray(cv2.dilate(high, around) - cv2.erode(low, around), np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

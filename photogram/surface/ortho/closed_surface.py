@@ -20,6 +20,7 @@ from photogram.arrays import NMAD_FACTOR, BoolArray, Float32Array, FloatArray, I
 from photogram.compilation import njit
 from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import SUPPORT
+from photogram.surface.nearest_heights import known_of_block
 from photogram.surface.planes import support_of_cells, surface_slopes
 
 BLOCK_CELLS = 4
@@ -189,12 +190,7 @@ def _fill_blocks(height: Float32Array, out: Float32Array, count: Int32Array) -> 
     values = np.empty(BLOCK_CELLS * BLOCK_CELLS)
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            n = 0
-            for r in range(i * BLOCK_CELLS, min((i + 1) * BLOCK_CELLS, height.shape[0])):
-                for c in range(j * BLOCK_CELLS, min((j + 1) * BLOCK_CELLS, height.shape[1])):
-                    if not np.isnan(height[r, c]):
-                        values[n] = height[r, c]
-                        n += 1
+            n = known_of_block(height, BLOCK_CELLS, i, j, values)
             count[i, j], out[i, j] = n, np.nan
             if n:
                 out[i, j] = _middle(values, n)

@@ -11,7 +11,7 @@ import numpy as np
 
 from photogram.arrays import Float32Array
 from photogram.grid import MapGrid, Window
-from photogram.surface.ortho.cell_choice import EDGE_CELLS, EDGE_REACH
+from photogram.surface.ortho.cell_choice import EDGE_CELLS, height_steps
 
 BLOCK_CELLS = 4
 """Side of the blocks of which the lowest and the highest measured height are known."""
@@ -43,11 +43,7 @@ def height_ranges_m(grid: MapGrid, heights_of: Callable[[Window], Float32Array])
 def edge_sigma_m(height: Float32Array, cell_m: float) -> Float32Array:
     """Return what the place of a height edge adds to the standard deviations (rows, columns) of measured heights within
     EDGE_REACH cells of it: there it may be a cell or two aside."""
-    known = np.isfinite(height)
-    side = np.ones((2 * EDGE_REACH + 1,) * 2, np.uint8)
-    low, high = np.where(known, height, np.float32(np.inf)), np.where(known, height, np.float32(-np.inf))
-    with np.errstate(invalid="ignore", over="ignore"):  # where nothing is known around
-        step = cv2.dilate(high, side) - cv2.erode(low, side)
+    step = height_steps(height)
     return np.where(step > EDGE_CELLS * cell_m, step / np.float32(UNIFORM), np.float32(0.0)).astype(np.float32)
 
 
