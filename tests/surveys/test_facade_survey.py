@@ -179,8 +179,7 @@ def test_the_cloud_of_a_facade_stays_in_the_map(facade: Path, site: SimulatedSur
     # the same points as the raster's, within the millimetre of the file
     x, y, z = cells(facade, "dsm.tif")
     in_map = world_of(facade, np.column_stack([x, y, z]), "map")
-    # but for what the rim leaves out, half a block of eight cells at most
-    assert np.abs(in_map.min(axis=0) - points.xyz.min(axis=0)).max() < 0.2
+    assert np.abs(in_map.min(axis=0) - points.xyz.min(axis=0)).max() < 0.1
     assert len(points) <= len(z)
 
 

@@ -76,8 +76,9 @@ def close_within_rim(
     if not len(views):
         return None
     terrain = SurfaceModel.under(views, block.frame, WindowedSurface(grid, height.read, sigma.read))
-    lattice = rate_blocks(views, block.frame, terrain, grid, run.executor)
-    rim = rim_of(lattice.looks, lattice.looks > 0, grid.coarser(lattice.block_cells))
+    pixels = MapGrid(grid.west_map_m, grid.north_map_m, 0.5 * grid.cell_m, 2 * grid.rows, 2 * grid.columns)
+    lattice = rate_blocks(views, block.frame, terrain, pixels, run.executor)
+    rim = rim_of(lattice.looks, lattice.looks > 0, pixels.coarser(lattice.block_cells))
     if rim is not None and area is not None:
         rim = polygons_of(shapely.intersection(rim, area))
     if rim is not None:
