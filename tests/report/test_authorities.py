@@ -46,7 +46,10 @@ def test_classes_follow_from_the_check_points(full_report: Json) -> None:
     # 0.2 m is beyond EP 0.17 m of class A at 1:1000, and within 0.34 m at 1:2000; in height beyond 1/6 m of both
     rows = {row["scale"]: (row["plan"], row["height"]) for row in record["scales"]}
     assert rows == {1000: ("B", "B"), 2000: ("A", "B"), 5000: ("A", "A")}
-    assert record["statements"] == ["Class A in plan from 1:2000 on.", "Class A in height from 1:5000 on."]
+    assert record["statements"] == [
+        "Class A in plan at 1:2000 and smaller scales.",
+        "Class A in height at 1:5000 and smaller scales.",
+    ]
     assert record["not_stated"] == []
 
 

@@ -57,7 +57,7 @@ def _pec_pcd(points: Sequence[GroundPointRecord], asprs: AsprsRecord) -> Standar
     for where, kind in (("in plan", "plan"), ("in height", "height")):
         first = next((row for row in scales if row[kind] == "A"), None)  # type: ignore[literal-required]
         if first is not None:
-            statements.append(f"Class A {where} from 1:{first['scale']} on.")
+            statements.append(f"Class A {where} at 1:{first['scale']} and smaller scales.")
     return {
         "profile": "pec-pcd",
         "standard": pec_pcd.NAME,
