@@ -502,7 +502,13 @@ SURFACE: Stage = Stage(
         0.15,
         (Rate("raster_mcells", 0.6),),
         3.5,
-        ("photogram.surface.dsm", "photogram.surface.islands", "photogram.surface.levels", "photogram.surface.planes"),
+        (
+            "photogram.surface.dsm",
+            "photogram.surface.dtm",
+            "photogram.surface.islands",
+            "photogram.surface.levels",
+            "photogram.surface.planes",
+        ),
         disk_bytes=lambda extent: (
             extent.raster_bytes + LAYER_BYTES * extent.matched_cells + CLOSED_BYTES * extent.cells
         ),
