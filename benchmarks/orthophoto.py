@@ -40,6 +40,7 @@ from photogram.simulation.rendering import render, visible
 from photogram.simulation.scene import Material, surface_raster
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate, whole_survey_plan
 from photogram.surface.dsm import filled_heights
+from photogram.surface.dtm import ground_between
 from photogram.surface.ortho.closed_surface import close_surface
 from photogram.surface.ortho.orthophoto import Orthophoto, OrthophotoSettings, plan_orthophoto
 from photogram.surface.ortho.outline import cells_inside, rim_of, sides_of
@@ -120,12 +121,13 @@ def made(views: Views, survey: SimulatedSurvey, pictures: Pictures, threads: int
         height, spread = np.empty_like(raster.values), np.empty_like(raster.values)
 
         def part(window: Window) -> tuple[Float32Array, BoolArray, Float32Array]:
-            return filled[window.slices], measured[window.slices], sigma[window.slices]
+            known = measured[window.slices]
+            return filled[window.slices], known, np.where(known, sigma[window.slices], np.float32(np.nan))
 
         def write(window: Window, values: Float32Array, sigmas: Float32Array) -> None:
             height[window.slices], spread[window.slices] = values, sigmas
 
-        close_surface(grid, part, pool, write)
+        close_surface(grid, part, pool, write, ground_between(grid, lambda of: part(of)[::2]))
         marks.append(processor_s())
         surface = WindowedSurface.of(grid.raster(height), spread)
         plan = plan_orthophoto(
