@@ -188,7 +188,7 @@ def dense(title: str, photographs: Path, cloud: Path) -> None:
             values["orthophoto"] = {"enabled": False}
             project.write_text(yaml.safe_dump(values), encoding="utf-8")
             command("adjust", project)
-            raster, _ = read_raster(project.parent / "results" / "dsm.tif")
+            raster, _ = read_raster(project.parent / "results" / "deliverables/dsm.tif")
             rows, columns = np.nonzero(np.isfinite(raster.values))
             grid = MapGrid.of(raster)
             easting_m, northing_m = grid.centres_map_m(grid.whole)

@@ -34,7 +34,7 @@ def run(folder: Path, *init: str) -> dict[str, Any]:
             with project.open("a", encoding="utf-8") as file:
                 file.write("\ndense: {enabled: false}\northophoto: {enabled: false}\n")
         subprocess.run([sys.executable, "-m", "photogram.cli.main", *arguments], check=True, stdout=subprocess.DEVNULL)
-    report: dict[str, Any] = json.loads((folder / "results" / "report.json").read_text(encoding="utf-8"))
+    report: dict[str, Any] = json.loads((folder / "results" / "quality/report.json").read_text(encoding="utf-8"))
     return report
 
 
@@ -73,7 +73,7 @@ def brighton_beach(data: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         report = run(folder, str(data / "images"))
-        clouds = (folder / "results/points_adjusted.laz", data / "model.laz")
+        clouds = (folder / "results/technical/points_adjusted.laz", data / "model.laz")
         _, difference = height_differences_m(*(read_cloud(path).position_map_m for path in clouds))
         rows = block_rows(report)
         datum, sigma = report["dsm"]["datum_sigma_m"], report["dsm"]["sigma_m"]["median"]

@@ -97,15 +97,15 @@ def main() -> None:
     parser.add_argument("--within", type=float, default=1.1, help="m")
     given = parser.parse_args()
     results = load_project(given.project).results
-    if not (results / "outline.gpkg").is_file():
+    if not (results / "deliverables/outline.gpkg").is_file():
         raise SystemExit(f"{results}: there is no outline.gpkg: adjust the project with its orthophoto")
-    surface, _ = read_raster(results / "dsm.tif")
+    surface, _ = read_raster(results / "deliverables/dsm.tif")
     grid = MapGrid.of(surface)
-    source = read_codes(results / "dsm_source.tif", grid.whole)
+    source = read_codes(results / "quality/dsm_source.tif", grid.whole)
     cloud = read_cloud(given.cloud).position_map_m
     lattice, ground_m = smooth_ground(cloud, given.spread, given.within)
     off = differences(surface.values, grid, lattice, ground_m)
-    outline = shapely.from_wkb(pyogrio.raw.read(results / "outline.gpkg", layer="outline")[2])
+    outline = shapely.from_wkb(pyogrio.raw.read(results / "deliverables/outline.gpkg", layer="outline")[2])
     transform = from_origin(grid.west_map_m, grid.north_map_m, grid.cell_m, grid.cell_m)
     inside = rasterize(list(outline), out_shape=source.shape, transform=transform).astype(bool)
     print(f"{'level':10}{'cells':>12}{'off 0.5 m':>12}{'off 1 m':>12}{'rim':>10}")
@@ -119,7 +119,7 @@ def main() -> None:
         f"cloud: in squares of {SQUARE_CELLS * grid.cell_m:g} m it covers {there[inside].mean():.1%} of the rim, "
         f"{there[inside & ~measured].mean():.1%} of what the surface leaves open there"
     )
-    rim = json.loads((results / "report.json").read_text(encoding="utf-8"))["orthophoto"]["rim"]
+    rim = json.loads((results / "quality/report.json").read_text(encoding="utf-8"))["orthophoto"]["rim"]
     print(f"orthophoto: {rim['area_m2']:.0f} m² within the rim, {rim['transparent']:.3%} of it transparent")
 
 

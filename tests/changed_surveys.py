@@ -14,6 +14,7 @@ from photogram.files.clouds.dense_points import points_of_cells, write_dense_laz
 from photogram.files.maps.cogs import write_cog_codes
 from photogram.files.maps.rasters import write_raster
 from photogram.pipeline.stages.surfaces.surface import SOURCES
+from photogram.project.result_files import ResultFolder, within_results
 from photogram.survey import Raster
 
 HEAP, PIT = Heap(-6.0, 3.0, 4.0, 0.6), Heap(7.0, -4.0, 3.0, -0.5)
@@ -37,7 +38,8 @@ def write_polygons(path: Path, polygons: Sequence[Any], names: Sequence[str], cr
 
 def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] | None = None, crs: str = CRS) -> Path:
     """Write an epoch's surface, sigmas, codes and cloud in the units of ``crs``; a hole has no height."""
-    folder.mkdir(parents=True, exist_ok=True)
+    for place in ResultFolder:
+        (folder / place).mkdir(parents=True, exist_ok=True)
     grid = survey.heights.grid
     assert survey.sigma is not None
     assert survey.own is not None
@@ -45,9 +47,13 @@ def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] 
         values = raster.read(grid.whole)
         if hole is not None:
             values[hole] = np.nan
-        write_raster(folder / f"dsm{part}.tif", Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m), crs)
+        write_raster(
+            folder / within_results(f"dsm{part}.tif"),
+            Raster(values, grid.west_map_m, grid.north_map_m, grid.cell_m),
+            crs,
+        )
     codes = np.where(np.isnan(values), 0, 1).astype(np.uint8)
-    write_cog_codes(folder / "dsm_source.tif", grid, crs, [(grid.whole, codes)], categories=SOURCES)
+    write_cog_codes(folder / within_results("dsm_source.tif"), grid, crs, [(grid.whole, codes)], categories=SOURCES)
     height, sigma = survey.heights.read(grid.whole), survey.sigma.read(grid.whole)
     height[np.isnan(values)] = np.nan
     one = np.ones(height.shape, np.uint8)
@@ -55,7 +61,7 @@ def write_results(folder: Path, survey: SurfaceFiles, hole: tuple[slice, slice] 
         grid, grid.whole, height, np.zeros((*height.shape, 3), np.uint8), sigma, one.astype(np.float32), 3 * one, one,
         0 * one,
     )  # fmt: skip
-    write_dense_laz(folder / "dense.laz", grid, crs, [points], coloured=False)
+    write_dense_laz(folder / within_results("dense.laz"), grid, crs, [points], coloured=False)
     return folder
 
 

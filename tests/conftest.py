@@ -394,7 +394,7 @@ def open_browser(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]
 def full_report(finished_survey: Path) -> Any:
     """A report with every key that a report may have: that of the small survey and, for what it does not show, figures
     of no survey; completed as for a project with targets."""
-    report = json.loads((finished_survey / "results/report.json").read_text(encoding="utf-8"))
+    report = json.loads((finished_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     ground_errors = report["diagnosis"]["ground_errors"]
     report |= json.loads((Path(__file__).parent / "data/report_additions.json").read_text(encoding="utf-8"))
     report["diagnosis"]["ground_errors"] = ground_errors

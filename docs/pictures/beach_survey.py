@@ -34,10 +34,10 @@ def read(path: Path, bands: list[int]) -> tuple[FloatArray, float]:
 
 def draw(results: Path) -> Figure:
     """Return the figure of three panels."""
-    photo, _ = read(results / "orthophoto.tif", [1, 2, 3])
-    height, cell_m = read(results / "dsm.tif", [1])
-    relative = results / "dsm_sigma_relative.tif"
-    sigma, _ = read(relative if relative.is_file() else results / "dsm_sigma.tif", [1])
+    photo, _ = read(results / "deliverables/orthophoto.tif", [1, 2, 3])
+    height, cell_m = read(results / "deliverables/dsm.tif", [1])
+    relative = results / "quality/dsm_sigma_relative.tif"
+    sigma, _ = read(relative if relative.is_file() else results / "quality/dsm_sigma.tif", [1])
     figure, axes = plt.subplots(1, 3, figsize=(10.8, 4.3), layout="constrained")
     figure.get_layout_engine().set(h_pad=0.12)
     visible = np.isfinite(photo).all(axis=0)

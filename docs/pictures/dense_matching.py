@@ -46,9 +46,9 @@ def draw_maps(results: Path, box: tuple[float, float, float, float]) -> None:
     """Draw the surface with its filled cells, its standard deviations, and the orthophoto."""
     west, south, east, north = box
     filled, sigma = (read(results / name, box)[0] for name in ("dsm_filled.tif", "dsm_sigma.tif"))
-    source = read(results / "dsm_source.tif", box)[0]
-    picture = np.moveaxis(read(results / "orthophoto.tif", box), 0, -1)
-    with rasterio.open(results / "dsm.tif") as raster:
+    source = read(results / "quality/dsm_source.tif", box)[0]
+    picture = np.moveaxis(read(results / "deliverables/orthophoto.tif", box), 0, -1)
+    with rasterio.open(results / "deliverables/dsm.tif") as raster:
         cell_m = raster.res[0]
     extent = (0.0, east - west, 0.0, north - south)
     figure, ((*axes,), bars) = plt.subplots(2, 3, figsize=(10, 5.2), height_ratios=[1, 0.04], layout="constrained")
@@ -85,14 +85,14 @@ def draw_profile(results: Path, truth: Path, box: tuple[float, float, float, flo
     figure, axes = plt.subplots(2, 1, figsize=(9, 5.2), sharex=True, layout="constrained", height_ratios=[3, 1.2])
     at, height = along(truth)
     axes[0].plot(at, height, color="0.55", lw=3, label="true surface (simulated)")
-    place, filled = along(results / "dsm_filled.tif")
-    kind = along(results / "dsm_source.tif")[1]
+    place, filled = along(results / "deliverables/dsm_filled.tif")
+    kind = along(results / "quality/dsm_source.tif")[1]
     measured = np.where(kind == MEASURED, filled, np.nan)
     axes[0].plot(place, np.where(kind == FILLED, filled, np.nan), ".", color="#e69f00", ms=5, label="filled")
     axes[0].plot(place, measured, ".", color="#0072b2", ms=4, label="measured")
     axes[0].set_ylabel("height, m")
     axes[0].legend(loc="upper right")
-    sigma = 1000 * along(results / "dsm_sigma.tif")[1]
+    sigma = 1000 * along(results / "quality/dsm_sigma.tif")[1]
     off = 1000 * (measured - np.interp(place, at, height))
     axes[1].fill_between(place, -2 * sigma, 2 * sigma, step="mid", color="#56b4e9", alpha=0.5, label="± 2 predicted σ")
     axes[1].plot(place, off, ".", color="#0072b2", ms=3, label="measured − true")

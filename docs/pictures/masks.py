@@ -56,7 +56,7 @@ def survey(folder: Path, *, masked: bool) -> Path:
             camera["mask"] = "gear.png"
     project.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
     run_pipeline(load_project(project))
-    return folder / "results" / "orthophoto.tif"
+    return folder / "results" / "deliverables/orthophoto.tif"
 
 
 def picture(path: Path) -> np.ndarray:

@@ -15,7 +15,7 @@ from photogram.change.files.compared_clouds import ComparedCloud, read_compared,
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
 from photogram.change.stable_ground import Motion, Registration
-from photogram.change.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, labels
+from photogram.change.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, accompanying, labels
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.maps.polygon_files import read_polygons
@@ -160,13 +160,13 @@ def _errors_of(cloud: ComparedCloud, stated: StatedSigma | None, correlation_m: 
     if stated is not None:
         return CloudErrors(np.full(count, stated.own_m), np.full(count, stated.common_m), length)
     stem = "dsm" if cloud.path.name == "dense.laz" else cloud.path.stem.removesuffix("_filled")
-    whole = cloud.path.with_name(f"{stem}_sigma.tif")
+    whole = accompanying(cloud.path, f"{stem}_sigma.tif")
     sigma = cloud.sigma_height_m
     if sigma is None and cloud.path.suffix.lower() in SURFACE_SUFFIXES and whole.is_file():
         sigma = _sampled(open_raster(whole), cloud.points.position_map_m)
     if sigma is None:
         return None
-    part = cloud.path.with_name(f"{stem}_sigma_own.tif")
+    part = accompanying(cloud.path, f"{stem}_sigma_own.tif")
     if not part.is_file():  # the whole of it counts as common
         return CloudErrors(np.zeros(count), sigma, length)
     own = np.minimum(np.nan_to_num(_sampled(open_raster(part), cloud.points.position_map_m)), sigma)

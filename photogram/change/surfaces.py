@@ -14,6 +14,7 @@ from photogram.arrays import BoolArray, Float32Array, FloatArray
 from photogram.errors import ProjectError, ReportError, SettingError
 from photogram.files.maps.rasters import RasterFile, open_raster
 from photogram.grid import MapGrid, Window
+from photogram.project.result_files import ResultFolder, result_path
 from photogram.report.reading import read_report
 from photogram.surface.dsm import FILLED, INTERPOLATED, WATER, measured_in
 
@@ -92,20 +93,31 @@ class SurfaceFiles:
         return f"{self.sigma.path.name}, {self.own.path.name}{report}"
 
 
+SURFACE = "dsm.tif"
+"""The surface of a survey, among its results."""
+
+
 def labels(later: Path, earlier: Path) -> tuple[str, str]:
     """Return what two files are called: by their names, with their folders where these are alike."""
     if later.name != earlier.name:
         return later.name, earlier.name
     folders = [path.absolute().parent for path in (later, earlier)]
-    names = [(f.parent if f.name == "results" else f).name for f in folders]
+    results = [f.parent if f.name in tuple(ResultFolder) else f for f in folders]
+    names = [(f.parent if f.name == "results" else f).name for f in results]
     return f"{names[0]}/{later.name}", f"{names[1]}/{earlier.name}"
 
 
+def in_survey(path: Path, name: str) -> Path:
+    """Return a file of the folder of a survey, or of its results, a path to a file as it is."""
+    if not path.is_dir():
+        return path
+    places = (result_path(path, name), result_path(path / "results", name))
+    return next((place for place in places if place.is_file()), path / name)
+
+
 def surface_path(path: Path) -> Path:
-    """Return the surface of a folder of results, a path to a file as it is."""
-    if path.is_dir():
-        return next((p for p in (path / "dsm.tif", path / "results" / "dsm.tif") if p.is_file()), path / "dsm.tif")
-    return path
+    """Return the surface of the folder of a survey, or of its results, a path to a file as it is."""
+    return in_survey(path, SURFACE)
 
 
 def open_surface(path: Path, stated: StatedSigma | None, correlation_m: float | None) -> SurfaceFiles:
@@ -132,12 +144,19 @@ def open_surface(path: Path, stated: StatedSigma | None, correlation_m: float | 
     length_m = WINDOW_CELLS * heights.grid.cell_m if correlation_m is None else correlation_m
     if not 0.0 < length_m < np.inf:
         raise SettingError("correlation", f"must be a positive length, found {length_m:g} m")
-    block = None if stated is not None or name != "dsm" else _block_errors(path.parent / "report.json")
+    block = None if stated is not None or name != "dsm" else _block_errors(accompanying(path, "report.json"))
     return SurfaceFiles(heights, sigma, own, source, stated, block, length_m)
 
 
+def accompanying(surface: Path, name: str) -> Path:
+    """Return where a file that goes with a surface lies: beside it, or in the other folder of its survey."""
+    beside, results = surface.with_name(name), surface.absolute().parent.parent
+    sorted_out = surface.absolute().parent.name == ResultFolder.DELIVERABLES and not beside.is_file()
+    return results / ResultFolder.QUALITY / name if sorted_out else beside
+
+
 def _beside(heights: RasterFile, name: str) -> RasterFile | None:
-    path = heights.path.with_name(name)
+    path = accompanying(heights.path, name)
     if not path.is_file():
         return None
     raster = open_raster(path)

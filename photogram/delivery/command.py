@@ -19,7 +19,8 @@ def deliver(
         typer.Option("--to", help=f"{_FILES}; may be repeated; default: all.", show_default=False),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(help="Folder to write to; default: that of the results.", show_default=False)
+        Path | None,
+        typer.Option(help="Folder to write to; default: that of the deliverables.", show_default=False),
     ] = None,
     tolerance_m: Annotated[
         float | None,
@@ -38,9 +39,13 @@ def deliver(
         ),
     ] = None,
     photographs: Photographs = None,
+    package: Annotated[
+        bool,
+        typer.Option("--zip", help="Pack all results into survey.zip too, with a record of what they were made of."),
+    ] = False,
 ) -> None:
     """Hand a finished survey over to CAD and GIS."""
     check_project_file(project)
     from photogram.delivery.work import run
 
-    run(project, products or list(Product), output, tolerance_m, surface_error_m, photographs)
+    run(project, products or list(Product), output, tolerance_m, surface_error_m, photographs, package=package)

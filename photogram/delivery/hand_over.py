@@ -9,6 +9,7 @@ from photogram.delivery.google_earth import write_kmz
 from photogram.delivery.land_xml import write_land_xml
 from photogram.delivery.model.glb_model import write_model
 from photogram.delivery.names import FILES, Product
+from photogram.delivery.package import PACKAGE, input_record, write_package
 from photogram.delivery.qgis_project import write_project
 from photogram.delivery.shapefiles import write_shapefiles
 from photogram.delivery.survey_contents import SurveyContents, survey_contents
@@ -28,7 +29,9 @@ from photogram.geodesy.crs import NO_CRS
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
+from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import read_record, recorded
+from photogram.project.result_files import ResultFolder
 
 _NO_DEGREES = "and Google Earth needs longitude and latitude"
 
@@ -53,39 +56,49 @@ def deliver(
     tolerance_m: float | None = None,
     surface_error_m: float | None = None,
     photographs: Path | str | None = None,
+    package: bool = False,
 ) -> tuple[Delivered, ...]:
-    """Write products of a finished survey for CAD and GIS into a folder, that of its results unless ``output`` names
-    another; their checksums stand in its ``checksums.sha256``.
+    """Write products of a finished survey for CAD and GIS into a folder, the deliverables of its results unless
+    ``output`` names another; their checksums stand in its ``checksums.sha256``.
 
     ``products`` are names of ``Product``. Contour lines are simplified within ``tolerance_m``, half a cell if None;
     the triangulated surface is off by ``surface_error_m`` at most, a tenth of the contour interval if None. A file that
-    photogram has not written, or that somebody has changed since, is not replaced. Raises ExchangeError for
-    such a file, where the survey is not finished as the project now stands, or has no scale; ProjectError where the
-    project file is wrong; WorkspaceError where a file cannot be read or written.
+    photogram has not written, or that somebody has changed since, is not replaced. With ``package`` all results are
+    packed into ``survey.zip`` too, with a record of what they were made of, in the folder of results or in ``output``.
+    Raises ExchangeError for such a file, where the survey is not finished as the project now stands, or has no scale;
+    ProjectError where the project file is wrong; WorkspaceError where a file cannot be read or written.
     """
     asked = _Asked(tolerance_m, surface_error_m)
     for name, length in (("tolerance_m", tolerance_m), ("surface_error_m", surface_error_m)):
         if length is not None and not 0.0 <= length < float("inf"):
             raise ExchangeError(f"{name} {length:g}: is no length: give 0 or more, in metres")
     survey = load_project(Path(project), None if photographs is None else Path(photographs))
-    folder = survey.results if output is None else Path(output)
+    folder = survey.results / ResultFolder.DELIVERABLES if output is None else Path(output)
     chosen = _known(products)
-    for product in chosen:
-        for name in FILES[product]:
-            _check_replaceable(folder / name)
+    archive = (survey.results if output is None else folder) / PACKAGE
+    for path in (*(folder / name for product in chosen for name in FILES[product]), *([archive] if package else [])):
+        _check_replaceable(path)
     with open_run(survey) as run:
-        # not the results, which a folder that was moved seems to lack: what is handed over comes from stages before
+        # not the results, which may lack a file: what is handed over comes from stages before
         last = BEFORE_RESULTS[-1].name
         if run.workspace.mark(last) is None or not is_up_to_date(run, last):
             raise ExchangeError(f"{survey.path}: is not finished as it now stands: run photogram adjust first")
         if not block_as_adjusted(run).has_scale:
             raise ExchangeError(f"{survey.path}: the network has no scale, so nothing is in metres: give a distance")
-        contents = survey_contents(run)
+        if package and not is_up_to_date(run, "results"):
+            raise ExchangeError(f"{survey.results}: is not complete: run photogram adjust first")
+        contents, record = survey_contents(run), input_record(run) if package else None
     if contents.crs == NO_CRS and Product.KMZ in chosen and len(chosen) < len(Product):
         raise ExchangeError(f"{survey.path}: crs: none, {_NO_DEGREES}: give the CRS of the map, or other products")
     make_folder(folder)
     with recorded(folder):
-        return tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
+        written = tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
+    if output is None:
+        write_readme(survey.results)
+    if record is None:
+        return written
+    with recorded(archive.parent):
+        return (*written, Delivered(archive, write_package(archive, survey.path, survey.results, record), ()))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from photogram.delivery.qgis_styles import (
     NORMAL,
     SIGMA_RAMP,
     by_value,
+    codes_renderer,
     hillshade_renderer,
     labels,
     line,
@@ -32,6 +33,10 @@ from photogram.files.maps.point_files import GROUND_POINTS, write_ground_points
 from photogram.files.maps.rasters import value_range
 from photogram.files.maps.seam_files import OUTLINE
 from photogram.geodesy.crs import NO_CRS, any_crs, map_units, plan_of
+from photogram.pipeline.stages.surfaces.plan_quality import PICTURE_SOURCES
+from photogram.pipeline.stages.surfaces.relief import TERRAIN_SOURCES
+from photogram.pipeline.stages.surfaces.surface import SOURCES
+from photogram.project.result_files import result_path
 from photogram.wording import things
 
 POINTS_FILE = "ground_points.gpkg"
@@ -60,6 +65,8 @@ class _Layer:
     crs: str = ""
     """Its CRS, that of the project where it is empty."""
     visible: bool = True
+    of_codes: bool = False
+    """Of a raster whose values are not to be interpolated."""
 
     @property
     def id(self) -> str:
@@ -102,12 +109,13 @@ def _groups(contents: SurveyContents, folder: Path) -> Iterator[_Group]:
     yield _Group("Contour lines", _there(_contours(contents, symbol)))
     if contents.on_plane:
         return
-    rim = _Layer("Rim", results / "outline.gpkg", single(outline("227,26,28", 0.4)), OUTLINE, "Polygon")
-    picture = _Layer("Orthophoto", results / "orthophoto.tif", picture_renderer())
+    rim = _Layer("Rim", result_path(results, "outline.gpkg"), single(outline("227,26,28", 0.4)), OUTLINE, "Polygon")
+    picture = _Layer("Orthophoto", result_path(results, "orthophoto.tif"), picture_renderer())
     yield _Group("Orthophoto", _there([rim, picture]))
-    yield _Group("Terrain", _relief("Terrain model", results / "dtm.tif"))
-    yield _Group("Surface", _relief("Surface model", results / "dsm.tif"))
-    yield _Group("Standard deviation of heights", list(_sigmas(results)), visible=False)
+    yield _Group("Terrain", _relief("Terrain model", result_path(results, "dtm.tif")))
+    yield _Group("Surface", _relief("Surface model", result_path(results, "dsm.tif")))
+    yield _Group("Standard deviations", list(_sigmas(results)), visible=False)
+    yield _Group("Measured or interpolated", _there(_sources(results)), visible=False)
 
 
 def _there(layers: Iterable[_Layer]) -> list[_Layer]:
@@ -129,9 +137,9 @@ def _ground_points(path: Path, symbol: str) -> _Layer:
 def _photographs(results: Path) -> Iterator[_Layer]:
     place = single(marker("cross", "60,60,60", 2.5))
     name = labels('"name"', "60,60,60", 7.0, along_line=False)
-    yield _Layer("Positions", results / "photographs.geojson", place, "", "Point", name, crs=WGS84)
+    yield _Layer("Positions", result_path(results, "photographs.geojson"), place, "", "Point", name, crs=WGS84)
     shown = single(outline("60,60,60", 0.2))
-    yield _Layer("Footprints", results / "footprints.geojson", shown, "", "Polygon", crs=WGS84)
+    yield _Layer("Footprints", result_path(results, "footprints.geojson"), shown, "", "Polygon", crs=WGS84)
 
 
 def _contours(contents: SurveyContents, symbol: str) -> Iterator[_Layer]:
@@ -149,7 +157,7 @@ def _contours(contents: SurveyContents, symbol: str) -> Iterator[_Layer]:
     text = f'if("index", format_number("height_{symbol}", {decimals}), NULL)'
     shown = labels(text, "120,72,24", 8.0, along_line=True)
     title = f"Contour lines of the {contents.contours_of}"
-    yield _Layer(title, contents.results / "contours.gpkg", look, CONTOURS, "Line", shown)
+    yield _Layer(title, result_path(contents.results, "contours.gpkg"), look, CONTOURS, "Line", shown)
 
 
 def _relief(title: str, path: Path) -> list[_Layer]:
@@ -163,12 +171,28 @@ def _relief(title: str, path: Path) -> list[_Layer]:
 
 
 def _sigmas(results: Path) -> Iterator[_Layer]:
-    named = (("Standard deviation", "dsm_sigma.tif"), ("The same without the datum", "dsm_sigma_relative.tif"))
+    named = (
+        ("Surface heights", "dsm_sigma.tif"),
+        ("The same without the datum", "dsm_sigma_relative.tif"),
+        ("Terrain heights", "dtm_sigma.tif"),
+        ("Orthophoto in plan", "orthophoto_sigma.tif"),
+    )
     for title, name in named:
-        path = results / name
+        path = result_path(results, name)
         if path.is_file():
             look = ramp_renderer(SIGMA_RAMP, *_range(path, 0.02, 0.95), 3)
             yield _Layer(title, path, look, visible=name == "dsm_sigma.tif")
+
+
+def _sources(results: Path) -> Iterator[_Layer]:
+    named = (
+        ("Cells of the surface", "dsm_source.tif", SOURCES),
+        ("Cells of the terrain", "dtm_source.tif", TERRAIN_SOURCES),
+        ("Pixels of the orthophoto", "orthophoto_source.tif", PICTURE_SOURCES),
+    )
+    for title, name, categories in named:
+        look = codes_renderer([(c.code, c.name, c.colour) for c in categories])
+        yield _Layer(title, result_path(results, name), look, visible=name == "dsm_source.tif", of_codes=True)
 
 
 def _range(path: Path, low: float, high: float) -> tuple[float, float]:
@@ -242,7 +266,8 @@ def _map_layer(layer: _Layer, source: str, kind: str, plan: str) -> Element:
     else:
         pipe = SubElement(element, "pipe")
         # heights are interpolated before they are drawn: slopes of a hillshade between cells would be stripes
-        sampled = {"enabled": "true", "zoomedInResamplingMethod": "bilinear", "zoomedOutResamplingMethod": "bilinear"}
+        method = "nearestNeighbour" if layer.of_codes else "bilinear"
+        sampled = {"enabled": "true", "zoomedInResamplingMethod": method, "zoomedOutResamplingMethod": method}
         SubElement(SubElement(pipe, "provider"), "resampling", {**sampled, "maxOversampling": "2"})
         pipe.append(layer.look)
         SubElement(pipe, "resamplingStage").text = "provider"

@@ -49,6 +49,16 @@ def ramp_renderer(colours: Sequence[str], low: float, high: float, decimals: int
     return renderer
 
 
+def codes_renderer(codes: Sequence[tuple[int, str, tuple[int, int, int]]]) -> Element:
+    """Return how a band of codes is drawn, each code with its title and colour; others are transparent."""
+    renderer = Element("rasterrenderer", {"type": "paletted", "band": "1", "alphaBand": "-1", "opacity": "1"})
+    palette = SubElement(renderer, "colorPalette")
+    for code, title, colour in codes:
+        shown = "#" + "".join(f"{part:02x}" for part in colour)
+        SubElement(palette, "paletteEntry", {"value": str(code), "label": title, "color": shown, "alpha": "255"})
+    return renderer
+
+
 def hillshade_renderer() -> Element:
     """Return how heights are drawn as relief, lit from the north-west."""
     return Element(

@@ -17,6 +17,8 @@ def run(
     tolerance_m: float | None,
     surface_error_m: float | None,
     photographs: Path | None,
+    *,
+    package: bool,
 ) -> None:
     """Write the products, and say of each where it is, what it holds and what it does not."""
     made = deliver(
@@ -26,6 +28,7 @@ def run(
         tolerance_m=tolerance_m,
         surface_error_m=surface_error_m,
         photographs=photographs,
+        package=package,
     )
     for delivered in made:
         if delivered.holds:

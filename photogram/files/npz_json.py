@@ -60,10 +60,15 @@ def file_fingerprint(path: Path) -> str:
         raise WorkspaceError(f"{path}: cannot be read: {error.strerror}") from error
 
 
+def text_of(value: object) -> str:
+    """Return ``value`` as JSON; NaN becomes null."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n"
+
+
 def write_json(path: Path, value: object) -> None:
     """Write ``value`` as JSON, whole or not at all; NaN becomes null."""
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(text_of(value), encoding="utf-8")
 
 
 def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any value

@@ -9,23 +9,27 @@ from photogram.pipeline.stages.publishing.report_files import PRINTED, VIEW, pri
 from photogram.pipeline.store.results_record import read_record
 from photogram.pipeline.view import write_view
 from photogram.project.project import Project
+from photogram.project.result_files import ResultFolder, result_path
 from photogram.wording import some
 
 
 def prints_of(project: Project) -> tuple[str, ...]:
     """Return which of report.pdf and view.html lie in the folder of results; new results remove them."""
-    return tuple(name for name in (PRINTED, VIEW) if (project.results / name).is_file())
+    return tuple(name for name in (PRINTED, VIEW) if result_path(project.results, name).is_file())
 
 
 def products_of(project: Project) -> tuple[str, ...]:
-    """Return which files of photogram, but report.pdf and view.html, lie in the folder of results itself."""
-    names = sorted(set(read_record(project.results)) - {PRINTED, VIEW})
-    return tuple(name for name in names if "/" not in name and (project.results / name).is_file())
+    """Return which files of photogram, but report.pdf and view.html, lie in the folder of results and in
+    its three folders."""
+    names = [name for name in sorted(read_record(project.results)) if Path(name).name not in (PRINTED, VIEW)]
+    places = ("", *ResultFolder)
+    return tuple(n for n in names if n.rpartition("/")[0] in places and (project.results / n).is_file())
 
 
 def removed_products(project: Project, before: Collection[str]) -> list[str]:
     """Return a sentence on the files that were there ``before`` and that new results have removed, if any."""
-    gone = [name for name in before if not (project.results / name).exists()]
+    left = {path.name for place in ("", *ResultFolder) for path in (project.results / place).glob("*")}
+    gone = [Path(name).name for name in before if Path(name).name not in left]
     return [f"{project.results}: removed {some(gone)}, made from earlier results."] if gone else []
 
 
@@ -34,14 +38,13 @@ def renewed_prints(project: Project, before: Collection[str]) -> list[str]:
     sentence of each, the reason of one that cannot be made."""
     made, said = {PRINTED: lambda: print_report(project), VIEW: lambda: write_view(project.results)}, list[str]()
     for name in before:
-        if (project.results / name).is_file():
+        if result_path(project.results, name).is_file():
             continue
         try:
             said.append(f"{made[name]()}: made anew, of these results.")
         except PhotogramError as error:
-            said.append(
-                f"{project.results / name}: removed, since it showed earlier results, and not made anew: {error}"
-            )
+            place = result_path(project.results, name)
+            said.append(f"{place}: removed, since it showed earlier results, and not made anew: {error}")
     return said
 
 

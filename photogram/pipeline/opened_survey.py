@@ -24,6 +24,7 @@ from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.project.project import Project
+from photogram.project.result_files import result_path
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
@@ -137,7 +138,7 @@ class OpenedSurvey:
     def report(self) -> Report:
         """Return every figure of the report, as report.json holds it (docs/report.md explains each). Needs the stage
         `results`."""
-        return self._read("results", lambda run: read_report(run.project.results / NUMBERS))
+        return self._read("results", lambda run: read_report(result_path(run.project.results, NUMBERS)))
 
     def _number(self, photograph: str) -> int:
         names = [p.name for p in self.project.photographs]

@@ -44,6 +44,7 @@ from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.work_orders import check_pool, open_order
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
+from photogram.project.result_files import within_results
 from photogram.project.validation.heights import stop_at_contradictions
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
@@ -221,7 +222,7 @@ def run_pipeline(
         if foreign:
             raise WorkspaceError(f"{project.results}: {some(foreign)}: {FOREIGN}: {FOREIGN_REMEDY}")
         _Progress(run, watcher or Watcher(), first, last).go_on()
-    return read_report(project.results / NUMBERS) if last == len(STAGES) - 1 else None
+    return read_report(project.results / within_results(NUMBERS)) if last == len(STAGES) - 1 else None
 
 
 @dataclass(frozen=True)

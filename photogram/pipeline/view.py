@@ -7,14 +7,16 @@ from pathlib import Path
 from types import MappingProxyType
 
 from photogram.errors import PhotogramError, ReportError
-from photogram.files.atomic import replacing
+from photogram.files.atomic import make_folder, replacing
 from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE, project_file
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
+from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import recorded
+from photogram.project.result_files import result_path
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
@@ -37,7 +39,7 @@ def results_folder(given: Path) -> Path:
     """Return the folder of results that is given, itself or by the project file or the folder of its survey. Raises
     ProjectError where that project cannot be read."""
     project = project_file(given)
-    return load_project(project).results if isfile(project) and not isfile(given / NUMBERS) else given
+    return load_project(project).results if isfile(project) and not isfile(result_path(given, NUMBERS)) else given
 
 
 def read_results(folder: Path) -> Report:
@@ -45,7 +47,7 @@ def read_results(folder: Path) -> Report:
     is damaged or something else."""
     if not isdir(folder):
         raise ReportError(f"{folder}: folder not found: give the results folder of a survey")
-    path = folder / NUMBERS
+    path = result_path(folder, NUMBERS)
     if not path.is_file():
         raise ReportError(f"{folder}: not a results folder, {NUMBERS} is missing: run photogram adjust first")
     report = read_report(path)
@@ -57,7 +59,7 @@ def read_results(folder: Path) -> Report:
 
 def cloud_of(folder: Path) -> Path:
     """Return the densest cloud of a folder of results. Raises ReportError where there is none."""
-    cloud = next((folder / name for name in CLOUDS if (folder / name).is_file()), None)
+    cloud = next((path for name in CLOUDS if (path := result_path(folder, name)).is_file()), None)
     if cloud is None:
         raise ReportError(f"{folder}: no point cloud found, neither {' nor '.join(CLOUDS)}: run photogram adjust again")
     return cloud
@@ -108,9 +110,10 @@ def write_page(
     points: int,
     progress: Progress = silent,
 ) -> Path:
-    """Write view.html beside the results, with at most ``points`` points of a cloud; returns its path. Raises
+    """Write view.html to the results, with at most ``points`` points of a cloud; returns its path. Raises
     ProjectError where the cloud cannot be read, WorkspaceError where the page cannot be written."""
-    target = results / VIEW
+    target = result_path(results, VIEW)
+    make_folder(target.parent)
     progress(0, 3, f"reading {cloud.name}")
     described = read_described(cloud)
     progress(1, 3, f"thinning and packing {cloud.name}")
@@ -118,6 +121,7 @@ def write_page(
     progress(2, 3, f"writing {VIEW}")
     with recorded(results), replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")
+    write_readme(results)
     progress(3, 3, "")
     return target
 

@@ -8,13 +8,12 @@ from os.path import islink
 from pathlib import Path
 
 from photogram.files.stage_folders import stage_folder_around
-from photogram.project.document import Document, Key
+from photogram.project.document import Document, Key, read_entry
+from photogram.project.result_files import FORMER_FOLDERS, WRITTEN_IN_RESULTS
 from photogram.project.schema import PhotographEntry, ProjectFile
 
-WRITTEN_IN_RESULTS = ("", "pictures", "study", "masks")
-"""Folders within that of the results which photogram writes to, itself included."""
-
 GRID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
+_OWN_KEY: Key = ("work",)
 _PROJECT_FILES = (".yaml", ".yml")
 
 
@@ -27,7 +26,7 @@ def _file_named(section: object, key: str) -> str | None:
 def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, Path]]:
     """Yield every file but the photographs that a project reads, and the key that names it; the project file itself
     under the key of the work folder."""
-    yield ("work",), document.path.absolute()
+    yield _OWN_KEY, document.path.absolute()
     named: list[tuple[Key, str | None]] = [
         (("comparison", "reference"), file.comparison.reference),
         (("orthophoto", "seams"), _file_named(file.orthophoto, "seams")),
@@ -46,6 +45,14 @@ def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, P
         named.append((("heights", "grid"), file.heights.grid))
         named.append((("heights", "geoid"), geoid if geoid and Path(geoid).suffix.lower() in GRID_SUFFIXES else None))
     yield from ((key, document.base / name) for key, name in named if name is not None)
+
+
+def input_files(project: Path) -> dict[str, Path]:
+    """Return every file but itself and the photographs that a project file names, by the keys that name it; of a
+    camera's mask, say, ``cameras.NAME.mask``. Raises ProjectError where the project file cannot be read."""
+    document = Document(project)
+    named = _input_files(document, read_entry(document, ProjectFile))
+    return {".".join(map(str, key)): path for key, path in named if key != _OWN_KEY}
 
 
 def check_folders(
@@ -94,7 +101,7 @@ def _check_same(document: Document, work: Path, results: Path, folder: Path | No
 
 def _check_results(document: Document, results: Path, places: Sequence[tuple[Key, Path]]) -> None:
     """Note inputs that lie where photogram writes its results: one of the same name would be written over."""
-    written = {(results / name).resolve() for name in WRITTEN_IN_RESULTS}
+    written = {(results / name).resolve() for name in ("", *WRITTEN_IN_RESULTS, *FORMER_FOLDERS)}
     for _, place in places:
         if place.suffix.lower() in _PROJECT_FILES:
             continue  # no result is called so

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
+from photogram.project.result_files import is_picture
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.asprs import AXES
 from photogram.report.client.contents import client_part
@@ -222,7 +223,7 @@ def _lights(report: Report) -> list[LightRecord]:
 def _deliverables(report: Report) -> Row:
     """Return the files that are listed, and how many pictures there are beside them."""
     listed = report["deliverables"]
-    files = [entry for entry in listed if not entry["file"].startswith("pictures/")]
+    files = [entry for entry in listed if not is_picture(entry["file"])]
     return {"files": files, "pictures": len(listed) - len(files)}
 
 

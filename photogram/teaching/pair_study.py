@@ -15,6 +15,7 @@ from photogram.pipeline.pipeline import open_run
 from photogram.pipeline.stages.features import stored_features
 from photogram.pipeline.stages.matches import stored_matches
 from photogram.project.project import Project
+from photogram.project.result_files import STUDY
 from photogram.sfm.tie_points.matching import candidate_matches
 from photogram.teaching.figures import inliers_by_iteration, inliers_by_sample_size
 from photogram.teaching.ransac_study import RansacStudy, Residual, needed_iterations
@@ -72,10 +73,11 @@ def study_pair(
 
 
 def write_study(results: Path, study: PairStudy) -> Path:
-    """Write the figures of a study and pictures of them to the folder ``study`` of a folder of results; returns it.
+    """Write the figures of a study and pictures of them within a folder of results; returns where they are.
     Raises WorkspaceError where a file cannot be written."""
-    result, folder = study.result, results / "study"
+    result, folder = study.result, results / STUDY
     make_folder(results)
+    make_folder_within(folder.parent)
     make_folder_within(folder)
     for number, threshold in enumerate(result.thresholds_px):
         unit = "" if result.residual == "algebraic" else "px"

@@ -13,6 +13,7 @@ from photogram.pipeline.stage import Watcher
 from photogram.pipeline.stages.publishing.report_files import PAGE
 from photogram.project.findings import Finding
 from photogram.project.project import Project
+from photogram.project.result_files import within_results
 from photogram.report.record.report import Report
 from photogram.terminal.console import bars, console, steps
 from photogram.terminal.cost_table import cost_line
@@ -56,7 +57,7 @@ def results_folder(survey: Project) -> str:
 def say_results(survey: Project) -> None:
     """Say where the report is, and how to see the survey in 3-D."""
     folder = results_folder(survey)
-    console.print(f"Report: {escape(os.path.join(folder, PAGE))}", soft_wrap=True)
+    console.print(f"Report: {escape(os.path.join(folder, within_results(PAGE)))}", soft_wrap=True)
     console.print(f"3-D view: photogram view {escape(shlex.quote(folder))} --open", soft_wrap=True)
 
 
@@ -119,7 +120,7 @@ class Brief(Voice):
             return
         for text in warnings_of(report):
             say_warning(text)
-        place = os.path.join(results_folder(survey), PAGE)
+        place = os.path.join(results_folder(survey), within_results(PAGE))
         console.print(f"{escape(report['verdict']['sentence'])} {escape(place)}", soft_wrap=True)
 
 

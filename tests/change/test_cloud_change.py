@@ -28,7 +28,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def request(site: Path, method: Method) -> CloudRequest:
-    return CloudRequest(site / "later/results/dense.laz", site / "earlier/results/dense.laz", method)
+    return CloudRequest(
+        site / "later/results/deliverables/dense.laz", site / "earlier/results/deliverables/dense.laz", method
+    )
 
 
 def at_top(points: laspy.LasData) -> np.ndarray:
@@ -67,7 +69,7 @@ def test_without_sigmas_the_level_is_by_roughness_and_says_so(site: Path, tmp_pa
     pytest.importorskip("py4dgeo")
     rough = {}
     for name in ("earlier", "later"):
-        points = np.asarray(laspy.read(site / name / "results/dense.laz").xyz)
+        points = np.asarray(laspy.read(site / name / "results/deliverables/dense.laz").xyz)
         write_xyz(tmp_path / f"{name}.txt", PointCloud(points))
         rough[name] = tmp_path / f"{name}.txt"
     asked = CloudRequest(rough["later"], rough["earlier"], "m3c2")
@@ -86,7 +88,7 @@ def test_without_sigmas_the_level_is_by_roughness_and_says_so(site: Path, tmp_pa
 
 
 def test_distances_to_a_mesh_of_a_surface(site: Path, tmp_path: Path) -> None:
-    asked = replace(request(site, "mesh"), earlier=site / "earlier/results/dsm.tif")
+    asked = replace(request(site, "mesh"), earlier=site / "earlier/results/deliverables/dsm.tif")
     change = compare_clouds(asked, tmp_path)  # as docs/comparison.md has it
     points = laspy.read(tmp_path / "distances.laz")
     assert set(points.point_format.extra_dimension_names) == {"distance", "lod", "significant"}
@@ -123,7 +125,7 @@ def test_what_cannot_be_compared_is_refused_and_nothing_is_written(site: Path, t
         (replace(asked, later=tmp_path / "cut.laz"), PhotogramError, "cut.laz"),
         (replace(asked, coregister="rigid"), PhotogramError, "name the ground that has not moved"),
         (
-            replace(request(site, "m3c2"), earlier=site / "earlier/results/dsm.tif"),
+            replace(request(site, "m3c2"), earlier=site / "earlier/results/deliverables/dsm.tif"),
             PhotogramError,
             "M3C2 compares clouds",
         ),

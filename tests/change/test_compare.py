@@ -75,7 +75,11 @@ def test_without_py4dgeo_the_command_says_what_to_install(
     site: Path, tmp_path: Path, photogram: Photogram, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "py4dgeo", None)
-    clouds = (site / "later/results/dense.laz", "--reference", site / "earlier/results/dense.laz")
+    clouds = (
+        site / "later/results/deliverables/dense.laz",
+        "--reference",
+        site / "earlier/results/deliverables/dense.laz",
+    )
     outcome = photogram("compare", *clouds, "--method", "m3c2", "--output", tmp_path / "out")
     assert outcome.code == 1
     assert "pip install 'photogram[change]'" in outcome.err
@@ -92,7 +96,13 @@ def test_without_py4dgeo_the_command_says_what_to_install(
         (("later", "--reference", "earlier", "--sigma", "-1", "0"), "two lengths in m are expected"),
         (("later", "--reference", "nowhere"), "file not found"),
         (
-            ("later/results/dense.laz", "--reference", "earlier/results/dense.laz", "--polygons", "heaps.gpkg"),
+            (
+                "later/results/deliverables/dense.laz",
+                "--reference",
+                "earlier/results/deliverables/dense.laz",
+                "--polygons",
+                "heaps.gpkg",
+            ),
             "take none of the options of two epochs",
         ),
     ],

@@ -14,6 +14,7 @@ from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_pol
 
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.errors import PhotogramError, ProjectError
+from photogram.project.result_files import within_results
 from photogram.wording import silent
 
 
@@ -27,7 +28,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def request(site: Path) -> SurfaceRequest:
-    return SurfaceRequest(site / "later", site / "earlier" / "results" / "dsm.tif", site / "heaps.gpkg")
+    return SurfaceRequest(site / "later", site / "earlier" / "results" / "deliverables/dsm.tif", site / "heaps.gpkg")
 
 
 def true_m3(heap: object) -> float:
@@ -117,12 +118,12 @@ def test_stable_ground_is_reported_and_taken_off_only_when_asked_for(site: Path,
 
 def test_filled_cells_are_said(site: Path, tmp_path: Path) -> None:
     results = shutil.copytree(site / "later", tmp_path / "later") / "results"
-    with rasterio.open(results / "dsm.tif") as file:
+    with rasterio.open(results / "deliverables/dsm.tif") as file:
         profile, height = file.profile, file.read(1)
     height[height == -9999.0] = height[height != -9999.0].max()
-    with rasterio.open(results / "dsm_filled.tif", "w", **{**profile, "driver": "GTiff"}) as file:
+    with rasterio.open(results / "deliverables/dsm_filled.tif", "w", **{**profile, "driver": "GTiff"}) as file:
         file.write(height, 1)
-    asked = replace(request(site), later=results / "dsm_filled.tif")
+    asked = replace(request(site), later=results / "deliverables/dsm_filled.tif")
     change = compare_surfaces(asked, tmp_path / "out", silent)
     assert change.interpolated_cells == 20
     assert change.volumes[0].interpolated_m2 == pytest.approx(0.8)
@@ -152,7 +153,7 @@ def test_a_damaged_raster_is_one_error_and_nothing_is_written(
     site: Path, tmp_path: Path, damage: object, name: str
 ) -> None:
     later = shutil.copytree(site / "later", tmp_path / "later")
-    damage(later / "results" / name)  # type: ignore[operator]
+    damage(later / "results" / within_results(name))  # type: ignore[operator]
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(PhotogramError, match=name):
         compare_surfaces(replace(request(site), later=later), tmp_path / "out", silent)

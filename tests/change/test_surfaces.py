@@ -31,7 +31,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_what_lies_beside_a_surface_is_found(results: Path) -> None:
-    assert surface_path(results.parent) == results / "dsm.tif"
+    assert surface_path(results.parent) == results / "deliverables/dsm.tif"
     surface = open_surface(results, None, None)
     assert surface.correlation_m == pytest.approx(1.0)
     assert surface.block is None
@@ -101,7 +101,7 @@ def test_what_a_report_says_of_the_block_is_read(adjusted_survey: Path) -> None:
     results = adjusted_survey / "results"
     surface = open_surface(results, None, None)
     assert surface.block is not None
-    report = json.loads((results / "report.json").read_text())
+    report = json.loads((results / "quality/report.json").read_text())
     assert surface.block.shift_north_m == report["dsm"]["datum_sigma_m"]["northing"]
     assert 0.0 < surface.block.tilt < 0.01
     assert surface.sigma_source == "dsm_sigma.tif, dsm_sigma_own.tif, report.json"
@@ -109,7 +109,10 @@ def test_what_a_report_says_of_the_block_is_read(adjusted_survey: Path) -> None:
 
 def test_surfaces_are_told_apart_by_their_folders() -> None:
     assert labels(Path("/a/b.tif"), Path("/c/d.tif")) == ("b.tif", "d.tif")
-    assert labels(Path("/s/may/results/dsm.tif"), Path("/s/june/dsm.tif")) == ("may/dsm.tif", "june/dsm.tif")
+    assert labels(Path("/s/may/results/deliverables/dsm.tif"), Path("/s/june/dsm.tif")) == (
+        "may/dsm.tif",
+        "june/dsm.tif",
+    )
 
 
 def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:

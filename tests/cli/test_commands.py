@@ -157,7 +157,7 @@ def test_photographs_may_lie_in_another_folder(adjusted_survey: Path, photogram:
 def test_adjust_prints_the_essentials_of_the_report(adjusted_survey: Path, photogram: Run) -> None:
     outcome = photogram("adjust", adjusted_survey / "project.yaml")
     assert outcome.code == 0, outcome.err
-    report = json.loads((adjusted_survey / "results/report.json").read_text())
+    report = json.loads((adjusted_survey / "results/quality/report.json").read_text())
     for photograph in report["photographs"].values():
         assert f"{photograph['resection']['gnss_difference_m']:.3f}" in outcome.out
     adjustment, check = report["adjustment"], report["check_points"]
@@ -256,7 +256,7 @@ def test_study_ransac(adjusted_survey: Path, photogram: Run, monkeypatch: pytest
     outcome = photogram("study", "ransac", project, *options)
     assert outcome.code == 0, outcome.err
 
-    folder = adjusted_survey / "results/study"
+    folder = adjusted_survey / "results/technical/study"
     names = ["ransac_iterations_1px.png", "ransac_iterations_3px.png", "ransac_sample_size.png"]
     assert sorted(p.name for p in folder.iterdir()) == ["ransac.json", *names]
     for name in names:
@@ -283,7 +283,7 @@ def test_study_ransac(adjusted_survey: Path, photogram: Run, monkeypatch: pytest
 
 
 def test_study_is_the_same_for_the_same_seed(adjusted_survey: Path, photogram: Run) -> None:
-    path = adjusted_survey / "results/study/ransac.json"
+    path = adjusted_survey / "results/technical/study/ransac.json"
     options = ("--iterations", "3", "--sample-sizes", "8", "--thresholds", "1")
 
     def study(seed: int) -> Any:

@@ -20,15 +20,16 @@ Photogram = Callable[..., Any]
 def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> None:
     results = adjusted_survey / "results"
     first = deliver(adjusted_survey)
-    assert [delivered.path for delivered in first] == [results / FILES[product][0] for product in Product]
+    folder = results / "deliverables"
+    assert [delivered.path for delivered in first] == [folder / FILES[product][0] for product in Product]
     record = read_record(results)
     for delivered in first:
-        assert record[delivered.path.name] == hashlib.sha256(delivered.path.read_bytes()).hexdigest()
-    assert "dsm.tif" in record, "what a run has recorded stays recorded"
+        assert record[f"deliverables/{delivered.path.name}"] == hashlib.sha256(delivered.path.read_bytes()).hexdigest()
+    assert "deliverables/dsm.tif" in record, "what a run has recorded stays recorded"
     again = deliver(adjusted_survey)
     assert read_record(results) == record, "the same survey gives the same bytes"
     assert again == first
-    own = results / FILES[Product.DXF][0]
+    own = folder / FILES[Product.DXF][0]
     own.write_text("edited\n")
     with pytest.raises(ExchangeError, match="was changed since photogram wrote it"):
         deliver(adjusted_survey)

@@ -25,6 +25,7 @@ from photogram.files.maps.point_files import GROUND_POINTS, write_ground_points
 from photogram.files.maps.rasters import write_raster
 from photogram.files.maps.seam_files import write_seams
 from photogram.grid import MapGrid
+from photogram.project.result_files import ResultFolder, within_results
 
 MAP = "EPSG:25832"
 
@@ -33,21 +34,22 @@ MAP = "EPSG:25832"
 def contents(tmp_path: Path) -> SurveyContents:
     """What is handed over of the hill, with its products in a folder of results."""
     results, survey = tmp_path / "results", handed_over(MAP)
-    results.mkdir()
-    for name in ("dsm.tif", "dsm_sigma.tif"):
-        write_raster(results / name, hill(), MAP)
+    for folder in ResultFolder:
+        (results / folder).mkdir(parents=True)
+    for name in ("dsm.tif", "dsm_sigma.tif", "orthophoto_sigma.tif"):
+        write_raster(results / within_results(name), hill(), MAP)
     grid = MapGrid.of(hill())
     grey = np.full((grid.rows, grid.columns, 4), 255, np.uint8)
     grey[..., :3] = 150
-    write_cog_rgba(results / "orthophoto.tif", grid, MAP, [(grid.whole, grey)])
+    write_cog_rgba(results / "deliverables/orthophoto.tif", grid, MAP, [(grid.whole, grey)])
     assert survey.contours is not None
-    write_contours(results / "contours.gpkg", survey.contours, MAP)
-    write_seams(results / "outline.gpkg", survey.rim, [], MAP)
+    write_contours(results / "deliverables/contours.gpkg", survey.contours, MAP)
+    write_seams(results / "deliverables/outline.gpkg", survey.rim, [], MAP)
     for name in ("photographs", "footprints"):
         place = {"type": "Point", "coordinates": [10.5, 52.3]}
         feature = {"type": "Feature", "geometry": place, "properties": {"name": "DJI_0001.JPG"}}
         text = json.dumps({"type": "FeatureCollection", "features": [feature]})
-        (results / f"{name}.geojson").write_text(text, encoding="utf-8")
+        (results / within_results(f"{name}.geojson")).write_text(text, encoding="utf-8")
     return replace(survey, results=results)
 
 
@@ -61,7 +63,7 @@ def test_every_layer_has_its_file_its_crs_and_its_place_in_the_legend(contents: 
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     path = folder / "survey.qgz"
-    assert write_project(path, contents) == "9 layers in 6 groups"
+    assert write_project(path, contents) == "10 layers in 6 groups"
     root = document(path)
     assert root.findtext("projectCrs/spatialrefsys/authid") == MAP
     groups = {group.get("name"): group for group in root.findall("layer-tree-group/layer-tree-group")}
@@ -73,7 +75,7 @@ def test_every_layer_has_its_file_its_crs_and_its_place_in_the_legend(contents: 
             "Contour lines",
             "Orthophoto",
             "Surface",
-            "Standard deviation of heights",
+            "Standard deviations",
         ][: len(groups)]
         or len(groups) == 6
     )
@@ -163,7 +165,7 @@ def plain() -> dict[str, str]:
 
 
 def test_qgis_opens_the_project_and_draws_it(contents: SurveyContents) -> None:
-    python, path = python_of_qgis(), contents.results / "survey.qgz"
+    python, path = python_of_qgis(), contents.results / "deliverables/survey.qgz"
     write_project(path, contents)
     west, south, east, north = WEST, NORTH - 50.0, WEST + 60.0, NORTH
     place = contents.points.position_map_m[0]
@@ -174,12 +176,13 @@ def test_qgis_opens_the_project_and_draws_it(contents: SurveyContents) -> None:
     assert outcome.returncode == 0, outcome.stderr
     seen = json.loads(outcome.stdout.splitlines()[-1])
     assert (seen["read"], seen["crs"]) == (True, MAP)
-    assert len(seen["layers"]) == 9
+    assert len(seen["layers"]) == 10
     assert all(valid for valid, _, _ in seen["layers"].values())
     assert {crs for _, crs, _ in seen["layers"].values()} == {MAP, "EPSG:4326"}
     assert [name for name, (_, _, visible) in seen["layers"].items() if not visible] == [
         "Positions",
         "Footprints",
-        "Standard deviation",
+        "Surface heights",
+        "Orthophoto in plan",
     ]
     assert seen["pixels"] == [[227, 26, 28], [150, 150, 150]]

@@ -125,4 +125,4 @@ def make_corpus(folder: Path, survey: Path) -> None:
     arrays = io.BytesIO()
     np.savez(arrays, a=np.arange(300.0).reshape(100, 3), b=np.array(3), c=np.zeros((4, 5), np.uint8))
     (folder / "arrays.npz").write_bytes(arrays.getvalue())
-    shutil.copy(survey / "results/report.json", folder)
+    shutil.copy(survey / "results/quality/report.json", folder)

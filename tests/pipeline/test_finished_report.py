@@ -21,7 +21,8 @@ def project(survey: Path, tmp_path: Path) -> Project:
 
 
 def test_what_new_results_have_removed_is_made_anew(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
-    printed, view = project.results / "report.pdf", project.results / "view.html"
+    printed, view = project.results / "deliverables/report.pdf", project.results / "deliverables/view.html"
+    printed.parent.mkdir()
     for path in (printed, view):
         path.write_text("of before")
     before = prints_of(project)
@@ -33,8 +34,8 @@ def test_what_new_results_have_removed_is_made_anew(project: Project, monkeypatc
         path.write_text("anew")
         return path
 
-    monkeypatch.setattr(finished_report, "print_report", lambda of: making(of.results / "report.pdf"))
-    monkeypatch.setattr(finished_report, "write_view", lambda results: making(results / "view.html"))
+    monkeypatch.setattr(finished_report, "print_report", lambda of: making(of.results / "deliverables/report.pdf"))
+    monkeypatch.setattr(finished_report, "write_view", lambda results: making(results / "deliverables/view.html"))
     assert renewed_prints(project, before) == []  # somebody changed them: they were kept
     printed.unlink()
     assert renewed_prints(project, before) == [f"{printed}: made anew, of these results."]
@@ -59,12 +60,13 @@ def test_what_cannot_be_made_anew_is_said(project: Project, monkeypatch: pytest.
 def test_products_that_new_results_remove_are_said(project: Project) -> None:
     results = project.results
     with recorded(results):
-        for name in ("dsm.tif", "survey.dxf", "view.html"):
+        for name in ("deliverables/dsm.tif", "deliverables/survey.dxf", "deliverables/view.html"):
+            (results / name).parent.mkdir(exist_ok=True)
             with replacing(results / name) as path:
                 path.write_text("of before")
     (results / "notes.txt").write_text("somebody's own")
     before = products_of(project)
-    assert before == ("dsm.tif", "survey.dxf")
+    assert before == ("deliverables/dsm.tif", "deliverables/survey.dxf")
     assert removed_products(project, before) == []
-    remove_outdated(results, ["dsm.tif", "view.html"])
+    remove_outdated(results, ["deliverables/dsm.tif", "deliverables/view.html"])
     assert removed_products(project, before) == [f"{results}: removed survey.dxf, made from earlier results."]

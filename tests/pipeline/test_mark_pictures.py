@@ -29,7 +29,7 @@ Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
 
 def points_of(survey: Path) -> list[GroundPointRecord]:
-    return list(read_json(survey / "results/report.json")["control_points"])
+    return list(read_json(survey / "results/quality/report.json")["control_points"])
 
 
 def test_each_photograph_is_decoded_once_and_gives_what_is_around_its_marks(
@@ -93,9 +93,9 @@ def test_the_report_says_which_photographs_could_not_be_read(
 
     monkeypatch.setattr(module, "read_patches", unreadable)
     run_pipeline(load_project(adjusted_survey / "project.yaml"), start="results")
-    said = read_json(adjusted_survey / "results/report.json")["marks"]["not_shown"]
+    said = read_json(adjusted_survey / "results/quality/report.json")["marks"]["not_shown"]
     assert {entry["reason"] for entry in said} == {"cannot be read (Input/output error): check its permissions"}
-    page = (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    page = (adjusted_survey / "results/deliverables/report.html").read_text(encoding="utf-8")
     assert f"Marks in {len(said)} photographs are not shown" in page
     assert "cannot be read (Input/output error)" in page
     assert "No pictures of the marks" not in page
@@ -150,19 +150,19 @@ def test_kinds_come_from_the_table_of_marks_to_the_report(adjusted_survey: Path,
     total = with_tables(adjusted_survey, edit, lambda n: kinds[n % 3])
     project = adjusted_survey / "project.yaml"
     run_pipeline(load_project(project))
-    report = read_json(adjusted_survey / "results/report.json")
+    report = read_json(adjusted_survey / "results/quality/report.json")
     found = {record["kind"]: record["marks"] for record in report["marks"]["kinds"]}
     assert found == {name: len(range(n, total, 3)) for n, name in enumerate(("circle", "checker", "raw"))}
     table = adjusted_survey / "marks.csv"
     table.write_text(table.read_text().replace("checker", "ring"))
     made = run_pipeline(load_project(project))
     assert made is not None
-    report = read_json(adjusted_survey / "results/report.json")
+    report = read_json(adjusted_survey / "results/quality/report.json")
     assert {record["kind"] for record in report["marks"]["kinds"]} == {"circle", "ring", "raw"}
 
 
 def test_marks_of_the_project_file_are_imported(finished_survey: Path) -> None:
-    report = read_json(finished_survey / "results/report.json")
+    report = read_json(finished_survey / "results/quality/report.json")
     (record,) = report["marks"]["kinds"]
     assert record["kind"] == IMPORTED
     assert record["marks"] == sum(len(point["marks"]) for point in report["control_points"])

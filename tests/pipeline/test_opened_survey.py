@@ -37,10 +37,12 @@ def test_results_are_those_that_the_run_holds(adjusted_survey: Path) -> None:
     assert np.array_equal(opened.features(name).pixel, features.pixel)
     assert np.array_equal(opened.pixels(name), pixels)
     assert opened.comparisons().keys() == compared.keys()
+    report = opened.report()  # the folder was copied, and the results with it
+    (adjusted_survey / "results/deliverables/dsm.tif").unlink()
     with pytest.raises(WorkspaceError, match="the stage results has not been run"):
-        opened.report()  # the folder was copied, and these results are elsewhere
-    report = opened.update().report()
-    assert report == json.loads((adjusted_survey / "results/report.json").read_text(encoding="utf-8"))
+        open_survey(project).report()
+    assert open_survey(project).update().report()["report_id"] == report["report_id"]
+    assert report == json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert repr(opened) == f"<OpenedSurvey {project}: 4 photographs>"
     assert "<td>EPSG:25832</td>" in opened._repr_html_()
 

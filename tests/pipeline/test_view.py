@@ -17,7 +17,7 @@ def test_the_function_writes_what_the_command_writes(adjusted_survey: Path, phot
     results = adjusted_survey / "results"
     outcome = photogram("view", results, "--points", 1000)
     assert outcome.code == 0, outcome.err
-    page = results / "view.html"
+    page = results / "deliverables/view.html"
     by_command = page.read_bytes()
     page.unlink()
     assert write_view(str(results), points=1000) == page
@@ -39,7 +39,7 @@ def test_what_is_missing_is_said(adjusted_survey: Path) -> None:
     with pytest.raises(ReportError, match=r"report.json is missing: run photogram adjust first"):
         write_view(adjusted_survey / "photographs")
     elsewhere = Path(shutil.copytree(results, adjusted_survey / "copy"))
-    for cloud in elsewhere.glob("*.laz"):
+    for cloud in elsewhere.rglob("*.laz"):
         cloud.unlink()
     with pytest.raises(ReportError, match="no point cloud found"):
         write_view(elsewhere)

@@ -14,7 +14,9 @@ from photogram.files.matlab import read_camera
 from photogram.files.stage_folders import stage_folder_around
 from photogram.pipeline.store.results_record import recorded, remove_outdated
 from photogram.pipeline.store.workspace import Workspace
+from photogram.project.folders import input_files
 from photogram.project.project import Project, read_project
+from photogram.project.result_files import PICTURES, STUDY, ResultFolder
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -33,8 +35,9 @@ work: {work}
 results: {results}
 """
 POINTS = "name,easting,northing,height\nP1,600000,5800000,100\nP2,600050,5800000,101\nP3,600000,5800050,102\n"
-PLACES = (".", "photographs", "work", "results", "work/photographs", "work/photographs.stage", "results/pictures")
-OWN = (*PLACES, "work/features.stage.partial/inner", "work/Relief.STAGE", "results/study")
+WRITTEN = f"results/{PICTURES}"
+PLACES = (".", "photographs", "work", "results", "work/photographs", "work/photographs.stage", WRITTEN)
+OWN = (*PLACES, "work/features.stage.partial/inner", "work/Relief.STAGE", f"results/{STUDY}")
 
 
 def site(folder: Path, photographs: str, work: str, results: str, control: str) -> tuple[Path, dict[Path, bytes]]:
@@ -54,7 +57,7 @@ def site(folder: Path, photographs: str, work: str, results: str, control: str) 
 
 
 STAGES = ("photographs", "features")
-PRODUCTS = ("report.json", "photographs.csv", "dsm.tif", "pictures/plan.png")
+PRODUCTS = ("quality/report.json", "technical/photographs.csv", "deliverables/dsm.tif", f"{PICTURES}/plan.png")
 
 
 def work_as_a_run_does(project: Project) -> None:
@@ -67,7 +70,8 @@ def work_as_a_run_does(project: Project) -> None:
                     temporary.write_text("of a stage")
                 workspace.finish(stage, mark, {})
             make_folder(project.results)
-            make_folder_within(project.results / "pictures")
+            for name in (*ResultFolder, PICTURES):
+                make_folder_within(project.results / name)
             remove_leftovers(project.results)
             with recorded(project.results):
                 for name in PRODUCTS:
@@ -75,6 +79,15 @@ def work_as_a_run_does(project: Project) -> None:
                         temporary.write_text("a result")
             remove_outdated(project.results, PRODUCTS[:1])
         workspace.discard(STAGES[0])
+
+
+def test_files_that_a_project_names_are_told_by_their_keys(tmp_path: Path) -> None:
+    path, _ = site(tmp_path, "photographs", "work", "results", ".")
+    home = path.parent
+    assert input_files(path) == {
+        "control_points.files.0.path": home / "points.csv",
+        "control_points.files.0.marks": home / "marks.csv",
+    }
 
 
 @pytest.mark.parametrize("photographs", OWN)
@@ -109,6 +122,7 @@ def test_every_arrangement_is_refused_or_touches_nothing(tmp_path: Path, photogr
         ("photographs", "out", "out", ".", "work: is the folder of the results too"),
         ("photographs", "work", "photographs", ".", "results: is the folder of the photographs too"),
         ("photographs", "work", "results", "results", "results: photogram writes its results to "),
+        (WRITTEN, "work", "results", ".", "results: photogram writes its results to "),
         ("results/pictures", "work", "results", ".", "results: photogram writes its results to "),
     ],
 )

@@ -87,7 +87,7 @@ def test_water_that_no_key_points_are_detected_for_is_a_warning(adjusted_survey:
     [
         ("nowhere", "photographs.masks: folder .*nowhere not found"),
         ("photographs", "is the folder of the photographs too"),
-        ("results/masks", "lies in .*results, where photogram writes: copy the masks"),
+        ("results/technical/masks", "lies in .*results, where photogram writes: copy the masks"),
         ("work/transfer.stage", "lies in a folder that photogram makes and removes"),
         ("empty", "no mask in .* is called after a photograph: there is no picture in it"),
         (3.5, "must be text, found 3.5"),
@@ -96,7 +96,7 @@ def test_water_that_no_key_points_are_detected_for_is_a_warning(adjusted_survey:
     ],
 )
 def test_what_cannot_be_is_refused_with_its_line(survey: Path, edit: Edit, value: object, said: str) -> None:
-    for folder in ("results/masks", "work/transfer.stage", "empty"):
+    for folder in ("results/technical/masks", "work/transfer.stage", "empty"):
         (survey / folder).mkdir(parents=True)
     edit(survey / "project.yaml", lambda v: v["photographs"].update(masks=value))
     with pytest.raises(ProjectError, match=said):

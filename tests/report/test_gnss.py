@@ -158,7 +158,7 @@ def test_the_terminal_shows_sentences_and_warnings(result: Adjustment) -> None:
 
 @pytest.mark.survey
 def test_report_of_a_survey(finished_survey: Path) -> None:
-    report = json.loads((finished_survey / "results/report.json").read_text())
+    report = json.loads((finished_survey / "results/quality/report.json").read_text())
     gnss = report["gnss"]
     assert gnss["positions_used"] == report["block"]["registered"]
     assert gnss["control_points_used"] == sum(p["role"] == "control" for p in report["control_points"])
@@ -177,7 +177,7 @@ def test_report_of_a_survey(finished_survey: Path) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_a_table_of_the_antenna_with_an_arm_gives_the_same_survey(adjusted_survey: Path, edit: Edit) -> None:
     """The tags' positions moved by an arm in the world and put into a table: with the arm given, nothing changes."""
-    before = json.loads((adjusted_survey / "results/report.json").read_text())
+    before = json.loads((adjusted_survey / "results/quality/report.json").read_text())
     file = adjusted_survey / "project.yaml"
     project = load_project(file)
     frame = LocalFrame(before["crs"], tuple(before["world"]["origin_map_m"]), before["world"]["kind"])

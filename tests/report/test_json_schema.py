@@ -29,7 +29,7 @@ def validator() -> Draft202012Validator:
 
 @pytest.fixture(scope="module")
 def report(finished_survey: Path) -> Json:
-    return dict(json.loads((finished_survey / "results/report.json").read_text(encoding="utf-8")))
+    return dict(json.loads((finished_survey / "results/quality/report.json").read_text(encoding="utf-8")))
 
 
 def test_the_schema_is_one() -> None:
@@ -47,7 +47,7 @@ def test_reports_follow_the_schema_and_are_read_as_they_are(
 def test_the_command_prints_what_lies_beside_the_results(finished_survey: Path, photogram: Callable[..., Any]) -> None:
     said = photogram("schema", "report")
     assert said.code == 0
-    beside = json.loads((finished_survey / "results/report.schema.json").read_text(encoding="utf-8"))
+    beside = json.loads((finished_survey / "results/quality/report.schema.json").read_text(encoding="utf-8"))
     assert json.loads(said.out) == beside == report_schema() == SCHEMAS["report"]()
 
 

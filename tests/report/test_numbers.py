@@ -22,6 +22,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
 from photogram.geodesy.frames import LocalFrame, map_from_geodetic
+from photogram.project.result_files import result_path
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import VOLATILE
 from photogram.report.numbers.completion import asprs_numbers
@@ -44,7 +45,7 @@ Json = dict[str, Any]
 
 @pytest.fixture(scope="module")
 def report(finished_survey: Path) -> Json:
-    return dict(json.loads((finished_survey / "results/report.json").read_text()))
+    return dict(json.loads((finished_survey / "results/quality/report.json").read_text()))
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def frame(report: Json) -> LocalFrame:
 
 @pytest.fixture(scope="module")
 def cloud(finished_survey: Path) -> np.ndarray[Any, Any]:
-    return np.loadtxt(finished_survey / "results/points_adjusted.txt", delimiter=",")
+    return np.loadtxt(finished_survey / "results/technical/points_adjusted.txt", delimiter=",")
 
 
 def numbers(value: object, *shape: int) -> bool:
@@ -299,7 +300,7 @@ def test_report_is_strict_json(finished_survey: Path) -> None:
     def refuse(name: str) -> None:
         pytest.fail(f"{name} is no JSON number")
 
-    json.loads((finished_survey / "results/report.json").read_text(), parse_constant=refuse)
+    json.loads((finished_survey / "results/quality/report.json").read_text(), parse_constant=refuse)
 
 
 def test_rotation_is_orthonormal_and_that_of_the_angles(report: Json) -> None:
@@ -374,8 +375,8 @@ def test_check_summary_is_that_of_the_check_points_alone(report: Json) -> None:
 @pytest.mark.parametrize("name", ["linear_2view", "linear_3view", "adjusted"])
 def test_text_and_laz_hold_the_same_points(report: Json, finished_survey: Path, name: str) -> None:
     results = finished_survey / "results"
-    text = np.loadtxt(results / f"points_{name}.txt", delimiter=",")
-    laz = laspy.read(results / f"points_{name}.laz")
+    text = np.loadtxt(results / f"technical/points_{name}.txt", delimiter=",")
+    laz = laspy.read(results / f"technical/points_{name}.laz")
     assert text.shape == (report["clouds"][name]["points"], 3)
     assert laz.xyz == pytest.approx(text, abs=6e-4)
     crs = laz.header.parse_crs()
@@ -387,7 +388,7 @@ def test_text_and_laz_hold_the_same_points(report: Json, finished_survey: Path, 
 def test_tie_points_agree_with_the_report_and_the_cloud(
     report: Json, finished_survey: Path, frame: LocalFrame, cloud: np.ndarray[Any, Any]
 ) -> None:
-    with np.load(finished_survey / "results/tie_points.npz") as archive:
+    with np.load(finished_survey / "results/technical/tie_points.npz") as archive:
         tie = {name: archive[name] for name in archive.files}
     assert report["adjustment"]["tie_points"] == len(tie["position_world_m"])
     assert report["adjustment"]["observations"] == len(tie["pixel"])
@@ -406,18 +407,20 @@ def test_tie_points_agree_with_the_report_and_the_cloud(
 
 def test_matlab_file_holds_the_same_observations(finished_survey: Path) -> None:
     results = finished_survey / "results"
-    matlab = loadmat(results / "tie_points.mat")
-    with np.load(results / "tie_points.npz") as archive:
+    matlab = loadmat(results / "technical/tie_points.mat")
+    with np.load(results / "technical/tie_points.npz") as archive:
         assert np.array_equal(matlab["observation_pixel"], archive["pixel"])
         assert np.array_equal(matlab["observation_point"].ravel() - 1, archive["point"])
         assert np.array_equal(matlab["position_world_m"], archive["position_world_m"])
 
 
 def test_table_and_map_hold_the_poses_of_the_report(report: Json, finished_survey: Path) -> None:
-    lines = (finished_survey / "results/photographs.csv").read_text(encoding="utf-8").splitlines()
+    lines = (finished_survey / "results/technical/photographs.csv").read_text(encoding="utf-8").splitlines()
     rows = {row["name"]: row for row in csv.DictReader(lines)}
     assert all(report["crs"] in row["crs"] for row in rows.values())
-    features = json.loads((finished_survey / "results/photographs.geojson").read_text(encoding="utf-8"))["features"]
+    features = json.loads((finished_survey / "results/deliverables/photographs.geojson").read_text(encoding="utf-8"))[
+        "features"
+    ]
     points = {f["properties"]["name"]: f for f in features}
     assert list(rows) == list(points) == list(report["photographs"])
     columns = {
@@ -438,18 +441,18 @@ def test_clouds_bear_the_day_of_the_flight_and_no_black_points(finished_survey: 
         for note in json.loads((finished_survey / "work/photographs.stage/tags.json").read_text(encoding="utf-8"))
     }
     for name in ("points_adjusted.laz", "dense.laz"):
-        header = laspy.open(finished_survey / "results" / name).header
+        header = laspy.open(result_path(finished_survey / "results", name)).header
         assert str(header.creation_date) == max(days)
-    dense = laspy.read(finished_survey / "results/dense.laz")
+    dense = laspy.read(finished_survey / "results/deliverables/dense.laz")
     assert np.all((dense.red > 0) | (dense.green > 0) | (dense.blue > 0))
-    with rasterio.open(finished_survey / "results/dtm_source.tif") as file:
+    with rasterio.open(finished_survey / "results/quality/dtm_source.tif") as file:
         kind = np.array([code[0] for code in file.sample(np.column_stack([dense.x, dense.y]))])
     np.testing.assert_array_equal(dense.classification == 2, kind == 1)
     assert set(np.unique(dense.classification)) == {1, 2}
 
 
 def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
-    with rasterio.open(finished_survey / "results/dsm.tif") as raster:
+    with rasterio.open(finished_survey / "results/deliverables/dsm.tif") as raster:
         crs = CRS.from_wkt(raster.crs.to_wkt(version="WKT2_2019"))
         assert crs.to_2d().to_epsg() == 25832
         assert [axis.direction for axis in crs.axis_info] == ["east", "north", "up"]
@@ -470,14 +473,17 @@ def test_surface_passes_through_the_cloud(finished_survey: Path, cloud: np.ndarr
 def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path, cloud: np.ndarray[Any, Any]) -> None:
     """On the grid of the surface; smaller than those of single tie points, whose stated sigma of 0.5 px is generous."""
     results = finished_survey / "results"
-    with rasterio.open(results / "dsm.tif") as surface, rasterio.open(results / "dsm_sigma.tif") as raster:
+    with (
+        rasterio.open(results / "deliverables/dsm.tif") as surface,
+        rasterio.open(results / "quality/dsm_sigma.tif") as raster,
+    ):
         assert (raster.transform, raster.shape) == (surface.transform, surface.shape)
         assert raster.crs.to_epsg() == 25832  # a standard deviation counts from nothing
         assert (raster.nodata, raster.profile["tiled"]) == (surface.nodata, True)
         sigma = raster.read(1, masked=True)
         np.testing.assert_array_equal(sigma.mask, surface.read(1, masked=True).mask)
         beside = np.array([s for (s,) in raster.sample(cloud[:, :2], masked=True)], dtype=object)
-    own = laspy.read(results / "points_adjusted.laz")["sigma z"]
+    own = laspy.read(results / "technical/points_adjusted.laz")["sigma z"]
     known = np.array([s is not np.ma.masked for s in beside])
     assert 0.1 * np.median(own[known]) < np.median(beside[known].astype(float)) < np.median(own[known])
     dsm = report["dsm"]
@@ -486,12 +492,12 @@ def test_standard_deviations_of_the_surface(report: Json, finished_survey: Path,
     assert dsm["sigma_m"]["median"] == pytest.approx(np.median(sigma.compressed()), rel=1e-6)
     assert dsm["held_out"]["n"] == 0  # nothing is interpolated between points
     assert 0 < dsm["sigma_m"]["median"] < dsm["sigma_m"]["percentile_95"] < dsm["sigma_m"]["maximum"]
-    with rasterio.open(results / "dsm_sigma_relative.tif") as raster:
+    with rasterio.open(results / "quality/dsm_sigma_relative.tif") as raster:
         relative = raster.read(1, masked=True)
         assert raster.descriptions == ("standard deviation of the height relative to the survey's mean height, without "
                                        "the datum",)  # fmt: skip
     np.testing.assert_array_equal(relative.mask, sigma.mask)
-    with rasterio.open(results / "dsm_sigma_own.tif") as raster:
+    with rasterio.open(results / "quality/dsm_sigma_own.tif") as raster:
         scatter = raster.read(1, masked=True)
         assert "without what neighbours share" in raster.descriptions[0]
     np.testing.assert_array_equal(scatter.mask, sigma.mask)
@@ -534,7 +540,7 @@ def test_check_points_never_enter_the_adjustment(
     edit(adjusted_survey / "project.yaml", move)
     outcome = photogram("adjust", adjusted_survey / "project.yaml")
     assert outcome.code == 0, outcome.err
-    moved = json.loads((adjusted_survey / "results/report.json").read_text())
+    moved = json.loads((adjusted_survey / "results/quality/report.json").read_text())
     before, after = dict(leaves(without_seconds(report))), dict(leaves(without_seconds(moved)))
     changed = {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
     index = next(i for i, p in enumerate(report["control_points"]) if p["name"] == "C02")

@@ -11,7 +11,8 @@ from makers import Json, read_json
 
 from photogram.files.atomic import replacing
 from photogram.pipeline.stages.publishing.report_files import deliverables
-from photogram.pipeline.store.results_record import recorded
+from photogram.pipeline.store.results_record import recorded, records
+from photogram.project.result_files import within_results
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id
 from photogram.report.numbers.completion import complete
@@ -27,7 +28,7 @@ GNSS_ONLY = {
 
 @pytest.fixture(scope="module")
 def bare(finished_survey: Path) -> Json:
-    return read_json(finished_survey / "results/report.json")
+    return read_json(finished_survey / "results/quality/report.json")
 
 
 def checked(report: Json, error_m: float, count: int, **targets: Any) -> Json:
@@ -348,7 +349,7 @@ def test_identifier_follows_the_contents_and_nothing_else(bare: Json) -> None:
 
 
 def test_page_and_json_carry_the_identifier_and_the_date(finished_survey: Path, bare: Json) -> None:
-    text = (finished_survey / "results/report.html").read_text(encoding="utf-8")
+    text = (finished_survey / "results/deliverables/report.html").read_text(encoding="utf-8")
     assert text.count(grouped(bare["report_id"])) >= 3
     assert f'content="{bare["report_id"]}"' in text
     assert date.fromisoformat(bare["processed"]) <= date.today()
@@ -359,17 +360,18 @@ def test_deliverables_are_all_files_with_their_checksums(finished_survey: Path, 
     results = finished_survey / "results"
     listed = {entry["file"]: entry for entry in bare["deliverables"]}
     files = {p.relative_to(results).as_posix() for p in results.rglob("*") if p.is_file()}
-    assert set(listed) == files - {"report.json", "report.schema.json", "report.html", "checksums.sha256"}
+    later = {within_results(n) for n in ("README.txt", "report.json", "report.schema.json", "report.html")}
+    assert set(listed) == files - later - set(records(results))
     assert deliverables(results, list(listed)) == bare["deliverables"]
-    text = (results / "report.html").read_text(encoding="utf-8")
-    assert listed["dsm.tif"]["sha256"] in text
+    text = (results / "deliverables/report.html").read_text(encoding="utf-8")
+    assert listed["deliverables/dsm.tif"]["sha256"] in text
 
 
 def test_the_view_carries_the_identifier_and_the_date(
     adjusted_survey: Path, bare: Json, photogram: Callable[..., Any]
 ) -> None:
     assert photogram("view", adjusted_survey / "results").code == 0
-    text = (adjusted_survey / "results/view.html").read_text(encoding="utf-8")
+    text = (adjusted_survey / "results/deliverables/view.html").read_text(encoding="utf-8")
     assert f"Report {grouped(bare['report_id'])}, processed {bare['processed']}" in text
 
 
@@ -379,23 +381,23 @@ def test_a_print_does_not_outlive_the_results(
     results, project = adjusted_survey / "results", adjusted_survey / "project.yaml"
     with recorded(results):
         for name in ("report.pdf", "view.html"):
-            with replacing(results / name) as partial:
+            with replacing(results / within_results(name)) as partial:
                 partial.write_text("of before")
     assert photogram("report", project).code == 0  # the same report: its print stays
-    assert (results / "report.pdf").exists()
+    assert (results / "deliverables/report.pdf").exists()
     edit(project, lambda values: values.update(report={"target_rmse_v_m": 0.001}))
     assert photogram("report", project).code == 0
-    assert not (results / "report.pdf").exists()
-    assert not (results / "view.html").exists()
+    assert not (results / "deliverables/report.pdf").exists()
+    assert not (results / "deliverables/view.html").exists()
 
 
 def test_a_print_that_somebody_has_changed_stays(
     adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
 ) -> None:
     results, project = adjusted_survey / "results", adjusted_survey / "project.yaml"
-    with recorded(results), replacing(results / "report.pdf") as partial:
+    with recorded(results), replacing(results / "deliverables/report.pdf") as partial:
         partial.write_text("of before")
-    (results / "report.pdf").write_text("of before, and signed")
+    (results / "deliverables/report.pdf").write_text("of before, and signed")
     edit(project, lambda values: values.update(report={"target_rmse_v_m": 0.001}))
     assert photogram("report", project).code == 0
-    assert (results / "report.pdf").read_text() == "of before, and signed"
+    assert (results / "deliverables/report.pdf").read_text() == "of before, and signed"

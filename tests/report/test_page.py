@@ -64,7 +64,7 @@ def figures(finished_survey: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def bare(finished_survey: Path) -> Json:
-    return read_json(finished_survey / "results/report.json")
+    return read_json(finished_survey / "results/quality/report.json")
 
 
 SECTIONS = (
@@ -520,7 +520,10 @@ def test_ellipse_has_the_axes_and_the_direction_of_its_covariance() -> None:
 def test_page_is_made_again_with_what_the_project_now_says(
     adjusted_survey: Path, photogram: Callable[..., Any], edit: Callable[..., None]
 ) -> None:
-    page, numbers = adjusted_survey / "results/report.html", adjusted_survey / "results/report.json"
+    page, numbers = (
+        adjusted_survey / "results/deliverables/report.html",
+        adjusted_survey / "results/quality/report.json",
+    )
     before, project = page.read_bytes(), adjusted_survey / "project.yaml"
     page.unlink()
     assert photogram("report", project).code == 0
@@ -544,7 +547,7 @@ def test_page_without_the_work_folder_says_what_is_left_out(
 ) -> None:
     shutil.rmtree(adjusted_survey / "work")
     assert photogram("report", adjusted_survey / "project.yaml").code == 0
-    text = (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    text = (adjusted_survey / "results/deliverables/report.html").read_text(encoding="utf-8")
     assert "<img " not in text
     assert "it is drawn with the results; run photogram adjust" in text
 
@@ -579,9 +582,12 @@ def test_without_a_browser_printing_says_how_to_print(
         said = photogram("report", adjusted_survey / "project.yaml", "--pdf")
         assert (said.code, said.err.count("\n")) == (1, 1)
         assert f"report.pdf was not printed, since no browser is installed {looked}" in said.err
-        assert f"the report itself is written, {results / 'report.html'}: install Chromium, Chrome or Edge" in said.err
-        assert (results / "report.html").is_file()
-        assert not (results / "report.pdf").exists()
+        assert (
+            f"the report itself is written, {results / 'deliverables/report.html'}: install Chromium, Chrome or Edge"
+            in said.err
+        )
+        assert (results / "deliverables/report.html").is_file()
+        assert not (results / "deliverables/report.pdf").exists()
 
 
 def test_browser_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

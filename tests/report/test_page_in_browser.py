@@ -14,7 +14,7 @@ import pytest
 from makers import Json, read_json
 
 from photogram.errors import ReportError
-from photogram.report.client.files import CONTENTS
+from photogram.project.result_files import RESULT_FILES
 from photogram.report.identity import grouped
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
@@ -43,7 +43,7 @@ def pages(full_report: Json, finished_survey: Path, tmp_path_factory: pytest.Tem
     figures = read_json(finished_survey / "work/results.stage/figures.json")
     full = tmp_path_factory.mktemp("page") / "full.html"
     full.write_text(report_page(full_report, figures), encoding="utf-8")
-    return {"small survey": finished_survey / "results/report.html", "everything": full}
+    return {"small survey": finished_survey / "results/deliverables/report.html", "everything": full}
 
 
 def show(browser: Chrome, page: Path, width_px: int, media: str = "screen") -> None:
@@ -273,7 +273,7 @@ def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
     model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
     report["control_points"] += [{**model, "name": f"Boundary stone {n} by the old mill"} for n in range(60)]
     report["deliverables"] = [
-        {"file": name, "bytes": 1, "sha256": "0" * 64} for name in [*CONTENTS, "photographs.prj", "photographs.csvt"]
+        {"file": name, "bytes": 1, "sha256": "0" * 64} for name in [f"{f.folder}/{f.pattern}" for f in RESULT_FILES]
     ]
     report["survey"] |= {"client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2}
     page, target = tmp_path / "long.html", tmp_path / "long.pdf"

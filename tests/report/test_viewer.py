@@ -20,6 +20,7 @@ from photogram.camera import Pose, project_points
 from photogram.errors import ProjectError, ReportError
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
+from photogram.project.result_files import result_path
 from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.reading import report_of
 from photogram.report.record.report import Report
@@ -375,7 +376,7 @@ def test_view_prefers_the_dense_cloud(photogram: Any, finished_survey: Path, tmp
     folder = tmp_path / "results"
     folder.mkdir()
     for name in ("report.json", "points_adjusted.laz"):
-        shutil.copy(finished_survey / "results" / name, folder)
+        shutil.copy(result_path(finished_survey / "results", name), folder)
     done = photogram("view", folder)
     assert (done.code, done.err) == (0, "")
     assert "view.html" in done.out
@@ -392,7 +393,8 @@ def test_view_prefers_the_dense_cloud(photogram: Any, finished_survey: Path, tmp
 
 
 def pictures_of(folder: Path) -> dict[str, str]:
-    return dict(json.loads(part((folder / "view.html").read_text(encoding="utf-8"), "pictures")))
+    page = result_path(folder, "view.html").read_text(encoding="utf-8")
+    return dict(json.loads(part(page, "pictures")))
 
 
 def test_pictures_come_from_the_project_or_from_the_folder_that_is_named(
@@ -400,10 +402,10 @@ def test_pictures_come_from_the_project_or_from_the_folder_that_is_named(
 ) -> None:
     names = [f"sim_000{k}.JPG" for k in range(1, 5)]
     assert photogram("view", adjusted_survey / "results").code == 0
-    first = (adjusted_survey / "results/view.html").read_bytes()
+    first = (adjusted_survey / "results/deliverables/view.html").read_bytes()
     assert sorted(pictures_of(adjusted_survey / "results")) == names
     assert photogram("view", adjusted_survey / "results").code == 0
-    assert (adjusted_survey / "results/view.html").read_bytes() == first
+    assert (adjusted_survey / "results/deliverables/view.html").read_bytes() == first
     alone = tmp_path / "alone"
     shutil.copytree(adjusted_survey / "results", alone)
     without = photogram("view", alone)
@@ -425,7 +427,7 @@ def test_faults_say_what_to_do(photogram: Any, finished_survey: Path, tmp_path: 
     assert "nowhere: folder not found" in absent.err
     empty = photogram("view", tmp_path)
     assert "report.json is missing" in empty.err
-    shutil.copy(finished_survey / "results/report.json", tmp_path)
+    shutil.copy(finished_survey / "results/quality/report.json", tmp_path)
     assert "neither dense.laz nor points_adjusted.laz" in photogram("view", tmp_path).err
     (tmp_path / "report.json").write_text("{", encoding="utf-8")
     assert "report.json: damaged" in photogram("view", tmp_path).err

@@ -44,7 +44,7 @@ def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iter
 @pytest.fixture(scope="module")
 def cloud(finished_survey: Path) -> DescribedCloud:
     """The adjusted tie points, with a confidence of each as a dense cloud has it."""
-    read = read_described(finished_survey / "results/points_adjusted.laz")
+    read = read_described(finished_survey / "results/technical/points_adjusted.laz")
     confidence = np.random.default_rng(2).uniform(0, 1, len(read))
     return DescribedCloud(read.position_map_m, read.colour, {**read.figures, "confidence": confidence})
 

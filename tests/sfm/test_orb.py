@@ -47,7 +47,7 @@ def test_check_points_of_a_survey_are_as_predicted(
     edit(project, lambda v: v.update(orientation={"method": "growth"}))
     outcome = photogram("adjust", project)
     assert outcome.code == 0, outcome
-    report = read_json(survey / "results" / "report.json")
+    report = read_json(survey / "results" / "quality/report.json")
     assert report["block"]["registered"] == 4
     assert report["block"]["method"] == "growth"
     features = read_record(survey / "work/features.stage/00000.npz", Features)

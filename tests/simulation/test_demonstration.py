@@ -21,7 +21,7 @@ Run = Callable[..., Any]
 def test_built_in_demonstration(tmp_path: Path, photogram: Run) -> None:
     outcome = photogram("demo", tmp_path / "demo", "--seed", "1")
     assert outcome.code == 0, outcome.err
-    report = json.loads((tmp_path / "demo/results/report.json").read_text())
+    report = json.loads((tmp_path / "demo/results/quality/report.json").read_text())
     judgement = judge(tmp_path / "demo", report)
     assert len(report["photographs"]) == 12
     assert judgement.check_points == 8
@@ -41,7 +41,7 @@ def test_built_in_demonstration(tmp_path: Path, photogram: Run) -> None:
 
 def test_judgement_is_that_of_the_truth(finished_survey: Path) -> None:
     """The figures of a judgement against a second reckoning from the files."""
-    report = json.loads((finished_survey / "results/report.json").read_text())
+    report = json.loads((finished_survey / "results/quality/report.json").read_text())
     truth = json.loads((finished_survey / "truth.json").read_text())
     judgement = judge(finished_survey, report)
     assert judgement.gsd_m == pytest.approx(40.0 / 600.0)

@@ -409,11 +409,13 @@ def test_photographs_that_look_sideways_make_none(pitch_deg: float, words: str) 
 @pytest.mark.usefixtures("undrawn")
 def test_the_stage_says_so_everywhere(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orthophoto_stage, "LEAST_DEPRESSION_DEG", 91.0)
-    assert (adjusted_survey / "results/orthophoto.tif").is_file()
+    assert (adjusted_survey / "results/deliverables/orthophoto.tif").is_file()
     report = run_pipeline(load_project(adjusted_survey / "project.yaml"), start="orthophoto")
     reason = dict(report["orthophoto"])["left_out"]
     assert isinstance(reason, str)
     assert reason.startswith("the photographs are oblique (median optical axis 8")
-    assert not (adjusted_survey / "results/orthophoto.tif").exists()
-    assert f"No orthophoto: {reason}." in (adjusted_survey / "results/report.html").read_text(encoding="utf-8")
+    assert not (adjusted_survey / "results/deliverables/orthophoto.tif").exists()
+    assert f"No orthophoto: {reason}." in (adjusted_survey / "results/deliverables/report.html").read_text(
+        encoding="utf-8"
+    )
     assert json.loads((adjusted_survey / "work/orthophoto.stage/stage.json").read_text())["left_out"] == reason

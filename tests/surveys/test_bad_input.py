@@ -252,14 +252,14 @@ def test_a_file_where_a_folder_should_be(survey: Path, photogram: Run, edit: Edi
 def test_a_file_where_a_command_should_write(adjusted_survey: Path, tmp_path: Path, photogram: Run) -> None:
     taken = tmp_path / "taken"
     taken.write_text("a file")
-    cloud, surface = adjusted_survey / "results/points_adjusted.txt", adjusted_survey / "truth_surface.tif"
+    cloud, surface = adjusted_survey / "results/technical/points_adjusted.txt", adjusted_survey / "truth_surface.tif"
     check_fault(photogram("compare", cloud, "--reference", surface, "--output", taken), str(taken), "choose another")
     check_fault(photogram("demo", taken / "demo"), str(taken / "demo"), "choose another")
-    (adjusted_survey / "results/study").write_text("a file")
+    (adjusted_survey / "results/technical/study").write_text("a file")
     outcome = photogram(
         "study", "ransac", adjusted_survey / "project.yaml", "--iterations", "10", "--sample-sizes", "8"
     )
-    check_fault(outcome, str(adjusted_survey / "results/study"), "choose another")
+    check_fault(outcome, str(adjusted_survey / "results/technical/study"), "choose another")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
@@ -288,10 +288,12 @@ def test_reference_of_another_place(adjusted_survey: Path, photogram: Run, edit:
 
 
 def test_damaged_clouds_of_a_comparison(finished_survey: Path, tmp_path: Path, photogram: Run) -> None:
-    good, reference = finished_survey / "results/points_adjusted.txt", finished_survey / "truth_surface.tif"
+    good, reference = finished_survey / "results/technical/points_adjusted.txt", finished_survey / "truth_surface.tif"
     check_fault(photogram("compare", tmp_path / "none.txt", "--reference", reference), "none.txt")
     check_fault(photogram("compare", good, "--reference", tmp_path / "none.tif", "--output", tmp_path), "none.tif")
     (tmp_path / "words.txt").write_text("x,y,z\n1,2,three\n")
     check_fault(photogram("compare", tmp_path / "words.txt", "--reference", reference), "words.txt")
-    (tmp_path / "broken.laz").write_bytes((finished_survey / "results/points_adjusted.laz").read_bytes()[:2000])
+    (tmp_path / "broken.laz").write_bytes(
+        (finished_survey / "results/technical/points_adjusted.laz").read_bytes()[:2000]
+    )
     check_fault(photogram("compare", tmp_path / "broken.laz", "--reference", reference), "broken.laz")

@@ -14,18 +14,19 @@ from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.surfaces.closing import stored_closing
 from photogram.pipeline.stages.surfaces.relief import ReliefSummary
+from photogram.project.result_files import result_path
 from photogram.surface.dsm import FILLED, HOLE, INTERPOLATED, MEASURED_IN, WATER
 
 
 def raster(survey: Path, name: str) -> np.ndarray:
-    with rasterio.open(survey / "results" / name) as file:
+    with rasterio.open(result_path(survey / "results", name)) as file:
         return np.asarray(file.read(1, masked=True).astype(float).filled(np.nan))
 
 
 def within_rim(survey: Path) -> np.ndarray:
     """Return which cells of the surface lie within the rim, by other code than photogram's."""
-    _, _, rim, _ = pyogrio.raw.read(survey / "results/outline.gpkg", layer="outline")
-    with rasterio.open(survey / "results/dsm.tif") as file:
+    _, _, rim, _ = pyogrio.raw.read(survey / "results/deliverables/outline.gpkg", layer="outline")
+    with rasterio.open(survey / "results/deliverables/dsm.tif") as file:
         shapes = [shapely.geometry.mapping(part) for part in shapely.from_wkb(rim)]
         return np.asarray(rasterio.features.geometry_mask(shapes, file.shape, file.transform, invert=True))
 
@@ -48,7 +49,7 @@ def test_the_orthophoto_stands_on_the_closed_surface(finished_survey: Path) -> N
         surface, rim = stored_closing(run)
     closed, far = surface.heights(surface.grid.whole), code == INTERPOLATED
     np.testing.assert_array_equal(closed[far], filled[far].astype(np.float32))
-    _, _, written, _ = pyogrio.raw.read(finished_survey / "results/outline.gpkg", layer="outline")
+    _, _, written, _ = pyogrio.raw.read(finished_survey / "results/deliverables/outline.gpkg", layer="outline")
     assert shapely.union_all(shapely.from_wkb(written)).equals(rim)
 
 
@@ -59,9 +60,9 @@ def test_terrain_is_made_where_something_stands_on_the_ground(finished_survey: P
     assert np.nanmax(filled - terrain) > 2.0  # a house or a tree
     np.testing.assert_array_equal(np.isfinite(terrain), np.isfinite(sigma))
     np.testing.assert_array_equal(source > 0, np.isfinite(terrain))
-    layer = pyogrio.raw.read(finished_survey / "results/contours.gpkg", columns=["height_m"])
+    layer = pyogrio.raw.read(finished_survey / "results/deliverables/contours.gpkg", columns=["height_m"])
     lines = shapely.get_coordinates(shapely.from_wkb(layer[2]))
-    with rasterio.open(finished_survey / "results/dtm.tif") as file:
+    with rasterio.open(finished_survey / "results/deliverables/dtm.tif") as file:
         corner, shape = file.transform, file.shape
     grid = MapGrid(corner.c, corner.f, corner.a, *shape)
     east, north = grid.centres_map_m(grid.whole)

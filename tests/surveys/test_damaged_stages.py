@@ -82,7 +82,7 @@ def damaged_survey(finished_survey: Path, tmp_path_factory: pytest.TempPathFacto
     survey = tmp_path_factory.mktemp("damaged") / "survey"
     shutil.copytree(finished_survey, survey)
     with undrawing():
-        run(survey)  # its results were made in another place
+        run(survey, start="results")
         yield survey
 
 
@@ -157,7 +157,7 @@ def test_the_terminal_names_the_file(adjusted_survey: Path, photogram: Run) -> N
 
 def test_other_commands_use_nothing_damaged(adjusted_survey: Path, photogram: Run) -> None:
     path = adjusted_survey / "work/results.stage/figures.json"
-    page = (adjusted_survey / "results/report.html").read_bytes()
+    page = (adjusted_survey / "results/deliverables/report.html").read_bytes()
     path.write_text(path.read_text().replace("1", "2", 1))
     outcome = photogram("report", adjusted_survey / "project.yaml")
     assert outcome.code == 1
@@ -165,7 +165,7 @@ def test_other_commands_use_nothing_damaged(adjusted_survey: Path, photogram: Ru
         f"photogram: {path}: was modified since it was written: run photogram adjust, which runs the stage results "
         "again\n"
     )
-    assert (adjusted_survey / "results/report.html").read_bytes() == page
+    assert (adjusted_survey / "results/deliverables/report.html").read_bytes() == page
 
 
 def test_a_photograph_that_changes_while_the_run_goes_on(survey: Path, photogram: Run) -> None:

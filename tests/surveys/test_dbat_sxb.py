@@ -136,4 +136,4 @@ def test_a_survey_from_tables_and_frames_runs_to_the_report(
     # the one that no report of others names: northing, 7 sigma
     sigma_m = np.array(checks["B3.11"]["sigma_m"], dtype=float)
     assert abs(off_m["B3.11"][1]) > 5.0 * np.hypot(sigma_m[1], 0.02)
-    assert (project.parent / "results" / "report.html").is_file()
+    assert (project.parent / "results" / "deliverables/report.html").is_file()

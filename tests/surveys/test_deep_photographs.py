@@ -70,7 +70,7 @@ def stretch_of(report: Report) -> Stretch:
 def test_it_is_as_accurate_as_with_8_bits(finished: tuple[Path, Report], finished_survey: Path) -> None:
     """Against the simulated truth: 5000 values of 65 536 carry all of the contrast."""
     _, deep = finished
-    shallow = read_json(finished_survey / "results" / "report.json")
+    shallow = read_json(finished_survey / "results" / "quality/report.json")
     assert deep["block"]["registered"] == shallow["block"]["registered"] == 4
     assert deep["suspects"] == shallow["suspects"] == []
     ours_m, theirs_m = (np.array(r["check_points"]["rmse_m"]) for r in (deep, shallow))
@@ -91,7 +91,7 @@ def test_the_stretch_is_that_of_the_photographs(finished: tuple[Path, Report]) -
         np.testing.assert_array_equal(
             run.grey(2), np.asarray(Image.fromarray(read_photograph(paths[2], stretch=stretch)).convert("L"))
         )
-    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    page = (folder / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     assert f"from {stretch.low} to {stretch.high} are stretched linearly to 0 to 255" in page
     assert report["marks"]["not_shown"] == []
 
@@ -102,7 +102,7 @@ def test_the_orthophoto_has_the_stretched_colours(finished: tuple[Path, Report],
     shares = np.linspace(0.1, 0.9, 9)
     tones = []
     for survey in (folder, finished_survey):
-        with rasterio.open(survey / "results" / "orthophoto.tif") as file:
+        with rasterio.open(survey / "results" / "deliverables/orthophoto.tif") as file:
             *colours, shown = file.read()
         tones.append(np.quantile(np.stack(colours)[:, shown > 0], shares, axis=1))
     values = LOW + tones[1] * (HIGH - LOW) / 255.0
@@ -186,4 +186,4 @@ def test_black_and_damaged_photographs_end_the_run_at_once(deep: Path) -> None:
 
 def test_8_bit_surveys_store_no_stretch(finished_survey: Path) -> None:
     assert not (finished_survey / "work" / "photographs.stage" / "stretches.json").exists()
-    assert "stretches" not in read_json(finished_survey / "results" / "report.json")
+    assert "stretches" not in read_json(finished_survey / "results" / "quality/report.json")

@@ -27,6 +27,7 @@ from photogram.pipeline.stages.surfaces.surface import MatchedHeights, model_sur
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.pipeline.store.workspace import Workspace
+from photogram.project.result_files import within_results
 from photogram.surface.dense import tile_matching as dense_matching
 from photogram.surface.dense.semi_global import regularised
 
@@ -275,11 +276,12 @@ def test_weak_texture_correlates_less_and_has_no_larger_cells(tmp_path: Path) ->
 def test_the_dense_cloud_ends_with_the_work_beside_it(adjusted_survey: Path) -> None:
     """As when the user stops it: no file is left, not a part of one."""
     folder, ended = adjusted_survey / "beside", Event()
-    folder.mkdir()
+    cloud = folder / within_results(CLOUD)
+    cloud.parent.mkdir(parents=True)
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        assert write_dense_cloud(run, folder, ended) == [CLOUD]
-        (folder / CLOUD).unlink()
+        assert write_dense_cloud(run, folder, ended) == [within_results(CLOUD)]
+        cloud.unlink()
         ended.set()
         with pytest.raises(CancelledError):
             write_dense_cloud(run, folder, ended)
-    assert list(folder.iterdir()) == []
+    assert list(cloud.parent.iterdir()) == []

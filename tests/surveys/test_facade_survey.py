@@ -20,6 +20,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.input_validation import checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.project.result_files import result_path
 from photogram.sfm.similarity import fit_similarity
 from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey
@@ -77,7 +78,7 @@ def facade(
 
 
 def report_of(folder: Path) -> Any:
-    return json.loads((folder / "results" / "report.json").read_text())
+    return json.loads((folder / "results" / "quality/report.json").read_text())
 
 
 def centres(transform: Any, row: Array, column: Array) -> tuple[Array, Array]:
@@ -86,7 +87,7 @@ def centres(transform: Any, row: Array, column: Array) -> tuple[Array, Array]:
 
 def cells(folder: Path, name: str) -> tuple[Array, Array, Array]:
     """Return x and y of the cells of a raster that have a value, as a GIS gives them, and the values."""
-    with rasterio.open(folder / "results" / name) as dataset:
+    with rasterio.open(result_path(folder / "results", name)) as dataset:
         assert dataset.crs is None
         assert "plane.json" in dataset.tags()["TIFFTAG_IMAGEDESCRIPTION"]
         values = dataset.read(1, masked=True)
@@ -96,7 +97,7 @@ def cells(folder: Path, name: str) -> tuple[Array, Array, Array]:
 
 
 def world_of(folder: Path, xyz: Array, frame: str = "world") -> Array:
-    plane = json.loads((folder / "results" / "plane.json").read_text())
+    plane = json.loads((folder / "results" / "deliverables/plane.json").read_text())
     axes = plane[f"axes_{frame}"]
     return np.asarray(plane[f"origin_{frame}_m"] + xyz @ np.array([axes["x"], axes["y"], axes["z"]]))
 
@@ -153,13 +154,13 @@ def test_a_facade_in_the_map(facade: Path, site: SimulatedSurvey) -> None:
     assert shown["fit_rmse_h_m"] is None or shown["fit_rmse_h_m"] < 1.5 * gsd_m
     assert report["asprs"]["products"] == [], "the standard knows heights and plan"
     assert plane["left_out"] == ["contour lines"]
-    page = (facade / "results" / "report.html").read_text()
+    page = (facade / "results" / "deliverables/report.html").read_text()
     assert "leans 90" in page or "leans 89" in page
-    products = {p.name for p in (facade / "results").iterdir()}
+    products = {p.name for p in (facade / "results").rglob("*")}
     assert {"dsm.tif", "dsm_sigma.tif", "dsm_filled.tif", "orthophoto.tif", "plane.json"} <= products
     assert not products & {"contours.gpkg", "dtm.tif"}
-    assert "plane.json" in (facade / "results" / "checksums.sha256").read_text()
-    assert "plane.json" in [product["file"] for product in report["deliverables"]]
+    assert "plane.json" in (facade / "results/deliverables/checksums.sha256").read_text()
+    assert "deliverables/plane.json" in [product["file"] for product in report["deliverables"]]
 
 
 def test_points_above_a_camera_that_looks_level_accuse_nobody(facade: Path) -> None:
@@ -168,7 +169,7 @@ def test_points_above_a_camera_that_looks_level_accuse_nobody(facade: Path) -> N
 
 
 def test_the_cloud_of_a_facade_stays_in_the_map(facade: Path, site: SimulatedSurvey) -> None:
-    with laspy.open(facade / "results" / "dense.laz") as file:
+    with laspy.open(facade / "results" / "deliverables/dense.laz") as file:
         assert file.header.parse_crs() is not None
         points = file.read()
     upright = site.frame.world_from_map(np.asarray(points.xyz))
@@ -187,7 +188,7 @@ def test_the_orthophoto_shows_the_wall_as_the_photographs_do(
     facade: Path, site: SimulatedSurvey, pictures: dict[str, Array]
 ) -> None:
     """What a cell of the wall shows is what a photograph shows of its place, by the true pose."""
-    with rasterio.open(facade / "results" / "orthophoto.tif") as dataset:
+    with rasterio.open(facade / "results" / "deliverables/orthophoto.tif") as dataset:
         rgba = dataset.read().astype(np.float64)
         row, column = np.nonzero(rgba[3] > 0)
         x, y = centres(dataset.transform, row, column)
@@ -279,7 +280,7 @@ def test_a_facade_without_georeference(
     # interpolated between tie points: right where the wall is smooth
     assert abs(np.median(off_m)) < 0.03
     assert np.median(np.abs(off_m)) < 0.03
-    assert (tmp_path / "results" / "orthophoto.tif").is_file()
+    assert (tmp_path / "results" / "deliverables/orthophoto.tif").is_file()
     assert np.allclose(world_of(tmp_path, np.eye(3), "map"), world_of(tmp_path, np.eye(3)))
 
 
@@ -287,7 +288,7 @@ def test_a_facade_without_georeference(
 def test_a_level_site_is_made_on_the_map_as_without_the_key(adjusted_survey: Path, photogram: Run, edit: Edit) -> None:
     names = ("dsm.tif", "dsm_sigma.tif", "orthophoto.tif", "contours.gpkg")
     results = adjusted_survey / "results"
-    before = {name: (results / name).read_bytes() for name in names if (results / name).is_file()}
+    before = {name: result_path(results, name).read_bytes() for name in names if result_path(results, name).is_file()}
     assert "dsm.tif" in before
     edit(adjusted_survey / "project.yaml", lambda values: values.setdefault("surface", {}).update(plane="auto"))
     done = photogram("adjust", adjusted_survey / "project.yaml", "--no-check")
@@ -295,11 +296,11 @@ def test_a_level_site_is_made_on_the_map_as_without_the_key(adjusted_survey: Pat
     plane = report_of(adjusted_survey)["plane"]
     assert not plane["used"]
     assert plane["tilt_deg"] < 10.0
-    assert not (results / "plane.json").exists()
-    assert {name: (results / name).read_bytes() for name in before if name.endswith(".tif")} == {
+    assert not (results / "deliverables/plane.json").exists()
+    assert {name: result_path(results, name).read_bytes() for name in before if name.endswith(".tif")} == {
         name: content for name, content in before.items() if name.endswith(".tif")
     }
-    assert "The surface lies on the map" in (results / "report.html").read_text()
+    assert "The surface lies on the map" in (results / "deliverables/report.html").read_text()
 
 
 @pytest.mark.usefixtures("undrawn")

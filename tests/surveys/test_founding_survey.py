@@ -93,7 +93,7 @@ def test_founding_survey(
     edit(project, lambda v: v.update(comparison={"reference": str(data / "surface_truth.tif")}))
     outcome = photogram("adjust", project, "--photographs", data / "images")
     assert outcome.code == 0, outcome.err
-    report = json.loads((project.parent / "results/report.json").read_text())
+    report = json.loads((project.parent / "results/quality/report.json").read_text())
     truth = json.loads((data / "truth.json").read_text())
 
     check_resections(report["photographs"])
@@ -125,7 +125,7 @@ def test_founding_survey(
     assert mean_m["adjusted"] < min(mean_m["linear_2view"], mean_m["linear_3view"])
     # three photographs with four points each: the control itself is known to 0.05 m
     assert mean_m["adjusted"] < 0.05
-    check_dense_surface(project.parent / "results/dsm.tif", report["dense"], data)
+    check_dense_surface(project.parent / "results/deliverables/dsm.tif", report["dense"], data)
 
 
 def signed(values: list[float]) -> str:

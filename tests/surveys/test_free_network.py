@@ -57,11 +57,11 @@ def finished(made: tuple[Path, SimulatedSurvey], edit: Edit) -> Path:
 
 
 def report_of(folder: Path) -> Any:
-    return json.loads((folder / "results" / "report.json").read_text())
+    return json.loads((folder / "results" / "quality/report.json").read_text())
 
 
 def centres(folder: Path, columns: tuple[str, str, str]) -> dict[str, np.ndarray[Any, Any]]:
-    with (folder / "results" / "photographs.csv").open() as stream:
+    with (folder / "results" / "technical/photographs.csv").open() as stream:
         return {row["name"]: np.array([float(row[c]) for c in columns]) for row in csv.DictReader(stream)}
 
 
@@ -96,7 +96,7 @@ def test_without_a_scale_everything_is_in_units(
     assert "no scale" in report["dsm"]["left_out"]
     products = {p.name for p in (finished / "results").iterdir()}
     assert not products & {"dsm.tif", "orthophoto.tif", "photographs.prj", "photographs.geojson", "contours.gpkg"}
-    page = (finished / "results" / "report.html").read_text()
+    page = (finished / "results" / "deliverables/report.html").read_text()
     assert "not in metres" in page
     assert "Free network without georeference" in page
     for sentence in [report["verdict"]["sentence"], *(w["sentence"] for w in report["warnings"])]:
@@ -160,13 +160,13 @@ def test_a_distance_gives_the_scale_and_control_later_a_place_without_matching_a
     assert scale == pytest.approx(1.0, abs=4.0 * np.hypot(0.01, 0.05) / length)
     assert error_m < 0.3
     # products in plan, since the photographs look down, and without a CRS
-    with rasterio.open(folder / "results" / "dsm.tif") as dataset:
+    with rasterio.open(folder / "results" / "deliverables/dsm.tif") as dataset:
         assert dataset.crs is None
-    with laspy.open(folder / "results" / "points_adjusted.laz") as cloud:
+    with laspy.open(folder / "results" / "technical/points_adjusted.laz") as cloud:
         assert cloud.header.parse_crs() is None
         assert cloud.header.scales[0] == 1e-5
-    assert (folder / "results" / "orthophoto.tif").is_file()
-    page = (folder / "results" / "report.html").read_text()
+    assert (folder / "results" / "deliverables/orthophoto.tif").is_file()
+    page = (folder / "results" / "deliverables/report.html").read_text()
     assert "scale by 1 measured distance" in page
     assert photogram("view", folder / "results").code == 0
 
@@ -198,7 +198,7 @@ def test_a_distance_gives_the_scale_and_control_later_a_place_without_matching_a
     assert "local_frame" not in report
     assert len(report["control_points"]) == 3
     assert report["distances"][0]["w"] is not None  # control tests it
-    with rasterio.open(folder / "results" / "dsm.tif") as dataset:
+    with rasterio.open(folder / "results" / "deliverables/dsm.tif") as dataset:
         assert dataset.crs.to_epsg() == CRS(survey.plan.crs).to_epsg()
 
 
@@ -216,5 +216,5 @@ def test_photographs_said_to_look_sideways_make_no_surface_in_plan(
     assert report["local_frame"]["vertical_by"] == "level"
     assert "sideways" in report["dsm"]["left_out"]
     assert "sideways" in report["orthophoto"]["left_out"]
-    assert not (folder / "results" / "dsm.tif").exists()
-    assert "look sideways" in (folder / "results" / "report.html").read_text()
+    assert not (folder / "results" / "deliverables/dsm.tif").exists()
+    assert "look sideways" in (folder / "results" / "deliverables/report.html").read_text()

@@ -599,7 +599,7 @@ def test_a_copy_takes_no_part_in_the_adjustment(survey: Path, edit: Run, photogr
     edit(project_file, listed)
     outcome = photogram("adjust", project_file)
     assert outcome.code == 0, outcome.err
-    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    report = yaml.safe_load((survey / "results/quality/report.json").read_text(encoding="utf-8"))
     copy = report["photographs"]["sim_0009.JPG"]
     assert (copy["registered"], copy["reason"]) == (False, "the same photograph as sim_0002.JPG")
     assert report["block"]["registered"] == 4
@@ -617,7 +617,7 @@ def test_a_frozen_receiver_leaves_the_block_to_control(survey: Path, edit: Run, 
     edit(survey / "project.yaml", sparse)
     outcome = photogram("adjust", survey / "project.yaml")
     assert outcome.code == 0, outcome.err
-    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    report = yaml.safe_load((survey / "results/quality/report.json").read_text(encoding="utf-8"))
     (warning,) = report["gnss"]["warnings"]
     assert "4 photographs" in warning
     assert "the receiver had stopped updating, or is slower than the camera; these positions were not used" in warning
@@ -691,11 +691,11 @@ def with_tags(survey: Path, **changed: float | None) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_zeros_for_attitudes_accuse_nobody(finished_survey: Path, survey: Path, photogram: Run) -> None:
-    plain = yaml.safe_load((finished_survey / "results/report.json").read_text(encoding="utf-8"))
+    plain = yaml.safe_load((finished_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     with_tags(survey, gimbal_yaw_deg=0.0, gimbal_pitch_deg=0.0, gimbal_roll_deg=0.0)
     outcome = photogram("adjust", survey / "project.yaml")
     assert outcome.code == 0, outcome.err
-    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    report = yaml.safe_load((survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert report["blunders"] == []
     assert report["check_points"]["rmse_h_m"] < plain["check_points"]["rmse_h_m"] + 0.01
     assert report["check_points"]["rmse_v_m"] < plain["check_points"]["rmse_v_m"] + 0.03
@@ -715,7 +715,7 @@ def test_zeros_for_heights_leave_them_to_control(survey: Path, edit: Run, photog
     edit(survey / "project.yaml", consumer)
     outcome = photogram("adjust", survey / "project.yaml")
     assert outcome.code == 0, outcome.err
-    report = yaml.safe_load((survey / "results/report.json").read_text(encoding="utf-8"))
+    report = yaml.safe_load((survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert report["blunders"] == []
     heights_m = [p["sigma_m"][2] for p in report["photographs"].values() if p["registered"]]
     if control:

@@ -325,7 +325,7 @@ def test_positions_are_lowered_by_what_the_marks_show(survey: Path, edit: Edit) 
 @pytest.mark.usefixtures("undrawn")
 def test_an_undeclared_difference_is_estimated(finished_survey: Path, survey: Path, edit: Edit) -> None:
     """Heights of the control points are those of the results; GNSS heights are 44 m above them."""
-    plain = json.loads((finished_survey / "results" / "report.json").read_text())
+    plain = json.loads((finished_survey / "results" / "quality/report.json").read_text())
     edit(survey / "project.yaml", undeclared)
     report = run_pipeline(load_project(survey / "project.yaml"))
     difference = report["heights"]["difference"]
@@ -352,7 +352,7 @@ def test_an_undeclared_difference_is_estimated(finished_survey: Path, survey: Pa
 def test_heights_of_one_system_that_nobody_declares_give_the_same_result(
     finished_survey: Path, survey: Path, edit: Edit
 ) -> None:
-    plain = json.loads((finished_survey / "results" / "report.json").read_text())
+    plain = json.loads((finished_survey / "results" / "quality/report.json").read_text())
     edit(survey / "project.yaml", lambda v: undeclared(v, 0.0))
     report = run_pipeline(load_project(survey / "project.yaml"))
     difference = report["heights"]["difference"]
@@ -397,7 +397,7 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     finished_survey: Path, survey: Path, edit: Edit, sloping_geoid: Any
 ) -> None:
     """Control above the geoid, GNSS above the ellipsoid, results above the geoid: all differ by its height alone."""
-    plain = json.loads((finished_survey / "results" / "report.json").read_text())
+    plain = json.loads((finished_survey / "results" / "quality/report.json").read_text())
 
     def above_geoid(values: dict[str, Any]) -> None:
         values["heights"] = {
@@ -429,12 +429,12 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
     for name, cloud in report["clouds"].items():  # the reference is above the ellipsoid still
         assert cloud["median_m"] == pytest.approx(plain["clouds"][name]["median_m"], abs=0.005)
     words = '"EPSG:25832, heights above the geoid EGM96 (EPSG:5773)"'
-    header, *lines = (survey / "results" / "photographs.csv").read_text().splitlines()
+    header, *lines = (survey / "results" / "technical/photographs.csv").read_text().splitlines()
     assert header.startswith("name,camera,")
     assert all(line.endswith(words) for line in lines)
-    with rasterio.open(survey / "results" / "dsm.tif") as dataset:
+    with rasterio.open(survey / "results" / "deliverables/dsm.tif") as dataset:
         assert 'VERT_CS["EGM96 height"' in dataset.crs.to_wkt(version="WKT1_GDAL")
-    with laspy.open(survey / "results" / "points_adjusted.laz") as reader:
+    with laspy.open(survey / "results" / "technical/points_adjusted.laz") as reader:
         crs = reader.header.parse_crs()
         assert crs is not None
         assert crs.sub_crs_list[1].to_epsg() == 5773
@@ -442,7 +442,7 @@ def test_a_survey_over_a_geoid_is_the_same_survey(
 
 
 def test_a_survey_above_the_ellipsoid_says_so(finished_survey: Path) -> None:
-    heights = json.loads((finished_survey / "results" / "report.json").read_text())["heights"]
+    heights = json.loads((finished_survey / "results" / "quality/report.json").read_text())["heights"]
     assert (heights["output"], heights["geoid"], heights["geoid_height_m"]) == ("ellipsoidal", None, None)
     assert heights["sentence"] == "All heights are above the ellipsoid (ETRS89 / UTM zone 32N)."
     assert "ellipsoidal height" in heights["crs"]["wkt"]

@@ -625,7 +625,7 @@ def test_a_dollar_in_every_name_of_a_survey(survey: Path, photogram: Run, edit: 
     edit(survey / "project.yaml", rename)
     outcome = photogram("adjust", survey / "project.yaml", "--no-check")
     assert outcome.code == 0, outcome.err
-    assert all(len(p.name) < 100 for p in (survey / "results/pictures").iterdir())
+    assert all(len(p.name) < 100 for p in (survey / "results/technical/pictures").iterdir())
 
 
 def test_a_photograph_whose_name_is_no_utf8(survey: Path, photogram: Run, edit: Callable[..., None]) -> None:

@@ -16,7 +16,7 @@ Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
 
 def report_of(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / "results" / "report.json").read_text(encoding="utf-8")))
+    return dict(json.loads((folder / "results" / "quality/report.json").read_text(encoding="utf-8")))
 
 
 def spoil(values: dict[str, Any]) -> None:
@@ -54,7 +54,7 @@ def test_a_survey_with_a_wrong_mark_and_a_mistyped_height(
     assert report["check_points"]["n"] == before["check_points"]["n"], "what is left out is no check point"
     assert report["check_points"]["rmse_h_m"] < before["check_points"]["rmse_h_m"] + 0.05
     assert report["check_points"]["rmse_v_m"] < before["check_points"]["rmse_v_m"] + 0.15
-    page = (adjusted_survey / "results" / "report.html").read_text(encoding="utf-8")
+    page = (adjusted_survey / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     assert "Rejected, because they contradict all other observations" in page
     reasons = [d["what"] for d in report["discarded"]]
     assert "height of control point G05" in reasons

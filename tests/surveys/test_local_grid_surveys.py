@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from photogram.files.npz_json import read_json
 from photogram.local_grids.site_calibration import calibrate_site
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.project.result_files import result_path
 from photogram.simulation.demonstration import write_demonstration
 
 pytestmark = pytest.mark.survey
@@ -40,7 +41,7 @@ def adjusted(folder: Path, content: dict[str, Any]) -> dict[str, Any]:
     path = folder / "project.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     run_pipeline(load_project(path))
-    report: dict[str, Any] = json.loads((folder / "results/report.json").read_text(encoding="utf-8"))
+    report: dict[str, Any] = json.loads((folder / "results/quality/report.json").read_text(encoding="utf-8"))
     return report
 
 
@@ -73,13 +74,13 @@ def in_feet(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def poses(folder: Path) -> np.ndarray:
-    report = read_json(folder / "results/report.json")
+    report = read_json(folder / "results/quality/report.json")
     return np.array([photograph["position_map_m"] for photograph in report["photographs"].values()])
 
 
 def test_poses_are_the_same(in_metres: Path, in_feet: Path) -> None:
     assert np.abs(poses(in_metres) - poses(in_feet)).max() < 1e-5
-    first, second = (read_json(folder / "results/report.json") for folder in (in_metres, in_feet))
+    first, second = (read_json(folder / "results/quality/report.json") for folder in (in_metres, in_feet))
     for name, photograph in first["photographs"].items():
         np.testing.assert_allclose(photograph["sigma_m"], second["photographs"][name]["sigma_m"], rtol=1e-6)
     assert second["world"]["units"]["plan"] == second["world"]["units"]["height"] == "US survey foot"
@@ -91,7 +92,10 @@ def test_poses_are_the_same(in_metres: Path, in_feet: Path) -> None:
 
 def test_rasters_are_the_same_in_feet_and_say_so(in_metres: Path, in_feet: Path) -> None:
     for name in ("dsm.tif", "dsm_filled.tif", "dsm_sigma.tif", "dtm.tif", "dsm_source.tif", "orthophoto.tif"):
-        with rasterio.open(in_metres / "results" / name) as a, rasterio.open(in_feet / "results" / name) as b:
+        with (
+            rasterio.open(result_path(in_metres / "results", name)) as a,
+            rasterio.open(result_path(in_feet / "results", name)) as b,
+        ):
             np.testing.assert_allclose(
                 np.array(b.transform) * US_FOOT, [*a.transform[:6], *np.array([0, 0, 1]) * US_FOOT]
             )
@@ -111,7 +115,7 @@ def test_rasters_are_the_same_in_feet_and_say_so(in_metres: Path, in_feet: Path)
 
 def test_clouds_contours_and_tables_are_the_same_in_feet(in_metres: Path, in_feet: Path) -> None:
     for name in ("points_adjusted.laz", "dense.laz"):
-        a, b = (laspy.read(folder / "results" / name) for folder in (in_metres, in_feet))
+        a, b = (laspy.read(result_path(folder / "results", name)) for folder in (in_metres, in_feet))
         other: np.ndarray = np.arange(len(a))
         same: np.ndarray = np.ones(len(a), dtype=bool)
         if name == "dense.laz":  # a foot's last digit can turn a choice of the matching, in a cell or so of thousands
@@ -125,18 +129,18 @@ def test_clouds_contours_and_tables_are_the_same_in_feet(in_metres: Path, in_fee
         assert "[ftUS]" in sigma.description
         crs = b.header.parse_crs()
         assert [axis.unit_name for axis in crs.axis_info] == ["US survey foot"] * 3
-    text = [np.loadtxt(f / "results/points_adjusted.txt", delimiter=",") for f in (in_metres, in_feet)]
+    text = [np.loadtxt(f / "results/technical/points_adjusted.txt", delimiter=",") for f in (in_metres, in_feet)]
     assert np.abs(text[0] - text[1] * US_FOOT).max() < 1e-3
-    info = pyogrio.read_info(in_feet / "results/contours.gpkg", layer="contours")
+    info = pyogrio.read_info(in_feet / "results/deliverables/contours.gpkg", layer="contours")
     assert "height_ftUS" in info["fields"]
-    heights = pyogrio.raw.read(in_feet / "results/contours.gpkg", columns=["height_ftUS"])[3][0]
+    heights = pyogrio.raw.read(in_feet / "results/deliverables/contours.gpkg", columns=["height_ftUS"])[3][0]
     np.testing.assert_allclose(heights, np.rint(heights), atol=1e-6)
-    head, first = (in_feet / "results/photographs.csv").read_text(encoding="utf-8").splitlines()[:2]
+    head, first = (in_feet / "results/technical/photographs.csv").read_text(encoding="utf-8").splitlines()[:2]
     row = dict(zip(head.split(","), first.split(","), strict=False))
     assert float(row["easting_ftUS"]) * US_FOOT == pytest.approx(poses(in_metres)[0, 0], abs=1e-3)
     assert {"height_ftUS", "sigma_easting_ftUS", "sigma_height_ftUS"} <= set(row)
-    assert "UNIT" in (in_feet / "results/photographs.prj").read_text(encoding="utf-8")
-    assert "US survey foot" in (in_feet / "results/report.html").read_text(encoding="utf-8")
+    assert "UNIT" in (in_feet / "results/technical/photographs.prj").read_text(encoding="utf-8")
+    assert "US survey foot" in (in_feet / "results/deliverables/report.html").read_text(encoding="utf-8")
 
 
 # ---- a local grid ----------------------------------------------------------------------------------------------------
@@ -192,14 +196,17 @@ def test_a_survey_with_control_in_a_local_grid(simulated: Path, in_metres: Path,
     residual, sigma = (np.array([p[key] for p in checks], dtype=np.float64) for key in ("residual_m", "sigma_m"))
     assert np.abs(residual / sigma).max() < 5.0
     assert report["world"]["scale_factors"]["combined"] == pytest.approx(site.scale.combined, abs=2e-6)
-    with rasterio.open(folder / "results/dsm.tif") as dataset:
+    with rasterio.open(folder / "results/deliverables/dsm.tif") as dataset:
         crs = CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
         assert dataset.bounds.left == pytest.approx(5000.0, abs=100.0)
     assert crs == CRS.from_wkt((folder / "site.wkt2").read_text(encoding="utf-8"))
-    assert (folder / "results/dsm.tif.aux.xml").is_file()
-    with rasterio.Env(GDAL_GEOREF_SOURCES="INTERNAL"), rasterio.open(folder / "results/dsm.tif") as dataset:
+    assert (folder / "results/deliverables/dsm.tif.aux.xml").is_file()
+    with (
+        rasterio.Env(GDAL_GEOREF_SOURCES="INTERNAL"),
+        rasterio.open(folder / "results/deliverables/dsm.tif") as dataset,
+    ):
         plan = CRS.from_wkt(dataset.crs.to_wkt())  # what programs see that do not read the file beside it
     there = [Transformer.from_crs("EPSG:6318", c, always_xy=True).transform(-74.0, 40.7) for c in (plan, crs)]
     assert np.abs(np.subtract(there[0][:2], there[1][:2])).max() < 1e-6
-    las = laspy.read(folder / "results/points_adjusted.laz")
+    las = laspy.read(folder / "results/technical/points_adjusted.laz")
     assert "site height" in las.header.vlrs.get("WktCoordinateSystemVlr")[0].string

@@ -76,7 +76,7 @@ def test_a_new_user_marks_in_the_browser_and_gets_a_report(
     edit(project, shortened)
     adjusted = photogram("adjust", project, "--quiet")
     assert adjusted.code == 0, adjusted.err
-    report = json.loads((tmp_path / "results" / "report.json").read_text(encoding="utf-8"))
+    report = json.loads((tmp_path / "results" / "quality/report.json").read_text(encoding="utf-8"))
     assert sum(kind["marks"] for kind in report["marks"]["kinds"]) == len(marks)
     assert report["check_points"]["rmse_h_m"] < 1.5 * GSD_M
-    assert "checker" in (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    assert "checker" in (tmp_path / "results" / "deliverables/report.html").read_text(encoding="utf-8")

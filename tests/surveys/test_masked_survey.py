@@ -18,6 +18,7 @@ from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
 from photogram.pipeline.stages.features import stored_features
 from photogram.pipeline.stages.orientation import transferred_tie_points
+from photogram.project.result_files import result_path
 from photogram.report.record.report import Report
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
@@ -38,7 +39,7 @@ def paint(folder: Path) -> None:
 
 
 def magenta_cells(folder: Path) -> int:
-    with rasterio.open(folder / "results" / "orthophoto.tif") as file:
+    with rasterio.open(folder / "results" / "deliverables/orthophoto.tif") as file:
         red, green, blue, alpha = (band.astype(int) for band in file.read())
     return int(np.count_nonzero((red - green > 40) & (blue - green > 40) & (alpha > 0)))
 
@@ -90,7 +91,7 @@ def test_the_report_counts_masks_and_what_they_leave_out(both: dict[str, tuple[P
     assert (masks["given"], masks["automatic"]) == (4, 0)
     assert masks["given_share"] == pytest.approx(share)
     assert all(m["given"] == pytest.approx(share) and m["automatic"] is None for m in masks["photographs"].values())
-    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    page = (folder / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     assert "4 of 4 photographs have masks, which leave out 11.7\u202f% of them" in page
     assert "masks" not in both["free"][1]
 
@@ -126,7 +127,8 @@ def test_masks_that_leave_everything_change_no_result(finished_survey: Path, edi
     edit(folder / "project.yaml", with_gear_mask)
     run_pipeline(load_project(folder / "project.yaml"))
     for name in ("tie_points.npz", "points_adjusted.txt", "dsm.tif", "orthophoto.tif"):
-        assert (folder / "results" / name).read_bytes() == (finished_survey / "results" / name).read_bytes(), name
+        masked, whole = (result_path(of / "results", name).read_bytes() for of in (folder, finished_survey))
+        assert masked == whole, name
 
 
 def test_a_mask_that_cannot_be_used_ends_the_run_before_key_points(
@@ -154,5 +156,5 @@ def test_photographs_that_look_straight_down_show_no_sky(
     assert report is not None
     assert report["masks"]["automatic"] == 0
     assert report["masks"]["given"] == 4
-    assert not (folder / "results" / "masks").exists()
+    assert not (folder / "results" / "technical/masks").exists()
     assert read_mask(folder / "gear.png").sum() == USED.sum()

@@ -130,12 +130,12 @@ def contents(results: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for path in sorted(p for p in results.rglob("*") if p.is_file()):
         name = path.relative_to(results).as_posix()
-        if name == "report.json":
+        if path.name == "report.json":
             found[name] = without_seconds(json.loads(path.read_text()))
-        elif name == "report.html":
+        elif path.name == "report.html":
             page = path.read_text(encoding="utf-8").partition('<section id="computation">')[0]
             found[name] = re.sub(r"processed \d{4}-\d{2}-\d{2}", "", page)
-        elif name == "checksums.sha256":
+        elif path.name == "checksums.sha256":
             found[name] = [line for line in path.read_text().splitlines() if "  report." not in line]
         else:
             assert path.suffix in PRODUCTS, name
@@ -191,7 +191,7 @@ def test_killed_in_every_stage(survey: Path, finished_survey: Path, photogram: R
     matches = times(work / "matches.stage.partial")
     assert len(matches) == 2
     runs.kill_at(survey, *(f"work/{name}.stage.partial:2" for name in NAMES[NAMES.index("tie_points") : -1]))
-    runs.kill_at(survey, "results:3", "results/pictures:4", "work/results.stage.partial:rename")
+    runs.kill_at(survey, "results/technical:3", "results/technical/pictures:4", "work/results.stage.partial:rename")
     assert photogram("adjust", survey / "project.yaml").code == 0
     check_same_results(survey, finished_survey)
     assert matches.items() <= times(work / "matches.stage").items()
@@ -242,16 +242,16 @@ def test_killed_between_the_removal_of_the_old_and_the_renaming_of_the_new(
 def test_what_is_done_is_not_done_again(adjusted_survey: Path, edit: Edit, photogram: Run) -> None:
     project, results = adjusted_survey / "project.yaml", adjusted_survey / "results"
     assert stages_run(adjusted_survey) in ([], ["results"])  # its results were made in another place
-    report = (results / "report.json").read_bytes()
+    report = (results / "quality/report.json").read_bytes()
 
     second = photogram("adjust", project)
     assert second.code == 0
     assert second.out.count("up to date") == len(STAGES)
-    assert (results / "report.json").read_bytes() == report
+    assert (results / "quality/report.json").read_bytes() == report
 
-    (results / "points_adjusted.laz").unlink()
+    (results / "technical/points_adjusted.laz").unlink()
     assert stages_run(adjusted_survey) == ["results"]
-    assert (results / "points_adjusted.laz").is_file()
+    assert (results / "technical/points_adjusted.laz").is_file()
 
     edit(project, lambda v: v["surface"].update(maximum_gap_m=0.5))
     assert stages_run(adjusted_survey, until="surface") == ["surface"]

@@ -14,6 +14,7 @@ from seeds import ALL
 
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, remaining_stages, run_pipeline
+from photogram.project.result_files import result_path
 from photogram.report.record.report import Report
 from photogram.simulation.cover.leaves import CoverPlan
 from photogram.simulation.demonstration import write_demonstration
@@ -62,14 +63,14 @@ def both(edit: Edit, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tupl
 
 
 def raster(folder: Path, name: str) -> np.ndarray:
-    with rasterio.open(folder / "results" / name) as file:
+    with rasterio.open(result_path(folder / "results", name)) as file:
         bands = file.read().astype(float)
     return np.asarray(np.where(bands == -9999.0, np.nan, bands))
 
 
 def test_the_pond_is_level_and_shown_and_no_land_is_taken_for_it(both: dict[str, tuple[Path, Report]]) -> None:
     folder, report = both["water"]
-    with rasterio.open(folder / "results" / "dsm_source.tif") as file:
+    with rasterio.open(folder / "results" / "quality/dsm_source.tif") as file:
         code = file.read(1)
         grid = MapGrid(file.transform.c, file.transform.f, file.transform.a, *file.shape)
     water, height = kinds(simulate(PLAN, SEED), grid)
@@ -83,14 +84,14 @@ def test_the_pond_is_level_and_shown_and_no_land_is_taken_for_it(both: dict[str,
     assert abs(filled[found & water][0] - height[found & water].mean()) < 0.2
     row, column = np.nonzero(found)
     east, north = (at[of] for at, of in zip(grid.centres_map_m(grid.whole), (column, row), strict=True))
-    with rasterio.open(folder / "results" / "orthophoto.tif") as file:
+    with rasterio.open(folder / "results" / "deliverables/orthophoto.tif") as file:
         shown = np.array(list(file.sample(np.column_stack([east, north]), indexes=4)))
     assert (shown == 255).all()
     said = report["dense"]["water"]
     assert said["cells"] == found.sum()
     assert len(said["areas"]) == 1
     assert said["areas"][0]["level_map_m"] == pytest.approx(filled[found][0], abs=1e-3)
-    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    page = (folder / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     assert "in 1 area where nothing matches" in page
 
 
@@ -145,7 +146,7 @@ def test_areas_are_those_of_the_rasters_and_of_the_poses(both: dict[str, tuple[P
     wide = np.pad(filled, rows, constant_values=np.nan)
     known, at = np.isfinite(wide), distance_transform_edt(np.isnan(wide), return_distances=False, return_indices=True)
     row, column = np.mgrid[: wide.shape[0], : wide.shape[1]]
-    with rasterio.open(folder / "results" / "dsm_filled.tif") as file:
+    with rasterio.open(folder / "results" / "deliverables/dsm_filled.tif") as file:
         corner = file.transform
     east = corner.c + (column - rows + 0.5) * dense["cell_m"]
     north = corner.f - (row - rows + 0.5) * dense["cell_m"]
@@ -158,6 +159,6 @@ def test_areas_are_those_of_the_rasters_and_of_the_poses(both: dict[str, tuple[P
     seen_twice_m2 = dense["cells"]["seen_2_or_more"] * cell_m2
     assert areas["seen_3_or_more_m2"] == pytest.approx(overlap["share_3_or_more"] * seen_twice_m2)
     assert abs(overlap["median"] - np.median(seen[seen >= 2])) <= 1
-    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    page = (folder / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     for key in ("mapped_m2", "measured_m2", "filled_m2", "interpolated_m2"):
         assert f"{areas[key]:,.0f} m²".replace(",", "\u202f") in page, key

@@ -48,5 +48,5 @@ def test_a_survey_is_adjusted_without_wings(core: Path, survey: Path) -> None:
     """The built-in survey from its photographs to its report, by a copy that has no wing."""
     outcome = call(core, "adjust", survey / "project.yaml", "--quiet")
     assert outcome.returncode == 0, outcome.stderr
-    report = json.loads((survey / "results" / "report.json").read_text(encoding="utf-8"))
+    report = json.loads((survey / "results" / "quality/report.json").read_text(encoding="utf-8"))
     assert report["check_points"]["n"] > 0

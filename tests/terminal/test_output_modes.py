@@ -38,7 +38,7 @@ def test_every_stage_is_told_and_the_verdict_comes_last(adjusted_survey: Path, p
     assert [e["stage"] for e in events if e["event"] == "begin"] == list(STAGE_NAMES)
     assert [e["stage"] for e in events if e["event"] == "end"] == list(STAGE_NAMES)
     assert all(e["text"].startswith("up to date") for e in events if e["event"] == "end" and e["stage"] == "features")
-    report = json.loads((adjusted_survey / "results/report.json").read_text(encoding="utf-8"))
+    report = json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert events[-1]["event"] == "done"
     assert events[-1]["text"] == report["verdict"]["sentence"]
     assert events[-1]["seconds_left"] == 0.0
@@ -54,9 +54,9 @@ def test_quiet_prints_warnings_and_one_line(adjusted_survey: Path, photogram: Ru
     assert outcome.err == ""
     *warnings, last = outcome.out.splitlines()
     assert all(line.startswith("Warning: ") for line in warnings)
-    report = json.loads((adjusted_survey / "results/report.json").read_text(encoding="utf-8"))
+    report = json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert last.startswith(report["verdict"]["sentence"])
-    assert last.endswith("results/report.html")
+    assert last.endswith("results/deliverables/report.html")
 
 
 def test_errors_of_the_check_are_events_and_lines(survey: Path, photogram: Run) -> None:

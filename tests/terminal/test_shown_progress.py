@@ -27,7 +27,7 @@ def test_adjust_ends_with_the_report_and_the_words_for_the_view(
 ) -> None:
     monkeypatch.chdir(adjusted_survey)
     report, view = photogram("adjust", "project.yaml").out.splitlines()[-2:]
-    assert report == "Report: results/report.html"
+    assert report == "Report: results/deliverables/report.html"
     assert view == "3-D view: photogram view results --open"
     monkeypatch.chdir("/")
     report, view = photogram("adjust", adjusted_survey / "project.yaml", "--until", "results").out.splitlines()[-2:]

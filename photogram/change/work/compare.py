@@ -13,7 +13,7 @@ from photogram.change.m3c2 import M3C2Settings
 from photogram.change.reference_comparison import compare_files_to_reference, write_comparison
 from photogram.change.stable_ground import Motion
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
-from photogram.change.surfaces import SURFACE_SUFFIXES, StatedSigma
+from photogram.change.surfaces import SURFACE_SUFFIXES, StatedSigma, in_survey
 from photogram.change.work.tables import show_cloud_change, show_surface_change
 from photogram.errors import ProjectError
 from photogram.quality.cloud_comparison import Comparison
@@ -98,7 +98,7 @@ def _epochs_of_clouds(clouds: list[Path], reference: Path, output: Path, options
     if options.polygons is not None:
         raise ProjectError("volumes are those of surfaces: give GeoTIFFs, or folders of results, without --method")
     scales = M3C2Settings(options.radius_m, options.normal_radius_m, options.spacing_m, options.max_distance_m)
-    later, earlier = (path / "dense.laz" if path.is_dir() else path for path in (_one(clouds), reference))
+    later, earlier = (in_survey(path, "dense.laz") for path in (_one(clouds), reference))
     request = CloudRequest(
         later, earlier, "mesh" if options.method == "mesh" else "m3c2", options.stable, options.coregister,
         _stated(options.sigma), _stated(options.reference_sigma), options.correlation_m, scales,

@@ -1,59 +1,27 @@
 """What photogram has written to a folder of results, by name and checksum: nothing else is ever removed from it.
 
-The record is ``checksums.sha256``, which ``sha256sum --check`` reads too.
+The record is ``checksums.sha256`` in each of its three folders, and in the folder itself for what lies there by itself;
+``sha256sum --check`` reads it too.
 """
 
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from fnmatch import fnmatchcase
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Lock
 
 from photogram.files.atomic import observed, replacing
 from photogram.files.npz_json import file_fingerprint
 from photogram.files.stage_folders import errors_of
+from photogram.project.result_files import (
+    FORMER_FOLDERS,
+    WRITTEN_IN_RESULTS,
+    ResultFolder,
+    is_written_by_a_run,
+)
 
 CHECKSUMS = "checksums.sha256"
-_PLACES = (Path("."), Path("pictures"), Path("masks"))
-PRODUCTS = (
-    "report.json",
-    "report.schema.json",
-    "report.html",
-    "photographs.csv",
-    "photographs.csvt",
-    "photographs.prj",
-    "photographs.geojson",
-    "footprints.geojson",
-    "points_*.txt",
-    "points_*.laz",
-    "tie_points*.npz",
-    "tie_points.mat",
-    "dsm.tif",
-    "dsm_*.tif",
-    "dsm_source.tif.aux.xml",
-    "dtm.tif",
-    "dtm_sigma.tif",
-    "dtm_source.tif",
-    "dtm_source.tif.aux.xml",
-    "dense.laz",
-    "contours.gpkg",
-    "orthophoto.tif",
-    "orthophoto_bands.tif",
-    "orthophoto_sigma.tif",
-    "orthophoto_source.tif",
-    "orthophoto_source.tif.aux.xml",
-    "outline.gpkg",
-    "plane.json",
-    "masks/*.png",
-    "pictures/surface.png",
-    "pictures/plan.png",
-    "pictures/comparison.png",
-    "pictures/orthophoto.png",
-    "pictures/dense_*.png",
-    "pictures/residuals_*.png",
-    "pictures/matches_*.png",
-)
-"""Patterns of the names that a run writes to a folder of results."""
+_PLACES = tuple(map(Path, ("", *WRITTEN_IN_RESULTS, *FORMER_FOLDERS)))
 
 FOREIGN = "not written by photogram, and would be overwritten"
 FOREIGN_REMEDY = "move such files elsewhere, or give another folder under results"
@@ -61,16 +29,26 @@ FOREIGN_REMEDY = "move such files elsewhere, or give another folder under result
 _LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
+def _place(name: str) -> str:
+    """Return the folder, within that of the results, in which the checksum of a file stands, and a slash; nothing for
+    the folder of the results itself."""
+    folder = name.split("/", 1)[0]
+    return f"{folder}/" if "/" in name and folder in tuple(ResultFolder) else ""
+
+
 def read_record(results: Path) -> dict[str, str]:
     """Return the SHA-256, in hex, of what photogram has written to a folder of results, by name; lines that are damaged
     are left out. Raises WorkspaceError where the record cannot be read."""
-    path = results / CHECKSUMS
-    if not path.is_file():
-        return {}
-    with errors_of(path, "cannot be read"):
-        text = path.read_text(encoding="utf-8", errors="replace")
-    matches = (_LINE.fullmatch(line) for line in text.splitlines())
-    return {match[2]: match[1] for match in matches if match}
+    record: dict[str, str] = {}
+    for place in ("", *(f"{folder}/" for folder in ResultFolder)):
+        path = results / place / CHECKSUMS
+        if not path.is_file() or (path.parent.is_symlink() and place):
+            continue
+        with errors_of(path, "cannot be read"):
+            text = path.read_text(encoding="utf-8", errors="replace")
+        matches = (_LINE.fullmatch(line) for line in text.splitlines())
+        record |= {place + match[2]: match[1] for match in matches if match}
+    return record
 
 
 def foreign_products(results: Path) -> list[str]:
@@ -78,25 +56,33 @@ def foreign_products(results: Path) -> list[str]:
     Raises WorkspaceError where the record cannot be read."""
     known = read_record(results)
     there = [path.relative_to(results).as_posix() for place in _PLACES for path in (results / place).glob("*")]
-    return sorted(n for n in there if n not in known and any(fnmatchcase(n, product) for product in PRODUCTS))
+    return sorted(name for name in there if name not in known and is_written_by_a_run(name))
 
 
-def _write_record(results: Path, files: dict[str, str]) -> None:
-    with replacing(results / CHECKSUMS) as temporary:
-        temporary.write_text("".join(f"{files[name]}  {name}\n" for name in sorted(files)), encoding="utf-8")
+def _write_record(results: Path, files: dict[str, str], place: str) -> None:
+    """Write the record of one place, and none where nothing of photogram is left there."""
+    path = results / place / CHECKSUMS
+    own = sorted(name for name in files if _place(name) == place)
+    if not own:
+        path.unlink(missing_ok=True)
+        return
+    with replacing(path) as temporary:
+        temporary.write_text("".join(f"{files[n]}  {n.removeprefix(place)}\n" for n in own), encoding="utf-8")
 
 
 @contextmanager
 def recorded(results: Path) -> Iterator[None]:
     """Record every result and every picture that is written to a folder of results while the block runs, each file
     before it is there; other folders in it may be anything, that of the intermediate results among them."""
-    files = read_record(results)
+    files, lock = read_record(results), Lock()
 
     def note(temporary: Path, path: Path) -> None:
         name = path.relative_to(results)
         if name.parent in _PLACES and name.name != CHECKSUMS:
-            files[name.as_posix()] = file_fingerprint(temporary)
-            _write_record(results, files)
+            checksum = file_fingerprint(temporary)
+            with lock:
+                files[name.as_posix()] = checksum
+                _write_record(results, files, _place(name.as_posix()))
 
     with observed(results, note):
         yield
@@ -105,18 +91,28 @@ def recorded(results: Path) -> Iterator[None]:
 def remove_made(results: Path, names: Iterable[str]) -> list[str]:
     """Remove files from a folder of results that photogram has written there and nobody has changed since; return
     their names. Raises WorkspaceError where one cannot be removed."""
-    files, removed = read_record(results), []
+    files, removed, places = read_record(results), list[str](), set[str]()
     for name in names:
         path = results / name
         known = files.pop(name, None)
-        links = path.is_symlink() or (path.parent.is_symlink() and path.parent != results)
+        places.add(_place(name))
+        links = path.is_symlink() or any(p.is_symlink() for p in path.parents if p != results and results in p.parents)
         own = known is not None and Path(name).parent in _PLACES and not links
         if own and path.is_file() and file_fingerprint(path) == known:
             with errors_of(path, "cannot be removed"):
                 path.unlink()
             removed.append(name)
-    _write_record(results, files)
+    for place in sorted(places):
+        _write_record(results, files, place)
+    for folder in (results / name for name in FORMER_FOLDERS if f"{name}/" in "".join(removed)):
+        with suppress(OSError):  # somebody else's files are in it
+            folder.rmdir()
     return removed
+
+
+def records(results: Path) -> list[str]:
+    """Return the names of the files, their folders included, that hold the checksums of a folder of results."""
+    return sorted({f"{_place(name)}{CHECKSUMS}" for name in read_record(results)})
 
 
 def remove_outdated(results: Path, products: Iterable[str]) -> list[str]:

@@ -39,6 +39,7 @@ from photogram.pipeline.stages.surfaces.surface import WATER_FILE, matched, surf
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.project.measured.measured_block import PhotographNote
+from photogram.project.result_files import PICTURES, within_results
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.surface_figures import (
     DrawnFigure,
@@ -90,9 +91,9 @@ def copy_products(run: Run, results: Path) -> list[str]:
         for name in dict.fromkeys((*stage.products, *companions)):
             if run.workspace.has(stage.name, name):
                 made = run.workspace.file(stage.name, name)
-                with replacing(results / name) as partial:
+                names.append(within_results(name))
+                with replacing(results / names[-1]) as partial:
                     shutil.copyfile(made, partial)
-                names.append(name)
     return names
 
 
@@ -116,7 +117,7 @@ def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
     chunks = _chunks(run, site, layers, picture, ended)
     origin_map_m = None if site.plane is None else site.map_m(np.zeros((1, 3)))[0]
     write_dense_laz(
-        results / CLOUD,
+        results / within_results(CLOUD),
         layers.grid,
         run.project.product_crs,
         chunks,
@@ -124,7 +125,7 @@ def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
         coloured=coloured,
         plane_origin_map_m=origin_map_m,
     )
-    return [CLOUD]
+    return [within_results(CLOUD)]
 
 
 def _chunks(
@@ -323,6 +324,6 @@ def report_surface(
         drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m)
     if upright:
         drawn = [on_plane(figure) for figure in drawn]
-    names = write_surface_pictures(results / "pictures", drawn)
+    names = write_surface_pictures(results / PICTURES, drawn)
     figures = surface_figures(drawn) + thumbnails(picture, stored.heights() if stored.is_there else None)
-    return ReportedSurface(orthophoto, numbers, plane_record(run), figures, [f"pictures/{name}" for name in names])
+    return ReportedSurface(orthophoto, numbers, plane_record(run), figures, [f"{PICTURES}/{name}" for name in names])

@@ -12,10 +12,12 @@ from photogram.pipeline.stages.adjustment import AdjustmentSummary
 from photogram.pipeline.stages.features import MASKED
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import stored_verdict
+from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
+from photogram.project.result_files import result_path, within_results
 from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete, survey_names
@@ -100,16 +102,16 @@ def write_report(project: Project, numbers: SurveyNumbers, figures: Sequence[Pag
     """
     write_json(kept / FIGURES, [figure.to_json() for figure in figures])
     _write(project, complete(numbers, project.report), [figure.to_json() for figure in figures])
-    return [NUMBERS, SCHEMA, PAGE]
+    return [within_results(name) for name in (NUMBERS, SCHEMA, PAGE)]
 
 
 def _write(project: Project, completed: Report, figures: Sequence[dict[str, str]]) -> None:
-    path = project.results / NUMBERS
+    path = result_path(project.results, NUMBERS)
     write_json(path, completed)
-    write_json(project.results / SCHEMA, report_schema())
+    write_json(result_path(project.results, SCHEMA), report_schema())
     # from the file itself, so that the page of today and one made again from it are the same
     page = report_page(read_report(path), figures, {stage.name: stage.title for stage in BEFORE_RESULTS})
-    with replacing(project.results / PAGE) as temporary:
+    with replacing(result_path(project.results, PAGE)) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
 
@@ -117,7 +119,7 @@ def _write(project: Project, completed: Report, figures: Sequence[dict[str, str]
 
 
 def deliverables(results: Path, products: Sequence[str]) -> list[DeliverableRecord]:
-    """Return `{file, bytes, sha256}` of files in the folder of results, by name."""
+    """Return `{file, bytes, sha256}` of files in the folder of results, by name with their folder."""
     return [
         {"file": name, "bytes": (results / name).stat().st_size, "sha256": file_fingerprint(results / name)}
         for name in sorted(set(products))
@@ -127,7 +129,7 @@ def deliverables(results: Path, products: Sequence[str]) -> list[DeliverableReco
 def discard_prints(results: Path) -> None:
     """Remove report.pdf and view.html, which would outlive the results that they show; not where somebody has changed
     them since, with a signature for example: their report id says what they belong to."""
-    remove_made(results, (PRINTED, VIEW))
+    remove_made(results, [name for own in (PRINTED, VIEW) for name in (own, within_results(own))])
 
 
 # ---- made again, and printed -----------------------------------------------------------------------------------------
@@ -139,7 +141,7 @@ def remake_report(project: Project) -> Path:
     Figures are those drawn with the results; without their folder the page says that they are left out. Raises
     ReportError where there is no report.json, WorkspaceError where the figures are damaged.
     """
-    path, workspace = project.results / NUMBERS, Workspace(project.work)
+    path, workspace = result_path(project.results, NUMBERS), Workspace(project.work)
     if not path.is_file():
         raise ReportError(f"{path}: no results yet: run photogram adjust {project.path} first")
     drawn = read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else []
@@ -151,12 +153,15 @@ def remake_report(project: Project) -> Path:
             discard_prints(project.results)
         with recorded(project.results):
             _write(project, completed, drawn)
-    return project.results / PAGE
+    write_readme(project.results)
+    return result_path(project.results, PAGE)
 
 
 def print_report(project: Project) -> Path:
     """Print report.html as report.pdf beside it; returns its path. Raises ReportError where no browser can."""
-    page, target = project.results / PAGE, project.results / PRINTED
+    page = result_path(project.results, PAGE)
+    target = page.with_name(PRINTED)
     with recorded(project.results), replacing(target) as temporary:
         print_pdf(page, temporary)
+    write_readme(project.results)
     return target

@@ -8,6 +8,7 @@ only when all of them are there.
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from heapq import nlargest
+from os.path import relpath
 from pathlib import Path
 from threading import Event
 
@@ -65,9 +66,11 @@ from photogram.pipeline.stages.stored_adjustment import (
 )
 from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame
-from photogram.pipeline.store.results_record import CHECKSUMS, recorded, remove_outdated
+from photogram.pipeline.store.readme import README, write_readme
+from photogram.pipeline.store.results_record import recorded, records, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageNote
+from photogram.project.result_files import MASKS, PICTURES, ResultFolder, within_results
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_figure
 from photogram.report.figures.style import (
@@ -122,16 +125,18 @@ def publish(run: Run, folder: Path, progress: Progress) -> ResultsSummary:
     """Write report.json, report.html, exterior orientation, clouds, DSM, tie points and pictures into the project's
     folder of results, and remove what an earlier run has written there and this one does not."""
     results = run.project.results
-    masks = [results / "masks"] if run.automatically_masked else []
-    for place in (results / "pictures", *masks):
+    masks = [results / MASKS] if run.automatically_masked else []
+    places = [*(results / name for name in ResultFolder), results / PICTURES, *masks]
+    for place in places:
         make_folder_within(place)
-    for place in (results, results / "pictures", *masks):
+    for place in (results, *places):
         remove_leftovers(place)
     discard_prints(results)
     with recorded(results):
         products = _written(run, folder, progress)
-    remove_outdated(results, products)
-    return {"products": [*products, CHECKSUMS]}
+    remove_outdated(results, [*products, within_results(README)])
+    write_readme(results)
+    return {"products": [*products, within_results(README), *records(results)]}
 
 
 def _written(run: Run, folder: Path, progress: Progress) -> list[str]:
@@ -165,7 +170,7 @@ def _clouds(outcome: _Outcome) -> list[str]:
     created = flight_date(outcome.run.notes(), outcome.result.block.poses)
     for name in CLOUDS:
         cloud, crs = stored_cloud(outcome.run, name), outcome.run.project.product_crs
-        text, laz = f"points_{name}.txt", f"points_{name}.laz"
+        text, laz = within_results(f"points_{name}.txt"), within_results(f"points_{name}.laz")
         write_xyz(outcome.results / text, cloud, 5 if crs == NO_CRS else 3, crs)
         write_laz(outcome.results / laz, cloud, crs, created)
         products += [text, laz]
@@ -174,13 +179,13 @@ def _clouds(outcome: _Outcome) -> list[str]:
 
 def _tables(outcome: _Outcome) -> list[str]:
     run, tie_points, results = outcome.run, outcome.result.block.tie_points, outcome.results
-    write_record(results / "tie_points.npz", tie_points)
-    write_tie_points(results / "tie_points.mat", run.names, tie_points)
-    products = ["tie_points.npz", "tie_points.mat"]
+    products = [within_results("tie_points.npz"), within_results("tie_points.mat")]
+    write_record(results / products[0], tie_points)
+    write_tie_points(results / products[1], run.names, tie_points)
     common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
-        write_record(results / "tie_points_in_all.npz", common)
-        products.append("tie_points_in_all.npz")
+        products.append(within_results("tie_points_in_all.npz"))
+        write_record(results / products[-1], common)
     return products
 
 
@@ -190,12 +195,16 @@ def _surfaces(outcome: _Outcome, ended: Event) -> list[str]:
 
 def _photographs(outcome: _Outcome) -> list[str]:
     words = crs_in_words(outcome.run.project.crs, outcome.run.project.heights)
-    write_pose_table(outcome.results / "photographs.csv", outcome.result, words)
+    table, types, grid, points, footprints = map(
+        within_results,
+        ("photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"),
+    )
+    write_pose_table(outcome.results / table, outcome.result, words)
     if outcome.result.block.frame.is_local:
-        return ["photographs.csv", "photographs.csvt"]
-    points, footprints = outcome.results / "photographs.geojson", outcome.results / "footprints.geojson"
-    write_pose_geojson(points, footprints, outcome.result, outcome.run.project.datum.grid)
-    return ["photographs.csv", "photographs.csvt", "photographs.prj", "photographs.geojson", "footprints.geojson"]
+        return [table, types]
+    places = outcome.results / points, outcome.results / footprints
+    write_pose_geojson(*places, outcome.result, outcome.run.project.datum.grid)
+    return [table, types, grid, points, footprints]
 
 
 def _masks(outcome: _Outcome) -> list[str]:
@@ -204,17 +213,17 @@ def _masks(outcome: _Outcome) -> list[str]:
     for index, name in enumerate(run.names):
         used = run.mask(index) if name in run.automatically_masked else None
         if used is not None:
-            products.append(f"masks/{name_of_mask(name)}")
+            products.append(f"{MASKS}/{name_of_mask(name)}")
             write_mask(outcome.results / products[-1], used)
     return products
 
 
 def _pictures(outcome: _Outcome) -> list[str]:
-    run, result, pictures = outcome.run, outcome.result, outcome.results / "pictures"
+    run, result, pictures = outcome.run, outcome.result, outcome.results / PICTURES
     block = result.block
-    products = ["pictures/plan.png"] if outcome.whole.block.has_scale else list[str]()
+    products = [f"{PICTURES}/plan.png"] if outcome.whole.block.has_scale else list[str]()
     if outcome.surface.is_there:
-        products.append("pictures/surface.png")
+        products.append(f"{PICTURES}/surface.png")
         upright = made_frame(run).plane is not None
         figure = surface_figure(outcome.surface.heights(), "Digital surface model", upright=upright)
         save_picture(figure, pictures / "surface.png")
@@ -228,16 +237,16 @@ def _pictures(outcome: _Outcome) -> list[str]:
             title = f"Residuals of tie points in {camera.name}"
             pixel, residual_px = block.tie_points.pixel[seen], result.estimates.residual_px[seen]
             save_picture(residual_figure(camera, pixel, residual_px, title), pictures / name)
-            products.append(f"pictures/{name}")
+            products.append(f"{PICTURES}/{name}")
         if camera.field is not None:
             name, title = f"lens_field_{file_stem(c + 1, camera.name)}.png", f"Lens field of {camera.name}"
             figure = field_figure(camera, camera.field, result.covariances.lens_field_px2[c], title)
             save_picture(figure, pictures / name)
-            products.append(f"pictures/{name}")
+            products.append(f"{PICTURES}/{name}")
     comparisons = stored_comparisons(run)
     if comparisons:
         save_picture(comparison_figure(comparisons), pictures / "comparison.png")
-        products.append("pictures/comparison.png")
+        products.append(f"{PICTURES}/comparison.png")
     return products
 
 
@@ -248,7 +257,7 @@ def _match_pictures(outcome: _Outcome) -> list[str]:
     for candidates, verified in best:
         first, second = run.project.photographs[candidates.first], run.project.photographs[candidates.second]
         stems = (file_stem(i + 1, p.name) for i, p in ((candidates.first, first), (candidates.second, second)))
-        name = f"pictures/matches_{'_'.join(stems)}.png"
+        name = f"{PICTURES}/matches_{'_'.join(stems)}.png"
         candidate_and_verified_matches(
             outcome.results / name,
             run.pixels(candidates.first),
@@ -378,7 +387,8 @@ RESULTS: Stage = Stage(
         "comparison",
     ),
     lambda run: [
-        str(run.project.results),
+        # from the project file, so that a survey that is moved as a whole keeps its results
+        relpath(run.project.results, run.project.path.parent),
         run.project.report,
         [point.mark_kind for point in run.project.surveyed.control_points],
     ],
