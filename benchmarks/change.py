@@ -23,13 +23,13 @@ import shapely
 from lib.simulated_changes import CORNER, Errors, Heap, epoch, grid_at, uneven
 
 from photogram.arrays import FloatArray
-from photogram.change.differences import UNCHANGED, Correction, Difference, difference_of
 from photogram.change.m3c2 import CloudErrors, m3c2
-from photogram.change.stable_ground import registration_of
-from photogram.change.surfaces import SurfaceFiles
-from photogram.change.volumes import Volume, VolumeSums
 from photogram.grid import Window
 from photogram.survey import PointCloud
+from photogram.volumes.differences import UNCHANGED, Correction, Difference, difference_of
+from photogram.volumes.stable_ground import registration_of
+from photogram.volumes.surfaces import SurfaceFiles
+from photogram.volumes.volumes import Volume, VolumeSums
 
 CELL_M = 0.2
 BLOCK_M = 80.0

@@ -8,7 +8,6 @@ from .change.cloud_change import CloudRequest, compare_clouds
 from .change.m3c2 import M3C2Settings
 from .change.reference_comparison import compare_files_to_reference, write_comparison
 from .change.surface_change import SurfaceRequest, compare_surfaces
-from .change.surfaces import StatedSigma
 from .delivery.hand_over import Delivered, deliver
 from .errors import (
     AdjustmentError,
@@ -75,6 +74,7 @@ from .surface.tin_dsm import SurfaceSettings, surface_from_points
 from .survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
 from .teaching.pair_study import PairStudy, study_pair, write_study
 from .triangulation import intersect
+from .volumes.surfaces import StatedSigma
 
 __version__: str
 

@@ -9,13 +9,13 @@ import pyogrio
 import shapely
 from lib.simulated_changes import CORNER, CRS, Errors, Heap, epoch, grid_at, uneven
 
-from photogram.change.surfaces import SurfaceFiles
 from photogram.files.clouds.dense_points import points_of_cells, write_dense_laz
 from photogram.files.maps.cogs import write_cog_codes
 from photogram.files.maps.rasters import write_raster
 from photogram.pipeline.stages.surfaces.surface import SOURCES
-from photogram.project.result_files import ResultFolder, within_results
+from photogram.result_files import ResultFolder, within_results
 from photogram.survey import Raster
+from photogram.volumes.surfaces import SurfaceFiles
 
 HEAP, PIT = Heap(-6.0, 3.0, 4.0, 0.6), Heap(7.0, -4.0, 3.0, -0.5)
 OUTLINES = [shapely.Point(CORNER[0] + h.east_m, CORNER[1] + h.north_m).buffer(h.radius_m + 1.0) for h in (HEAP, PIT)]

@@ -33,7 +33,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "laspy": ("files.clouds", "change.files"),
     "llvmlite": ("compilation", "sfm.tie_points.matchers.byte_distances"),
     "matio": ("files.matlab",),
-    "matplotlib": ("report", "change.figure", "simulation.planning.figures", "teaching.figures"),
+    "matplotlib": ("report", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.matchers.byte_distances"),
     "pillow_heif": ("files.photographs.heic",),
     "pyogrio": ("files.maps",),

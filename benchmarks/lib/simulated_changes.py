@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.change.surfaces import BlockErrors, SurfaceFiles
 from photogram.files.maps.rasters import RasterFile
 from photogram.grid import MapGrid, Window
+from photogram.volumes.surfaces import BlockErrors, SurfaceFiles
 
 CRS = "EPSG:25832"
 CORNER = 500_000.0, 6_000_000.0

@@ -9,13 +9,9 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.change.cloud_registration import RigidMotion, register_clouds
-from photogram.change.differences import LEVEL
-from photogram.change.figure import DifferencePicture, difference_figure, gridded
 from photogram.change.files.compared_clouds import ComparedCloud, read_compared, write_distances
 from photogram.change.m3c2 import M3C2, CloudErrors, M3C2Settings, m3c2, spacing_of
 from photogram.change.mesh_distances import mesh_distances, mesh_of
-from photogram.change.stable_ground import Motion, Registration
-from photogram.change.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, accompanying, labels
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import make_folder
 from photogram.files.maps.polygon_files import read_polygons
@@ -24,8 +20,12 @@ from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import NO_CRS, plan_of, same_plan
 from photogram.grid import Window, known_cells_map_m
 from photogram.quality.cloud_comparison import CloudStatistics, statistics
+from photogram.report.figures.difference_figure import DifferencePicture, difference_figure, gridded
 from photogram.report.figures.style import save_picture
 from photogram.survey import PointCloud, Raster
+from photogram.volumes.differences import LEVEL
+from photogram.volumes.stable_ground import Motion, Registration
+from photogram.volumes.surfaces import SURFACE_SUFFIXES, WINDOW_CELLS, StatedSigma, accompanying, labels
 from photogram.wording import Progress, silent
 
 Method = Literal["m3c2", "mesh"]

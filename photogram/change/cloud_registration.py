@@ -16,9 +16,9 @@ import shapely
 from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray, nmad
-from photogram.change.stable_ground import FEWEST_CELLS, Motion, Registration
 from photogram.errors import SurfaceError
 from photogram.survey import PointCloud
+from photogram.volumes.stable_ground import FEWEST_CELLS, Motion, Registration
 from photogram.wording import percent
 
 SURFACE_POINTS, ROUNDS = 20, 30

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray
-from photogram.change.correlation import independent_points
-from photogram.change.differences import LEVEL
 from photogram.errors import PhotogramError, SurfaceError
 from photogram.settings.settings import Default, Settings, Within
 from photogram.survey import PointCloud
+from photogram.volumes.correlation import independent_points
+from photogram.volumes.differences import LEVEL
 
 CYLINDER_SPACINGS, NORMAL_CYLINDERS = 4.0, 2.0
 """Radius of the cylinder in spacings of the points (50 points), and that of normals in radii of the cylinder."""

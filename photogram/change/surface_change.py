@@ -7,26 +7,24 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import shapely
 
 from photogram.arrays import IntArray
-from photogram.change.differences import Correction, Difference, difference_of
 from photogram.change.files.change_files import MOST_SHOWN, TILE_CELLS, Layers, SurfaceChange, every_cell, write_change
-from photogram.change.outlines import coverage, window_of
-from photogram.change.rim_base import base_of, over_level
-from photogram.change.stable_ground import Motion, Registration, registration_of
-from photogram.change.surfaces import PATTERNS, StatedSigma, labels, open_surface
-from photogram.change.volumes import VolumeSums, total
 from photogram.errors import ProjectError
 from photogram.files.atomic import scratch_folder, temporary_name
 from photogram.files.maps.polygon_files import SitePolygon, read_polygons
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import statistics
+from photogram.report.surveyed_surfaces import open_surface
+from photogram.volumes.differences import Correction, Difference, DifferenceCells, difference_of
+from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes, over_height, over_rim, sum_of
+from photogram.volumes.outlines import coverage, window_of
+from photogram.volumes.rim_base import over_level
+from photogram.volumes.stable_ground import Motion, Registration, registration_of
+from photogram.volumes.surfaces import StatedSigma, labels
+from photogram.volumes.volumes import VolumeSums
 from photogram.wording import Progress, silent
-
-LARGEST_OVERLAP = 1e-3
-"""Share of the smaller of two polygons by which they may overlap and still be added up."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class SurfaceRequest:
 
     later: Path
     earlier: Path | None
-    """None: planes through the rims of the polygons."""
+    """None: ``level_m``, or planes through the rims of the polygons."""
     polygons: Path | None = None
     """What volumes are asked for."""
     stable: Path | None = None
@@ -50,6 +48,8 @@ class SurfaceRequest:
     """Width over which own errors correlate; None: that of the windows of the matching."""
     outline_sigma_m: float = 0.0
     """Standard deviation of the corners of the polygons, east and north each."""
+    level_m: float | None = None
+    """A height that volumes count from, in place of an earlier surface; None without."""
 
 
 def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress = silent) -> SurfaceChange:
@@ -65,10 +65,12 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
         raise ProjectError("co-registration: a rigid motion is one of clouds: choose offset or tilt for surfaces")
     if not 0.0 <= request.outline_sigma_m < np.inf:
         raise ProjectError(f"sigma of the outlines {request.outline_sigma_m:g} m: a length of 0 or more is expected")
+    if request.level_m is not None and (request.earlier is not None or not np.isfinite(request.level_m)):
+        raise ProjectError(f"volumes over the height {request.level_m:g} m: give one base, a height or a surface")
     progress(0, 0, "reading")
     later = open_surface(request.later, request.sigma, request.correlation_m)
     if request.earlier is None:
-        return _over_rims(request, over_level(later), output, progress)
+        return _over_bases(request, over_level(later), output, progress)
     difference = difference_of(open_surface(request.earlier, request.earlier_sigma, request.correlation_m), later)
     crs = difference.later.heights.crs
     polygons = [] if request.polygons is None else read_polygons(request.polygons, crs)
@@ -83,7 +85,9 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
     with _scratch_layers(output, difference.grid) as layers:
         sums, counts = _over_tiles(difference, correction, polygons, request.outline_sigma_m, layers, progress)
         names = labels(difference.later.heights.path, difference.earlier.heights.path)
-        change = _summary(difference, names, registration, correction is not None, (), sums, counts, layers)
+        change = _summary(
+            difference, names, registration, correction is not None, (), sums, counts, layers, own_bases=False
+        )
         progress(0, 0, "writing")
         write_change(output, change, difference, layers, polygons, stable)
     return change
@@ -97,34 +101,33 @@ def _check_place(request: SurfaceRequest, polygons: Sequence[SitePolygon], grid:
             )
 
 
-def _over_rims(request: SurfaceRequest, difference: Difference, output: Path, progress: Progress) -> SurfaceChange:
-    """Compare a surface with the planes through the rims of its polygons, and write what ``compare_surfaces`` does:
-    there is a difference within the polygons alone."""
+def _over_bases(request: SurfaceRequest, difference: Difference, output: Path, progress: Progress) -> SurfaceChange:
+    """Compare a surface with a height or with the planes through the rims of its polygons, and write what
+    ``compare_surfaces`` does: there is a difference within the polygons alone."""
+    level_m = request.level_m
+    of = "volumes over the rims of polygons" if level_m is None else "volumes over a height"
     if request.polygons is None:
-        raise ProjectError("volumes over the rims of polygons: name the polygons (--polygons FILE)")
+        raise ProjectError(f"{of}: name the polygons (--polygons FILE)")
     if request.stable is not None or request.earlier_sigma is not None:
-        raise ProjectError("volumes over the rims of polygons are of one epoch: leave out what says how two lie")
+        raise ProjectError(f"{of} are of one epoch: leave out what says how two lie")
     grid = difference.grid
     polygons = read_polygons(request.polygons, difference.later.heights.crs)
     _check_place(request, polygons, grid)
-    bases = [base_of(difference, polygon) for polygon in polygons]
+    based = [over_rim(difference, p) if level_m is None else over_height(difference, p, level_m) for p in polygons]
     with _scratch_layers(output, grid) as layers:
-        sums, counts = [], np.zeros(4, np.int64)
+        counts = np.zeros(4, np.int64)
         _make_empty(layers)
-        for done, (polygon, (_, correction)) in enumerate(zip(polygons, bases, strict=True), 1):
-            outline = request.outline_sigma_m
-            part = VolumeSums(polygon.name, polygon.polygon, grid, difference.patterns(correction), outline)
-            within = window_of(polygon.polygon, grid)
-            for tile in grid.tiles(TILE_CELLS):
-                common = None if within is None else within.common(tile)
-                if common is not None:
-                    counts += _fill(difference, correction, common, [part], layers, polygon)
-            sums.append(part)
-            progress(done, len(polygons), polygon.name)
+
+        def fill(polygon: BasedPolygon, window: Window, cells: DifferenceCells, inner: tuple[slice, slice]) -> None:
+            counts[:] += _fill(grid, cells, window, inner, layers, polygon.site)
+
+        sums = measured_volumes(difference, based, request.outline_sigma_m, fill, progress)
         if not counts.sum():
             raise ProjectError(f"surface {request.later}: it has no height in any of the polygons: check both")
-        names = labels(difference.later.heights.path, Path("the plane through the rim"))
-        change = _summary(difference, names, None, False, tuple(base for base, _ in bases), sums, counts, layers)
+        base = "the plane through the rim" if level_m is None else f"the height {level_m:g} m"
+        names = labels(difference.later.heights.path, Path(base))
+        rims = tuple(polygon.rim for polygon in based if polygon.rim is not None)
+        change = _summary(difference, names, None, False, rims, sums, counts, layers, own_bases=True)
         progress(0, 0, "writing")
         write_change(output, change, difference, layers, polygons, ())
     return change
@@ -151,31 +154,28 @@ def _make_empty(layers: Layers) -> None:
 
 
 def _fill(
-    difference: Difference,
-    correction: Correction | None,
+    grid: MapGrid,
+    cells: DifferenceCells,
     tile: Window,
-    sums: Sequence[VolumeSums],
+    inner: tuple[slice, slice],
     layers: Layers,
     within: SitePolygon | None = None,
 ) -> IntArray:
-    """Fill a tile of the layers, of a polygon alone if there is one, and add its cells to sums; return cells by code
-    and, last, interpolated ones."""
-    outer, counts = tile.around(difference.margin), np.zeros(4, np.int64)
-    cells, inner = difference.cells(outer, correction), tile.within(outer)
+    """Fill a tile of the layers, of a polygon alone if there is one, from the ``inner`` ones of the cells around it;
+    return cells by code and, last, interpolated ones."""
+    counts = np.zeros(4, np.int64)
     values = (
         cells.difference_m[inner], cells.sigma_m[inner], np.sqrt(np.sum(cells.pattern_m**2, axis=0))[inner],
         cells.codes[inner].astype(np.float64),
     )  # fmt: skip
     chosen = np.ones(tile.shape, dtype=bool)
     if within is not None:
-        chosen = coverage(within.polygon, difference.grid, tile) > 0.0
+        chosen = coverage(within.polygon, grid, tile) > 0.0
     for layer, new in zip(vars(layers).values(), values, strict=True):
         layer.write(tile, np.where(chosen, new, layer.read(tile)).astype(np.float32))
     codes = cells.codes[inner][chosen]
     counts[:3] = np.bincount(codes[codes < 3], minlength=3)
     counts[3] = int((cells.interpolated & cells.known)[inner][chosen].sum())
-    for part in sums:
-        part.add(difference, cells, outer, tile)
     return counts
 
 
@@ -197,7 +197,11 @@ def _over_tiles(
         layer.make()
     for done, tile in enumerate(tiles, 1):
         parts = [part for part, window in zip(sums, windows, strict=True) if window and window.common(tile)]
-        counts += _fill(difference, correction, tile, parts, layers)
+        outer = tile.around(difference.margin)
+        cells = difference.cells(outer, correction)
+        counts += _fill(grid, cells, tile, tile.within(outer), layers)
+        for part in parts:
+            part.add(difference, cells, outer, tile)
         progress(done, len(tiles), f"{grid.columns} × {grid.rows} cells of {grid.cell_m:g} m")
     if not counts.sum():
         raise ProjectError(
@@ -216,6 +220,8 @@ def _summary(
     sums: Sequence[VolumeSums],
     counts: IntArray,
     layers: Layers,
+    *,
+    own_bases: bool,
 ) -> SurfaceChange:
     grid, (earlier, later) = difference.grid, (difference.earlier, difference.later)
     step = block_of((grid.rows, grid.columns), MOST_SHOWN)
@@ -225,14 +231,14 @@ def _summary(
         later=names[0],
         reference=names[1],
         sigma_from=later.sigma_source,
-        reference_sigma_from="the ground around each polygon" if bases else earlier.sigma_source,
+        reference_sigma_from=_base_sigma(bases) if own_bases else earlier.sigma_source,
         correlation_m=later.correlation_m,
         reference_correlation_m=earlier.correlation_m,
         cell_m=grid.cell_m,
         rows=grid.rows,
         columns=grid.columns,
         resampled=difference.resampled,
-        undeclared_heights=() if bases else difference.undeclared_heights,
+        undeclared_heights=() if own_bases else difference.undeclared_heights,
         zeros_without_data=difference.zeros_without_data,
         impossible_heights=difference.impossible_heights,
         registration=registration,
@@ -247,16 +253,9 @@ def _summary(
         common_sigma_median_m=float(np.median(common[known])) if known.any() else float("nan"),
         bases=bases,
         volumes=tuple(part.volume() for part in sums),
-        total=total(sums, 2 * PATTERNS if bases else None) if sums and not _overlap(sums) else None,
+        total=sum_of(sums, own_bases=own_bases),
     )
 
 
-def _overlap(sums: Sequence[VolumeSums]) -> bool:
-    tree = shapely.STRtree([part.polygon for part in sums])
-    for n, part in enumerate(sums):
-        for k in tree.query(part.polygon, predicate="intersects"):
-            other = sums[int(k)].polygon
-            common = shapely.intersection(part.polygon, other).area
-            if k > n and common > LARGEST_OVERLAP * min(part.area_m2, other.area):
-                return True
-    return False
+def _base_sigma(rims: Sequence[Registration]) -> str:
+    return "the ground around each polygon" if rims else "none: a height without errors"

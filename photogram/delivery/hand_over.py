@@ -31,7 +31,7 @@ from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import read_record, recorded
-from photogram.project.result_files import ResultFolder
+from photogram.result_files import ResultFolder
 
 _NO_DEGREES = "and Google Earth needs longitude and latitude"
 

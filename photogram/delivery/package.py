@@ -14,8 +14,8 @@ from photogram.files.stage_folders import errors_of
 from photogram.pipeline.store.run import Run
 from photogram.project.folders import input_files
 from photogram.project.project import SECTIONS
-from photogram.project.result_files import ResultFolder
 from photogram.report.versions import versions
+from photogram.result_files import ResultFolder
 from photogram.wording import things
 
 PACKAGE = "survey.zip"

@@ -36,7 +36,7 @@ from photogram.geodesy.crs import NO_CRS, any_crs, map_units, plan_of
 from photogram.pipeline.stages.surfaces.plan_quality import PICTURE_SOURCES
 from photogram.pipeline.stages.surfaces.relief import TERRAIN_SOURCES
 from photogram.pipeline.stages.surfaces.surface import SOURCES
-from photogram.project.result_files import result_path
+from photogram.result_files import result_path
 from photogram.wording import things
 
 POINTS_FILE = "ground_points.gpkg"

@@ -9,7 +9,7 @@ from photogram.pipeline.stages.publishing.report_files import PRINTED, VIEW, pri
 from photogram.pipeline.store.results_record import read_record
 from photogram.pipeline.view import write_view
 from photogram.project.project import Project
-from photogram.project.result_files import ResultFolder, result_path
+from photogram.result_files import ResultFolder, result_path
 from photogram.wording import some
 
 

@@ -24,10 +24,10 @@ from photogram.pipeline.stages.stored_surface import StoredSurface
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import Summary
 from photogram.project.project import Project
-from photogram.project.result_files import result_path
 from photogram.quality.cloud_comparison import Comparison
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
+from photogram.result_files import result_path
 from photogram.results import Adjustment
 from photogram.sfm.orientation import Orientation
 from photogram.survey import Block, Features, PointCloud, Raster, TiePoints

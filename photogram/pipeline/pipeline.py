@@ -44,10 +44,10 @@ from photogram.pipeline.store.stage_summary import StageNote
 from photogram.pipeline.store.work_orders import check_pool, open_order
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project, read_project
-from photogram.project.result_files import within_results
 from photogram.project.validation.heights import stop_at_contradictions
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report
+from photogram.result_files import within_results
 from photogram.wording import some
 
 _LOG = logging.getLogger(__name__)

@@ -16,10 +16,10 @@ from photogram.pipeline.project_file import PROJECT_FILE, project_file
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
 from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import recorded
-from photogram.project.result_files import result_path
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
+from photogram.result_files import result_path
 from photogram.wording import Progress, silent
 
 CLOUDS = ("dense.laz", "points_adjusted.laz")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from photogram.files.stage_folders import stage_folder_around
 from photogram.project.document import Document, Key, read_entry
-from photogram.project.result_files import FORMER_FOLDERS, WRITTEN_IN_RESULTS
 from photogram.project.schema import PhotographEntry, ProjectFile
+from photogram.result_files import FORMER_FOLDERS, WRITTEN_IN_RESULTS
 
 GRID_SUFFIXES = (".gtx", ".tif", ".tiff", ".gsb", ".gri", ".byn", ".bin")
 _OWN_KEY: Key = ("work",)

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
-from photogram.project.result_files import is_picture
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.asprs import AXES
 from photogram.report.client.contents import client_part
@@ -30,6 +29,7 @@ from photogram.report.record.report import Report, oriented
 from photogram.report.record.surfaces import SurfacePointRecord
 from photogram.report.record.verdict import LightRecord
 from photogram.report.titles import CLOUD_TITLES
+from photogram.result_files import is_picture
 from photogram.results import SIGMA_TITLES
 
 Row = dict[str, object]

@@ -15,7 +15,7 @@ from photogram.pipeline.pipeline import open_run
 from photogram.pipeline.stages.features import stored_features
 from photogram.pipeline.stages.matches import stored_matches
 from photogram.project.project import Project
-from photogram.project.result_files import STUDY
+from photogram.result_files import STUDY
 from photogram.sfm.tie_points.matching import candidate_matches
 from photogram.teaching.figures import inliers_by_iteration, inliers_by_sample_size
 from photogram.teaching.ransac_study import RansacStudy, Residual, needed_iterations

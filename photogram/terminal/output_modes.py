@@ -13,8 +13,8 @@ from photogram.pipeline.stage import Watcher
 from photogram.pipeline.stages.publishing.report_files import PAGE
 from photogram.project.findings import Finding
 from photogram.project.project import Project
-from photogram.project.result_files import within_results
 from photogram.report.record.report import Report
+from photogram.result_files import within_results
 from photogram.terminal.console import bars, console, steps
 from photogram.terminal.cost_table import cost_line
 from photogram.terminal.events import EventLines

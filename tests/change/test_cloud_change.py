@@ -12,10 +12,10 @@ from changed_surveys import HEAP, STABLE, write_epochs, write_polygons
 from lib.simulated_changes import CORNER
 
 from photogram.change.cloud_change import CloudRequest, Method, compare_clouds
-from photogram.change.surfaces import StatedSigma
 from photogram.errors import FrameError, PhotogramError
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.survey import PointCloud
+from photogram.volumes.surfaces import StatedSigma
 from photogram.wording import silent
 
 

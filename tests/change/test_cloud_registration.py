@@ -6,9 +6,9 @@ import shapely
 from lib.simulated_changes import CORNER, Errors, epoch, grid_at
 
 from photogram.change.cloud_registration import NAMES, PARAMETERS, register_clouds
-from photogram.change.stable_ground import Motion
 from photogram.errors import PhotogramError
 from photogram.survey import PointCloud
+from photogram.volumes.stable_ground import Motion
 
 OWN = Errors(own_m=(0.02, 0.02), shift_m=(0.0, 0.0, 0.0), tilt_m=0.0, dome_m=0.0)
 STABLE = [shapely.box(CORNER[0] - 10, CORNER[1] - 10, CORNER[0] + 10, CORNER[1] + 10)]

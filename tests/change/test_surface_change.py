@@ -11,10 +11,11 @@ import pytest
 import rasterio
 import shapely
 from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_polygons
+from lib.simulated_changes import CORNER
 
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.errors import PhotogramError, ProjectError
-from photogram.project.result_files import within_results
+from photogram.result_files import within_results
 from photogram.wording import silent
 
 
@@ -174,3 +175,25 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(site: Path, tmp_path: 
         with pytest.raises(ProjectError, match=words):
             compare_surfaces(wrong, tmp_path / "out", silent)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_heaps_of_one_epoch_over_the_ground_around_them(tmp_path: Path) -> None:
+    _, later = write_epochs(tmp_path)
+    write_polygons(tmp_path / "heaps.gpkg", OUTLINES, ["heap", "pit"])
+    asked = SurfaceRequest(later, None, tmp_path / "heaps.gpkg")
+    change = compare_surfaces(asked, tmp_path / "out")
+    assert change.reference == "the plane through the rim"
+    assert len(change.bases) == 2
+    assert change.bases[0].value[0] == pytest.approx(40.0, abs=0.7)
+    heap, pit = change.volumes
+    assert heap.fill_m3 > 5 * heap.cut_m3
+    assert pit.cut_m3 > 5 * pit.fill_m3
+    assert change.cells < 1.02 * (heap.area_m2 + pit.area_m2) / 0.04 + 400
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(ProjectError, match="name the polygons"):
+        compare_surfaces(replace(asked, polygons=None), tmp_path / "none")
+    corner = shapely.box(CORNER[0] - 14.9, CORNER[1] + 14.0, CORNER[0] - 14.7, CORNER[1] + 14.4)
+    write_polygons(tmp_path / "out" / "rim.gpkg", [corner.buffer(60.0)], ["all"])
+    with pytest.raises(PhotogramError, match="base of 'all', in a strip around it: stable ground"):
+        compare_surfaces(replace(asked, polygons=tmp_path / "out" / "rim.gpkg"), tmp_path / "none")
+    assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "out" / "rim.gpkg"])

@@ -14,7 +14,7 @@ from photogram.delivery.hand_over import deliver
 from photogram.delivery.package import PACKAGE, RECORD
 from photogram.errors import ExchangeError
 from photogram.pipeline.store.results_record import read_record
-from photogram.project.result_files import ResultFolder
+from photogram.result_files import ResultFolder
 
 Photogram = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

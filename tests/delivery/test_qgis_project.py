@@ -25,7 +25,7 @@ from photogram.files.maps.point_files import GROUND_POINTS, write_ground_points
 from photogram.files.maps.rasters import write_raster
 from photogram.files.maps.seam_files import write_seams
 from photogram.grid import MapGrid
-from photogram.project.result_files import ResultFolder, within_results
+from photogram.result_files import ResultFolder, within_results
 
 MAP = "EPSG:25832"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from photogram.files.atomic import replacing
 from photogram.pipeline.store.readme import README, write_readme
 from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded, remove_made
-from photogram.project.result_files import within_results
+from photogram.result_files import within_results
 
 
 def listed(results: Path) -> list[str]:

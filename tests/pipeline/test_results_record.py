@@ -17,7 +17,7 @@ from photogram.pipeline.store.results_record import (
     remove_made,
     remove_outdated,
 )
-from photogram.project.result_files import ResultFolder, is_written_by_a_run
+from photogram.result_files import ResultFolder, is_written_by_a_run
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

@@ -16,7 +16,7 @@ from photogram.pipeline.store.results_record import recorded, remove_outdated
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.folders import input_files
 from photogram.project.project import Project, read_project
-from photogram.project.result_files import PICTURES, STUDY, ResultFolder
+from photogram.result_files import PICTURES, STUDY, ResultFolder
 
 Run = Callable[..., Any]
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]

@@ -22,7 +22,6 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.files.npz_json import write_json
 from photogram.files.photographs.images import read_tags
 from photogram.geodesy.frames import LocalFrame, map_from_geodetic
-from photogram.project.result_files import result_path
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import VOLATILE
 from photogram.report.numbers.completion import asprs_numbers
@@ -35,6 +34,7 @@ from photogram.report.numbers.numbers import (
 )
 from photogram.report.numbers.overlap import ground_overlap
 from photogram.report.numbers.traffic_lights import number
+from photogram.result_files import result_path
 from photogram.results import Adjustment, LensFieldDecision
 from photogram.sfm.orientation import Orientation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block

@@ -12,13 +12,13 @@ from makers import Json, read_json
 from photogram.files.atomic import replacing
 from photogram.pipeline.stages.publishing.report_files import deliverables
 from photogram.pipeline.store.results_record import recorded, records
-from photogram.project.result_files import within_results
 from photogram.quality.asprs import ReportSettings
 from photogram.report.identity import grouped, report_id
 from photogram.report.numbers.completion import complete
 from photogram.report.numbers.overall import length
 from photogram.report.numbers.wording import capitalised, css_string, matching_settings
 from photogram.report.page import report_page
+from photogram.result_files import within_results
 
 GNSS_ONLY = {
     "absolute_plan_m": 2.1, "absolute_height_m": 10.05, "relative_plan_m": 0.02, "relative_height_m": 0.031,

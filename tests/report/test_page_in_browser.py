@@ -14,10 +14,10 @@ import pytest
 from makers import Json, read_json
 
 from photogram.errors import ReportError
-from photogram.project.result_files import RESULT_FILES
 from photogram.report.identity import grouped
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
+from photogram.result_files import RESULT_FILES
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 pypdf = pytest.importorskip("pypdf", reason="pypdf is not installed")

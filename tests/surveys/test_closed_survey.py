@@ -14,7 +14,7 @@ from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, open_run, run_pipeline
 from photogram.pipeline.stages.surfaces.closing import stored_closing
 from photogram.pipeline.stages.surfaces.relief import ReliefSummary
-from photogram.project.result_files import result_path
+from photogram.result_files import result_path
 from photogram.surface.dsm import FILLED, HOLE, INTERPOLATED, MEASURED_IN, WATER
 
 

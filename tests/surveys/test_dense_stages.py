@@ -27,7 +27,7 @@ from photogram.pipeline.stages.surfaces.surface import MatchedHeights, model_sur
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.pipeline.store.workspace import Workspace
-from photogram.project.result_files import within_results
+from photogram.result_files import within_results
 from photogram.surface.dense import tile_matching as dense_matching
 from photogram.surface.dense.semi_global import regularised
 

@@ -20,7 +20,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.input_validation import checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.project.result_files import result_path
+from photogram.result_files import result_path
 from photogram.sfm.similarity import fit_similarity
 from photogram.simulation.simulated_survey import SimulatedSurvey, SurveyPlan, render_photographs, simulate
 from photogram.simulation.survey_files import write_survey

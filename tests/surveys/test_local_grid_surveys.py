@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from photogram.files.npz_json import read_json
 from photogram.local_grids.site_calibration import calibrate_site
 from photogram.pipeline.pipeline import load_project, run_pipeline
-from photogram.project.result_files import result_path
+from photogram.result_files import result_path
 from photogram.simulation.demonstration import write_demonstration
 
 pytestmark = pytest.mark.survey

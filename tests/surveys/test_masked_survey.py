@@ -18,8 +18,8 @@ from photogram.files.photographs.masks import read_mask, write_mask
 from photogram.pipeline.pipeline import load_project, open_run, remaining_stages, run_pipeline
 from photogram.pipeline.stages.features import stored_features
 from photogram.pipeline.stages.orientation import transferred_tie_points
-from photogram.project.result_files import result_path
 from photogram.report.record.report import Report
+from photogram.result_files import result_path
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 GEAR = (slice(100, 200), slice(130, 270))

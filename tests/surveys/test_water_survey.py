@@ -14,8 +14,8 @@ from seeds import ALL
 
 from photogram.grid import MapGrid
 from photogram.pipeline.pipeline import load_project, remaining_stages, run_pipeline
-from photogram.project.result_files import result_path
 from photogram.report.record.report import Report
+from photogram.result_files import result_path
 from photogram.simulation.cover.leaves import CoverPlan
 from photogram.simulation.demonstration import write_demonstration
 from photogram.simulation.scene import Material

@@ -9,10 +9,6 @@ from typing import Any
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.change.differences import LOWERED, RAISED, UNCHANGED, Difference
-from photogram.change.figure import DifferencePicture, difference_figure, volume_label
-from photogram.change.stable_ground import Registration
-from photogram.change.volumes import Volume
 from photogram.files.atomic import make_folder, replacing
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.polygon_files import SitePolygon
@@ -21,7 +17,11 @@ from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics
+from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.report.figures.style import save_picture
+from photogram.volumes.differences import LOWERED, RAISED, UNCHANGED, Difference
+from photogram.volumes.stable_ground import Registration
+from photogram.volumes.volumes import Volume, volume_label
 from photogram.wording import percent
 
 TILE_CELLS = 1024

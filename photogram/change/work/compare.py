@@ -11,13 +11,13 @@ from rich.table import Table
 from photogram.change.cloud_change import CloudRequest, compare_clouds
 from photogram.change.m3c2 import M3C2Settings
 from photogram.change.reference_comparison import compare_files_to_reference, write_comparison
-from photogram.change.stable_ground import Motion
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
-from photogram.change.surfaces import SURFACE_SUFFIXES, StatedSigma, in_survey
 from photogram.change.work.tables import show_cloud_change, show_surface_change
 from photogram.errors import ProjectError
 from photogram.quality.cloud_comparison import Comparison
 from photogram.terminal.console import console, steps
+from photogram.volumes.stable_ground import Motion
+from photogram.volumes.surfaces import SURFACE_SUFFIXES, StatedSigma, in_survey
 
 FIGURES: dict[str, Callable[[Comparison], str]] = {
     "points after the filter": lambda c: str(c.cloud_to_surface.points),

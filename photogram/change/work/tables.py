@@ -4,12 +4,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from photogram.change.cloud_change import CloudChange
-from photogram.change.figure import volume_label
 from photogram.change.files.change_files import SurfaceChange
-from photogram.change.stable_ground import Registration
-from photogram.change.volumes import Volume
 from photogram.files.maps.rasters import HIGHEST_M, LOWEST_M
 from photogram.terminal.console import console
+from photogram.volumes.stable_ground import Registration
+from photogram.volumes.volumes import Volume, volume_label
 from photogram.wording import percent
 
 

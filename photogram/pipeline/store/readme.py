@@ -5,7 +5,7 @@ from pathlib import Path
 
 from photogram.files.atomic import replacing
 from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded
-from photogram.project.result_files import PURPOSES, ResultFolder, contents_of, rank_of, within_results
+from photogram.result_files import PURPOSES, ResultFolder, contents_of, rank_of, within_results
 from photogram.wording import things
 
 README = "README.txt"

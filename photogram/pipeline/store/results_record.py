@@ -13,7 +13,7 @@ from threading import Lock
 from photogram.files.atomic import observed, replacing
 from photogram.files.npz_json import file_fingerprint
 from photogram.files.stage_folders import errors_of
-from photogram.project.result_files import (
+from photogram.result_files import (
     FORMER_FOLDERS,
     WRITTEN_IN_RESULTS,
     ResultFolder,

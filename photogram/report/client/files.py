@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from photogram.project.result_files import PURPOSES, ResultFolder, contents_of, is_picture, rank_of
 from photogram.report.record.verdict import DeliverableRecord
+from photogram.result_files import PURPOSES, ResultFolder, contents_of, is_picture, rank_of
 from photogram.wording import things
 
 PAGE = "report.html"

@@ -39,7 +39,6 @@ from photogram.pipeline.stages.surfaces.surface import WATER_FILE, matched, surf
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.project.measured.measured_block import PhotographNote
-from photogram.project.result_files import PICTURES, within_results
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.figures.surface_figures import (
     DrawnFigure,
@@ -61,6 +60,7 @@ from photogram.report.numbers.dense import (
 from photogram.report.numbers.dense_surface import DenseSurface, OrthophotoPicture, ground_marks
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.surfaces import DenseRecord, NoOrthophotoRecord, OrthophotoRecord, PlaneRecord
+from photogram.result_files import PICTURES, within_results
 from photogram.surface.dsm import FILLED, INTERPOLATED, MEASURED, WATER, measured_in
 from photogram.surface.ortho.marked_targets import (
     GreyImage,

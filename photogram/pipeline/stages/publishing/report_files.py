@@ -17,7 +17,6 @@ from photogram.pipeline.store.results_record import recorded, remove_made
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
-from photogram.project.result_files import result_path, within_results
 from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import PageFigure
 from photogram.report.numbers.completion import complete, survey_names
@@ -31,6 +30,7 @@ from photogram.report.record.json_schema import report_schema
 from photogram.report.record.photographs import MasksRecord
 from photogram.report.record.report import Report, SurveyNumbers
 from photogram.report.record.verdict import DeliverableRecord, SurveyRecord
+from photogram.result_files import result_path, within_results
 
 PAGE, PRINTED, NUMBERS, FIGURES, VIEW = "report.html", "report.pdf", "report.json", "figures.json", "view.html"
 SCHEMA = "report.schema.json"

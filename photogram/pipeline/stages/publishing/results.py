@@ -70,7 +70,6 @@ from photogram.pipeline.store.readme import README, write_readme
 from photogram.pipeline.store.results_record import recorded, records, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageNote
-from photogram.project.result_files import MASKS, PICTURES, ResultFolder, within_results
 from photogram.report.figures.page_figures import page_figures
 from photogram.report.figures.plan_view import plan_contents, plan_figure
 from photogram.report.figures.style import (
@@ -93,6 +92,7 @@ from photogram.report.numbers.statistics import dsm_numbers
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.surfaces import DsmRecord, NoSurfaceRecord
 from photogram.report.versions import versions
+from photogram.result_files import MASKS, PICTURES, ResultFolder, within_results
 from photogram.results import Adjustment
 from photogram.sfm.tie_points.tracks import seen_in_all
 from photogram.wording import Progress, file_stem, things

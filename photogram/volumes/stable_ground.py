@@ -13,12 +13,12 @@ import numpy as np
 import shapely
 
 from photogram.arrays import BoolArray, FloatArray, nmad
-from photogram.change.correlation import gathered
-from photogram.change.differences import Correction, Difference, shapes_at
-from photogram.change.outlines import window_of
-from photogram.change.surfaces import SLOPE_STEPS
 from photogram.errors import SurfaceError
 from photogram.grid import MapGrid, Window
+from photogram.volumes.correlation import gathered
+from photogram.volumes.differences import Correction, Difference, shapes_at
+from photogram.volumes.outlines import window_of
+from photogram.volumes.surfaces import SLOPE_STEPS
 
 Motion = Literal["offset", "tilt", "rigid"]
 """What one epoch may be moved by: in height; in height and leaning; in all three directions and turned."""

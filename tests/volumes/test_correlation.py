@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from photogram.change.correlation import (
+from photogram.volumes.correlation import (
     correlation_weights,
     gathered,
     independent_points,

@@ -6,8 +6,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from photogram.change.outlines import coverage, outline_samples, window_of
 from photogram.grid import MapGrid, Window
+from photogram.volumes.outlines import coverage, outline_samples, window_of
 
 GRID = MapGrid(100.0, 260.0, 0.5, 80, 120)
 RING = shapely.Point(130.0, 240.0).buffer(11.3) - shapely.Point(128.0, 238.0).buffer(4.1)

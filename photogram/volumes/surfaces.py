@@ -1,4 +1,4 @@
-"""A surface on disk, and what its files and its owner say of its errors.
+"""A surface on disk, and what its rasters and its owner say of its errors.
 
 An error of a cell has two parts. Its own differs from cell to cell, and is correlated over the window of the matching
 alone. What is common is a sum of patterns over the whole survey, each times one random number with standard deviation
@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from photogram.arrays import BoolArray, Float32Array, FloatArray
-from photogram.errors import ProjectError, ReportError, SettingError
+from photogram.errors import ProjectError, SettingError
 from photogram.files.maps.rasters import RasterFile, open_raster
 from photogram.grid import MapGrid, Window
-from photogram.project.result_files import ResultFolder, result_path
-from photogram.report.reading import read_report
+from photogram.result_files import ResultFolder, result_path
 from photogram.surface.dsm import FILLED, INTERPOLATED, WATER, measured_in
 
 WINDOW_CELLS = 5.0
@@ -51,7 +50,7 @@ class StatedSigma:
 
 @dataclass(frozen=True)
 class BlockErrors:
-    """What a report says of the errors of its whole block, 1 sigma."""
+    """What an adjustment says of the errors of its whole block, 1 sigma."""
 
     shift_east_m: float
     """Common shift, east."""
@@ -61,6 +60,11 @@ class BlockErrors:
     """Rise over run, about each axis."""
     middle_map_m: tuple[float, float] | None = None
     """What it tilts about; None: the middle of the raster."""
+
+    @staticmethod
+    def of(shift_east_m: float, shift_north_m: float, tilt_m: float, radius_m: float) -> "BlockErrors":
+        """Return the errors of a block that tilts by ``tilt_m`` over ``radius_m``, by nothing where that is 0."""
+        return BlockErrors(shift_east_m, shift_north_m, tilt_m / radius_m if radius_m > 0.0 else 0.0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ class SurfaceFiles:
     stated: StatedSigma | None
     """In place of the rasters."""
     block: BlockErrors | None
-    """None where no report tells it: then all that is common is alike everywhere."""
+    """None where nothing tells it: then all that is common is alike everywhere."""
     correlation_m: float
     """Width over which own errors correlate."""
 
@@ -120,17 +124,19 @@ def surface_path(path: Path) -> Path:
     return in_survey(path, SURFACE)
 
 
-def open_surface(path: Path, stated: StatedSigma | None, correlation_m: float | None) -> SurfaceFiles:
-    """Return a surface and what lies beside it: of ``NAME.tif`` or ``NAME_filled.tif`` the rasters ``NAME_sigma``,
-    ``NAME_sigma_own`` and ``NAME_source``, and of ``dsm.tif`` the report.
+def open_rasters(
+    path: Path, stated: StatedSigma | None, correlation_m: float | None, block: BlockErrors | None, *, local: bool
+) -> SurfaceFiles:
+    """Return a surface and the rasters beside it: of ``NAME.tif`` or ``NAME_filled.tif`` ``NAME_sigma``,
+    ``NAME_sigma_own`` and ``NAME_source``. ``block`` is what is known of the errors of its whole block, ``local``
+    whether it may lie in a frame without a CRS.
 
     Raises ProjectError or FrameError where one is damaged or does not fit the others, or nothing says how large its
     errors are.
     """
-    path = surface_path(path)
-    heights = open_raster(path)
+    heights = open_raster(path, local=local)
     name = path.stem.removesuffix("_filled")
-    sigma, own, source = (_beside(heights, f"{name}_{part}.tif") for part in ("sigma", "sigma_own", "source"))
+    sigma, own, source = (_beside(heights, f"{name}_{part}.tif", local) for part in ("sigma", "sigma_own", "source"))
     if stated is None and sigma is None:
         raise ProjectError(
             f"surface {path}: no standard deviations beside it ({name}_sigma.tif): state two, of a height by itself "
@@ -144,8 +150,7 @@ def open_surface(path: Path, stated: StatedSigma | None, correlation_m: float | 
     length_m = WINDOW_CELLS * heights.grid.cell_m if correlation_m is None else correlation_m
     if not 0.0 < length_m < np.inf:
         raise SettingError("correlation", f"must be a positive length, found {length_m:g} m")
-    block = None if stated is not None or name != "dsm" else _block_errors(accompanying(path, "report.json"))
-    return SurfaceFiles(heights, sigma, own, source, stated, block, length_m)
+    return SurfaceFiles(heights, sigma, own, source, stated, None if stated is not None else block, length_m)
 
 
 def accompanying(surface: Path, name: str) -> Path:
@@ -155,31 +160,14 @@ def accompanying(surface: Path, name: str) -> Path:
     return results / ResultFolder.QUALITY / name if sorted_out else beside
 
 
-def _beside(heights: RasterFile, name: str) -> RasterFile | None:
+def _beside(heights: RasterFile, name: str, local: bool) -> RasterFile | None:
     path = accompanying(heights.path, name)
     if not path.is_file():
         return None
-    raster = open_raster(path)
+    raster = open_raster(path, local=local)
     if raster.grid != heights.grid:
         raise ProjectError(f"raster {path}: its cells are not those of {heights.path.name}: make both again together")
     return raster
-
-
-def _block_errors(path: Path) -> BlockErrors | None:
-    """Return what report.json says of a block, None where there is none or it says nothing of the datum and tilt."""
-    if not path.is_file():
-        return None
-    try:
-        report = read_report(path)
-    except ReportError as error:
-        raise ProjectError(str(error)) from error
-    placed = report["diagnosis"].get("placing")
-    datum = None if "left_out" in report["dsm"] else report["dsm"]["datum_sigma_m"]
-    if datum is None or placed is None:
-        return None
-    radius_m, tilt_m = placed["radius_m"] or 0.0, placed["tilt_m"] or 0.0
-    tilt = tilt_m / radius_m if radius_m > 0.0 else 0.0
-    return BlockErrors(datum["easting"] or 0.0, datum["northing"] or 0.0, tilt)
 
 
 @dataclass(frozen=True, eq=False)

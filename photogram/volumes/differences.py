@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray
-from photogram.change.correlation import gathered, reach_cells
-from photogram.change.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
 from photogram.errors import FrameError
 from photogram.geodesy.crs import crs_label, height_system_of, same_plan
 from photogram.grid import MapGrid, Window
+from photogram.volumes.correlation import gathered, reach_cells
+from photogram.volumes.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
 
 LEVEL = 1.959964
 """Standard deviations beyond which a normal variable lies in 5 % of all cases."""

@@ -101,14 +101,6 @@ def _label(axes: Any, name: str, polygon: Geometry, volume: str | None) -> None:
     axes.text(place.x, place.y, text, ha="center", va="center", fontsize=7.5, path_effects=halo, clip_on=True)
 
 
-def volume_label(volume_m3: float, sigma_m3: float) -> str:
-    """Return a volume with its standard deviation, to the latter's second digit: +1234.5 ± 6.7 m³."""
-    if not sigma_m3 > 0.0:
-        return f"{volume_m3:+.3g} m³".replace("-", "−")
-    digits = max(0, 1 - int(np.floor(np.log10(sigma_m3))))
-    return f"{volume_m3:+.{digits}f} ± {sigma_m3:.{digits}f} m³".replace("-", "−")
-
-
 def gridded(place_map_m: FloatArray, values: FloatArray, within: BoolArray) -> tuple[FloatArray, BoolArray, MapGrid]:
     """Return points (N, 2 or 3) as means over cells that hold two of them on average: values (rows, columns), NaN
     without a point; which cells have all points within the level of detection; and their grid."""

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from lib.simulated_changes import CRS, Errors, MemoryRaster, epoch, grid_at, uneven
 
-from photogram.change.differences import LEVEL, LOWERED, RAISED, UNCHANGED, difference_of
-from photogram.change.surfaces import StatedSigma, SurfaceFiles
 from photogram.errors import FrameError
 from photogram.grid import MapGrid, Window
+from photogram.volumes.differences import LEVEL, LOWERED, RAISED, UNCHANGED, difference_of
+from photogram.volumes.surfaces import StatedSigma, SurfaceFiles
 
 
 def level(height_m: float, grid: MapGrid, crs: str = CRS, sigma: tuple[float, float] = (0.03, 0.04)) -> SurfaceFiles:

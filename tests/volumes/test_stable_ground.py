@@ -7,11 +7,11 @@ import pytest
 import shapely
 from lib.simulated_changes import CORNER, Drawn, Errors, MemoryRaster, epoch, grid_at, uneven
 
-from photogram.change.differences import Difference, difference_of
-from photogram.change.stable_ground import MOST_CELLS, registration_of
-from photogram.change.surfaces import PATTERNS
 from photogram.errors import PhotogramError
 from photogram.grid import Window
+from photogram.volumes.differences import Difference, difference_of
+from photogram.volumes.stable_ground import MOST_CELLS, registration_of
+from photogram.volumes.surfaces import PATTERNS
 
 STILL = Drawn(np.zeros(3), np.zeros(2), 0.0)
 
@@ -92,7 +92,7 @@ def test_ground_that_is_bent_between_its_parts_is_told() -> None:
 def test_of_a_large_grid_every_second_cell_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     moved = Drawn(np.array([0.0, 0.0, 0.05]), np.array([4e-4, 0.0]), 0.0)
     every, _ = registration_of(surveys(54, moved), STABLE, "tilt")
-    monkeypatch.setattr("photogram.change.stable_ground.MOST_CELLS", 12_000)
+    monkeypatch.setattr("photogram.volumes.stable_ground.MOST_CELLS", 12_000)
     some, _ = registration_of(surveys(54, moved), STABLE, "tilt")
     assert MOST_CELLS > 12_000
     assert some.cells == pytest.approx(every.cells / 4, rel=0.03)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from photogram.arrays import FloatArray
-from photogram.change.differences import LEVEL, Difference, DifferenceCells, own_variance
-from photogram.change.outlines import Geometry, OutlineSamples, coverage, outline_samples
 from photogram.grid import MapGrid, Window
+from photogram.volumes.differences import LEVEL, Difference, DifferenceCells, own_variance
+from photogram.volumes.outlines import Geometry, OutlineSamples, coverage, outline_samples
 
 KINDS = 3
 """Volumes of a polygon: net, fill and cut."""
@@ -59,6 +59,14 @@ class Volume:
     """Fill in cells beyond the level of detection."""
     detected_cut_m3: float
     """Cut in cells beyond the level of detection."""
+
+
+def volume_label(volume_m3: float, sigma_m3: float) -> str:
+    """Return a volume with its standard deviation, to the latter's second digit: +1234.5 ± 6.7 m³."""
+    if not sigma_m3 > 0.0:
+        return f"{volume_m3:+.3g} m³".replace("-", "−")
+    digits = max(0, 1 - int(np.floor(np.log10(sigma_m3))))
+    return f"{volume_m3:+.{digits}f} ± {sigma_m3:.{digits}f} m³".replace("-", "−")
 
 
 class VolumeSums:

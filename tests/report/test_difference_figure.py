@@ -4,19 +4,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 import shapely
 from matplotlib.colors import to_rgba
 
-from photogram.change.figure import (
+from photogram.grid import MapGrid
+from photogram.report.figures.difference_figure import (
     NO_DATA,
     DifferencePicture,
     difference_figure,
     gridded,
-    volume_label,
 )
-from photogram.grid import MapGrid
 from photogram.report.figures.style import save_picture
+from photogram.volumes.volumes import volume_label
 
 GRID = MapGrid(500_000.0, 6_000_000.0, 1.0, 30, 40)
 
@@ -69,12 +68,3 @@ def test_points_become_means_over_cells() -> None:
     np.testing.assert_allclose(values[known], np.broadcast_to(0.1 * middle, values.shape)[known], atol=0.1)
     assert pale[:, middle < 28].all()
     assert not pale[known & (middle > 32)].any()
-
-
-@pytest.mark.parametrize(
-    ("volume", "text"),
-    [((1234.567, 6.78), "+1234.6 ± 6.8 m³"), ((-87.7, 0.27), "−87.70 ± 0.27 m³"), ((-1234.0, 45.0), "−1234 ± 45 m³"),
-     ((12.3, 0.0), "+12.3 m³")],
-)  # fmt: skip
-def test_a_volume_is_said_to_the_second_digit_of_its_sigma(volume: tuple[float, float], text: str) -> None:
-    assert volume_label(*volume) == text

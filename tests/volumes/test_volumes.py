@@ -8,10 +8,10 @@ import shapely
 from lib.simulated_changes import CORNER, Errors, Heap, MemoryRaster, epoch, grid_at, uneven
 from seeds import limit, seeds
 
-from photogram.change.differences import Difference, difference_of
-from photogram.change.surfaces import SurfaceFiles
-from photogram.change.volumes import Volume, VolumeSums, total
 from photogram.grid import Window
+from photogram.volumes.differences import Difference, difference_of
+from photogram.volumes.surfaces import SurfaceFiles
+from photogram.volumes.volumes import Volume, VolumeSums, total, volume_label
 
 NONE = Errors(own_m=(0.0, 0.0), shift_m=(0.0, 0.0, 0.0), tilt_m=0.0, dome_m=0.0)
 OWN = replace(NONE, own_m=(0.05, 0.05))
@@ -133,3 +133,12 @@ def test_the_volumes_of_all_polygons_share_the_common_errors() -> None:
     assert both.net_m3 == pytest.approx(whole.net_m3, rel=1e-9)
     assert both.common_sigma_m3 == pytest.approx(whole.common_sigma_m3, rel=1e-9)
     assert both.area_m2 == pytest.approx(whole.area_m2)
+
+
+@pytest.mark.parametrize(
+    ("volume", "text"),
+    [((1234.567, 6.78), "+1234.6 ± 6.8 m³"), ((-87.7, 0.27), "−87.70 ± 0.27 m³"), ((-1234.0, 45.0), "−1234 ± 45 m³"),
+     ((12.3, 0.0), "+12.3 m³")],
+)  # fmt: skip
+def test_a_volume_is_said_to_the_second_digit_of_its_sigma(volume: tuple[float, float], text: str) -> None:
+    assert volume_label(*volume) == text

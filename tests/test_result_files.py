@@ -6,7 +6,7 @@ import pytest
 
 from photogram.delivery.names import FILES
 from photogram.pipeline.stages.order import BEFORE_RESULTS
-from photogram.project.result_files import (
+from photogram.result_files import (
     RESULT_FILES,
     WRITTEN_IN_RESULTS,
     contents_of,

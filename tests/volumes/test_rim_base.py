@@ -1,21 +1,17 @@
 """Heaps over the ground around them, of one simulated survey."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
-from changed_surveys import OUTLINES, write_epochs, write_polygons
 from lib.simulated_changes import CORNER, Errors, Heap, epoch, grid_at
 from seeds import limit, seeds
 
-from photogram.change.rim_base import base_of, over_level, rim_of
-from photogram.change.surface_change import SurfaceRequest, compare_surfaces
-from photogram.change.volumes import Volume, VolumeSums
-from photogram.errors import PhotogramError, ProjectError
 from photogram.files.maps.polygon_files import SitePolygon
 from photogram.grid import Window
+from photogram.volumes.rim_base import base_of, over_level, rim_of
+from photogram.volumes.volumes import Volume, VolumeSums
 
 HEAP = Heap(30.0, -20.0, 5.0, 0.6)
 POLYGON = SitePolygon("sand", shapely.Point(CORNER[0] + HEAP.east_m, CORNER[1] + HEAP.north_m).buffer(6.0))
@@ -60,25 +56,3 @@ def test_the_rim_lies_outside_of_the_polygon() -> None:
     rim = rim_of(POLYGON.polygon, 2.0)
     assert rim.intersection(POLYGON.polygon).area < 1e-9
     assert rim.area == pytest.approx(np.pi * (8.0**2 - 6.0**2), rel=0.01)
-
-
-def test_one_epoch_on_disk(tmp_path: Path) -> None:
-    _, later = write_epochs(tmp_path)
-    write_polygons(tmp_path / "heaps.gpkg", OUTLINES, ["heap", "pit"])
-    request = SurfaceRequest(later, None, tmp_path / "heaps.gpkg")
-    change = compare_surfaces(request, tmp_path / "out")
-    assert change.reference == "the plane through the rim"
-    assert len(change.bases) == 2
-    assert change.bases[0].value[0] == pytest.approx(40.0, abs=0.7)
-    heap, pit = change.volumes
-    assert heap.fill_m3 > 5 * heap.cut_m3
-    assert pit.cut_m3 > 5 * pit.fill_m3
-    assert change.cells < 1.02 * (heap.area_m2 + pit.area_m2) / 0.04 + 400
-    before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(ProjectError, match="name the polygons"):
-        compare_surfaces(replace(request, polygons=None), tmp_path / "none")
-    corner = shapely.box(CORNER[0] - 14.9, CORNER[1] + 14.0, CORNER[0] - 14.7, CORNER[1] + 14.4)
-    write_polygons(tmp_path / "out" / "rim.gpkg", [corner.buffer(60.0)], ["all"])
-    with pytest.raises(PhotogramError, match="base of 'all', in a strip around it: stable ground"):
-        compare_surfaces(replace(request, polygons=tmp_path / "out" / "rim.gpkg"), tmp_path / "none")
-    assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "out" / "rim.gpkg"])

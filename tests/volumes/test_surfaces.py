@@ -1,6 +1,5 @@
 """Surfaces on disk: what their files say of their errors, and windows of them on another grid."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,20 +8,16 @@ import pytest
 from changed_surveys import write_epochs
 from lib.simulated_changes import CRS, Errors, MemoryRaster, epoch, grid_at, uneven
 
-from photogram.change.surfaces import (
+from photogram.grid import MapGrid, Window
+from photogram.volumes.surfaces import (
     BlockErrors,
-    StatedSigma,
     SurfaceFiles,
     labels,
-    open_surface,
+    open_rasters,
     same_cells,
     surface_cells,
     surface_path,
 )
-from photogram.errors import ProjectError, SettingError
-from photogram.files.maps.rasters import write_raster
-from photogram.grid import MapGrid, Window
-from photogram.survey import Raster
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +27,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_what_lies_beside_a_surface_is_found(results: Path) -> None:
     assert surface_path(results.parent) == results / "deliverables/dsm.tif"
-    surface = open_surface(results, None, None)
+    surface = open_rasters(results / "deliverables/dsm.tif", None, None, None, local=False)
     assert surface.correlation_m == pytest.approx(1.0)
     assert surface.block is None
     assert surface.sigma_source == "dsm_sigma.tif, dsm_sigma_own.tif"
@@ -43,7 +38,7 @@ def test_what_lies_beside_a_surface_is_found(results: Path) -> None:
 
 
 def test_both_parts_add_up_to_the_whole(results: Path) -> None:
-    surface = open_surface(results, None, None)
+    surface = open_rasters(results / "deliverables/dsm.tif", None, None, None, local=False)
     surface = replace(surface, block=BlockErrors(0.015, 0.01, 1e-4))
     window = Window(20, 20, 60, 60)
     cells = surface_cells(surface, surface.heights.grid, window)
@@ -97,45 +92,7 @@ def test_cells_that_lie_on_each_other() -> None:
     assert not same_cells(grid, replace(grid, cell_m=0.1001))
 
 
-def test_what_a_report_says_of_the_block_is_read(adjusted_survey: Path) -> None:
-    results = adjusted_survey / "results"
-    surface = open_surface(results, None, None)
-    assert surface.block is not None
-    report = json.loads((results / "quality/report.json").read_text())
-    assert surface.block.shift_north_m == report["dsm"]["datum_sigma_m"]["northing"]
-    assert 0.0 < surface.block.tilt < 0.01
-    assert surface.sigma_source == "dsm_sigma.tif, dsm_sigma_own.tif, report.json"
-
-
 def test_surfaces_are_told_apart_by_their_folders() -> None:
     assert labels(Path("/a/b.tif"), Path("/c/d.tif")) == ("b.tif", "d.tif")
-    assert labels(Path("/s/may/results/deliverables/dsm.tif"), Path("/s/june/dsm.tif")) == (
-        "may/dsm.tif",
-        "june/dsm.tif",
-    )
-
-
-def test_what_is_missing_or_does_not_fit_is_said(tmp_path: Path) -> None:
-    raster = Raster(np.zeros((8, 9), np.float32), 500_000.0, 6_000_000.0, 0.5)
-    write_raster(tmp_path / "site.tif", raster, CRS)
-    with pytest.raises(ProjectError, match=r"no standard deviations beside it \(site_sigma\.tif\): state two"):
-        open_surface(tmp_path / "site.tif", None, None)
-    stated = open_surface(tmp_path / "site.tif", StatedSigma(0.02, 0.03), None)
-    cells = surface_cells(stated, stated.heights.grid, stated.heights.grid.whole)
-    assert cells.own_m[2, 2] == 0.02
-    assert cells.pattern_m[4, 2, 2] == 0.03
-    write_raster(tmp_path / "site_sigma.tif", raster, CRS)
-    with pytest.raises(ProjectError, match=r"no site_source\.tif beside it.*--correlation"):
-        open_surface(tmp_path / "site.tif", None, None)
-    assert (
-        open_surface(tmp_path / "site.tif", None, 3.0).sigma_source == "site_sigma.tif, the whole of it taken as common"
-    )
-    with pytest.raises(SettingError, match="correlation: must be a positive length, found -1 m"):
-        open_surface(tmp_path / "site.tif", None, -1.0)
-    write_raster(tmp_path / "site_sigma.tif", replace(raster, cell_m=0.25), CRS)
-    with pytest.raises(ProjectError, match=r"site_sigma\.tif: its cells are not those of site\.tif"):
-        open_surface(tmp_path / "site.tif", None, 3.0)
-    with pytest.raises(ProjectError, match="two lengths in m are expected"):
-        StatedSigma(-0.1, 0.0)
-    with pytest.raises(ProjectError, match="file not found"):
-        open_surface(tmp_path, None, None)
+    may, june = Path("/s/may/results/deliverables/dsm.tif"), Path("/s/june/dsm.tif")
+    assert labels(may, june) == ("may/dsm.tif", "june/dsm.tif")
