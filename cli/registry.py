@@ -22,6 +22,7 @@ COMMANDS = {
     "export": "photogram.exchange.commands.export:export",
     "deliver": "photogram.delivery.command:deliver",
     "compare": "photogram.change.commands.compare:compare",
+    "volume": "photogram.change.commands.volume:volume",
     "audit": "photogram.exchange.commands.audit:audit",
     "study": "photogram.teaching.command:experiments",
     "schema": "photogram.cli.commands.schema:schema",

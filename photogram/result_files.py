@@ -65,6 +65,7 @@ RESULT_FILES: tuple[ResultFile, ...] = (
             "dsm_filled.tif": "The same without holes: what was not measured is filled or interpolated",
             "dtm.tif": "Terrain model: heights of the bare ground (GeoTIFF)",
             "plane.json": "The upright plane that surface model and orthophoto are drawn on",
+            "volumes.csv": "Volumes of the polygons that were asked for, with their standard deviations",
             "contours.gpkg": "Contour lines (GeoPackage, for GIS and CAD)",
             "outline.gpkg": "Outline of the area that was mapped",
             "dense.laz": "Point cloud of the surface, with colours (LAZ)",
@@ -112,7 +113,7 @@ RESULT_FILES: tuple[ResultFile, ...] = (
         {
             f"{name}.png": "Picture of the report"
             for name in (
-                "surface", "plan", "comparison", "orthophoto", "dense_*", "residuals_*", "lens_field_*", "matches_*",
+                "surface", "plan", "volumes", "comparison", "orthophoto", "dense_*", "residuals_*", "lens_field_*", "matches_*",
             )
         },
     ),

@@ -26,6 +26,7 @@ from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
 from photogram.pipeline.reference_placement import reference_findings
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
+from photogram.pipeline.volume_findings import volume_findings
 from photogram.project.findings import Finding, Findings
 from photogram.project.project import Project, photograph_paths
 from photogram.project.start import start_findings
@@ -130,6 +131,7 @@ def checked_project(project: Project) -> CheckedProject:
             [
                 *folder_findings(project),
                 *reference,
+                *volume_findings(project, tags),
                 *given_mask_findings(project),
                 *start_findings(project.start),
                 *survey,

@@ -14,6 +14,7 @@ StageName = Literal[
     "adjustment",
     "dense",
     "surface",
+    "volumes",
     "relief",
     "orthophoto",
     "comparison",

@@ -31,6 +31,8 @@ def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, P
         (("comparison", "reference"), file.comparison.reference),
         (("orthophoto", "seams"), _file_named(file.orthophoto, "seams")),
         (("surface", "area"), _file_named(file.surface, "area")),
+        (("volumes", "polygons"), _file_named(file.volumes, "polygons")),
+        (("volumes", "reference"), _file_named(file.volumes, "reference")),
         *((("cameras", name, "matlab"), camera.matlab) for name, camera in file.cameras.items()),
         *((("cameras", name, "mask"), camera.mask) for name, camera in file.cameras.items()),
     ]

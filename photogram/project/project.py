@@ -20,8 +20,6 @@ from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.constraints.between_points import Constraint
 from photogram.errors import PhotogramError
-from photogram.files.maps.polygon_files import read_polygons
-from photogram.files.maps.seam_files import read_seams
 from photogram.geodesy.crs import NO_CRS, UNDECLARED_DATUM, WGS84, DeclaredDatum, changes_datum, product_crs
 from photogram.geodesy.frames import LocalFrame, WorldKind
 from photogram.geodesy.height_systems import UNDECLARED, DeclaredHeights, HeightSystem
@@ -41,6 +39,7 @@ from photogram.project.masks import (
     masks_of_photographs,
     project_masks,
 )
+from photogram.project.named_files import with_area, with_seams, with_volumes
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of
 from photogram.project.schema import (
@@ -68,6 +67,7 @@ from photogram.surface.dtm import TerrainSettings
 from photogram.surface.ortho.orthophoto import OrthophotoSettings
 from photogram.surface.tin_dsm import SurfaceSettings
 from photogram.survey import ControlPoints, Role, Roles
+from photogram.volumes.volume_settings import VolumeSettings
 
 ReadMatlabCamera = Callable[[Path, str, int, int, Literal["photogram", "matlab"]], Camera]
 """Reads a camera from (path, name, width_px, height_px, pixel_origin), as files.matlab.read_camera."""
@@ -179,6 +179,8 @@ class Project:
     """Cameras on one body."""
     report: ReportSettings = field(default_factory=ReportSettings)
     """Names and targets of the report."""
+    volumes: VolumeSettings = field(default_factory=VolumeSettings)
+    """Settings of the section."""
     start: InitialSolutionFile | None = None
     """What another program has found that the project starts from, None without."""
     masks: ProjectMasks = field(default_factory=ProjectMasks)
@@ -288,6 +290,7 @@ SECTIONS: Mapping[str, type[Any]] = {
     "terrain": TerrainSettings,
     "contours": ContourSettings,
     "orthophoto": OrthophotoSettings,
+    "volumes": VolumeSettings,
     "report": ReportSettings,
 }
 """Sections of the file that are settings, called as the fields of Project."""
@@ -319,8 +322,9 @@ def read_project(
     check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
-    settings["surface"] = _with_area(document, settings["surface"], file, settings["dense"])
-    settings["orthophoto"] = _with_seams(document, settings["orthophoto"], file, photographs)
+    settings["surface"] = with_area(document, settings["surface"], file, settings["dense"])
+    settings["volumes"] = with_volumes(document, settings["volumes"], file, settings["surface"], settings["dense"])
+    settings["orthophoto"] = with_seams(document, settings["orthophoto"], file, photographs)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     solution = read_start(document, file)
     cameras = [_camera(document, ("cameras", c), entry, read_matlab_camera) for c, entry in file.cameras.items()]
@@ -357,48 +361,6 @@ def read_project(
         photographs_folder=photographs_folder,
         **{name: given(section) for name, section in settings.items()},
     )
-
-
-def _with_seams(
-    document: Document,
-    settings: OrthophotoSettings | None,
-    file: ProjectFile,
-    photographs: Sequence[PhotographEntry] | None,
-) -> OrthophotoSettings | None:
-    """Return the settings of the orthophoto with its file of seams as an absolute path; what is wrong with the file is
-    noted in the document."""
-    if settings is None or settings.seams is None:
-        return settings
-    path = document.base / settings.seams
-    if not isfile(path):
-        document.add_error(("orthophoto", "seams"), f"file {path} not found")
-    elif photographs is not None and file.crs is not None:
-        try:
-            read_seams(path, [p.name for p in photographs if p.name is not None], file.crs)
-        except PhotogramError as error:
-            document.add_error(("orthophoto", "seams"), str(error))
-    return replace(settings, seams=str(path))
-
-
-def _with_area(
-    document: Document, settings: SurfaceSettings | None, file: ProjectFile, dense: DenseSettings | None
-) -> SurfaceSettings | None:
-    """Return the settings of the surface with its file of polygons as an absolute path; what is wrong with the file is
-    noted in the document."""
-    if settings is None or settings.area is None:
-        return settings
-    path = document.base / settings.area
-    if dense is not None and not dense.enabled:
-        text = "is that of dense matching, which dense.enabled: false leaves out: remove one of them"
-        document.add_error(("surface", "area"), text)
-    elif not isfile(path):
-        document.add_error(("surface", "area"), f"file {path} not found: correct the path, or remove the key")
-    elif file.crs is not None:
-        try:
-            read_polygons(path, file.crs)
-        except PhotogramError as error:
-            document.add_error(("surface", "area"), str(error))
-    return replace(settings, area=str(path))
 
 
 def _folder(document: Document, file: ProjectFile, photographs_folder: Path | None) -> Path | None:

@@ -499,6 +499,7 @@ class ProjectFile(Entry):
     surface: Any = None
     terrain: Any = None
     contours: Any = None
+    volumes: Any = None
     orthophoto: Any = None
     comparison: Annotated[ComparisonEntry, "What the results are compared with."] = ComparisonEntry()
     report: Any = None

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from rich.markup import escape
 from rich.table import Table
 
+from photogram.report.client.volumes import volume_sentences
 from photogram.report.record.diagnosis import DiagnosisRecord
 from photogram.report.record.positions import GnssRecord
 from photogram.report.record.report import Report, oriented
@@ -13,6 +14,7 @@ from photogram.report.titles import ASSUMED_SIGMAS, CLOUD_TITLES
 from photogram.results import SIGMA_TITLES
 from photogram.terminal.console import console
 from photogram.terminal.surface_table import surface_table
+from photogram.terminal.volume_table import volume_table
 from photogram.wording import percent
 
 MAXIMUM_SENTENCES = 4
@@ -237,7 +239,9 @@ def show_report(report: Report) -> None:
     show_gnss(report["gnss"])
     _show_suspects(report)
     _show_diagnosis(report["diagnosis"])
-    _show_tables(surface_table(report), _over_reference(report["clouds"]))
+    _show_tables(surface_table(report), volume_table(report), _over_reference(report["clouds"]))
+    for sentence in volume_sentences(report):
+        console.print(escape(sentence), soft_wrap=True)
     console.print(f"[bold]{escape(report['verdict']['sentence'])}[/bold]", soft_wrap=True)
 
 

@@ -14,6 +14,7 @@ from photogram.arrays import FloatArray
 from photogram.grid import MapGrid, Window
 from photogram.volumes.differences import LEVEL, Difference, DifferenceCells, own_variance
 from photogram.volumes.outlines import Geometry, OutlineSamples, coverage, outline_samples
+from photogram.wording import percent
 
 KINDS = 3
 """Volumes of a polygon: net, fill and cut."""
@@ -67,6 +68,13 @@ def volume_label(volume_m3: float, sigma_m3: float) -> str:
         return f"{volume_m3:+.3g} m³".replace("-", "−")
     digits = max(0, 1 - int(np.floor(np.log10(sigma_m3))))
     return f"{volume_m3:+.{digits}f} ± {sigma_m3:.{digits}f} m³".replace("-", "−")
+
+
+def volume_words(volume_m3: float, sigma_m3: float, unmeasured: float) -> str:
+    """Return a volume with its standard deviation and, on a line of its own, the share (0 to 1) of its polygon that is
+    not measured."""
+    text = volume_label(volume_m3, sigma_m3)
+    return f"{text}\n{percent(unmeasured)} not measured" if unmeasured >= 0.005 else text
 
 
 class VolumeSums:

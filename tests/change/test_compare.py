@@ -56,6 +56,24 @@ def test_one_epoch_over_the_ground_around_its_polygons(site: Path, tmp_path: Pat
     assert [v["name"] for v in found["volumes"]] == ["heap", "pit"]
 
 
+def test_the_word_volume_measures_what_compare_does(site: Path, tmp_path: Path, photogram: Photogram) -> None:
+    options = ("--reference", "rim", "--polygons", site / "heaps.gpkg", "--output", tmp_path / "compare")
+    assert photogram("compare", site / "later", *options).code == 0
+    outcome = photogram("volume", site / "later", site / "heaps.gpkg", "--output", tmp_path / "volume")
+    assert outcome.code == 0, outcome.err
+    tables = [(tmp_path / name / "volumes.csv").read_bytes() for name in ("compare", "volume")]
+    assert tables[0] == tables[1]
+    level = photogram("volume", site / "later", site / "heaps.gpkg", "--base", "39.5", "--output", tmp_path / "level")
+    assert level.code == 0, level.err
+    assert "minus the height 39.5 m" in words(level.out)
+    found = json.loads((tmp_path / "level/comparison.json").read_text())["dsm"]
+    for volume in found["volumes"]:
+        rim = next(v for v in json.loads((tmp_path / "volume/comparison.json").read_text())["dsm"]["volumes"]
+                   if v["name"] == volume["name"])  # fmt: skip
+        assert volume["net_m3"] > rim["net_m3"]
+        assert volume["common_sigma_m3"] > rim["common_sigma_m3"]
+
+
 def test_m3c2_of_two_clouds(site: Path, tmp_path: Path, photogram: Photogram) -> None:
     pytest.importorskip("py4dgeo")
     outcome = photogram(

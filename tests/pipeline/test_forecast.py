@@ -47,7 +47,7 @@ def test_what_is_not_asked_for_takes_no_time_and_is_not_compiled(survey: Path) -
         reference=None,
     )
     idle = [cost for cost in of(bare, compiled=COLD).stages if not cost.seconds]
-    assert [cost.stage for cost in idle] == ["dense", "relief", "orthophoto", "comparison"]
+    assert [cost.stage for cost in idle] == ["dense", "volumes", "relief", "orthophoto", "comparison"]
     assert all(cost.compilation_seconds == 0.0 for cost in idle)
 
 

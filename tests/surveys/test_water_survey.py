@@ -57,7 +57,7 @@ def both(edit: Edit, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tupl
     shutil.copytree(first, second)
     edit(second / "project.yaml", lambda v: v["photographs"].update(masks={"auto": ["water"]}))
     left = remaining_stages(load_project(second / "project.yaml"))
-    assert left == ("surface", "relief", "orthophoto", "results")
+    assert left == ("surface", "volumes", "relief", "orthophoto", "results")
     with undrawing_unless_all():
         return {**found, "water": (second, run_pipeline(load_project(second / "project.yaml")))}
 

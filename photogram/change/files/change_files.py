@@ -1,28 +1,26 @@
 """What has changed between two surfaces, and the files it is written to."""
 
-import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from photogram.arrays import Float32Array, FloatArray
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.polygon_files import SitePolygon
 from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of
+from photogram.pipeline.stages.surfaces.volume_files import write_volumes
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import CloudStatistics
 from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.report.figures.style import save_picture
 from photogram.volumes.differences import LOWERED, RAISED, UNCHANGED, Difference
 from photogram.volumes.stable_ground import Registration
-from photogram.volumes.volumes import Volume, volume_label
-from photogram.wording import percent
+from photogram.volumes.volumes import Volume, volume_words
 
 TILE_CELLS = 1024
 MOST_SHOWN = 1400
@@ -128,7 +126,7 @@ def write_change(
     codes = ((tile, values.astype(np.uint8)) for tile, values in _tiles_of(layers.codes))
     write_cog_codes(output / "change.tif", grid, crs, codes, categories=CHANGES)
     if change.volumes:
-        write_volumes(output / "volumes.csv", change)
+        write_volumes(output / "volumes.csv", [*change.volumes, *([change.total] if change.total else [])])
     write_json(output / "comparison.json", {Path(change.later).stem: {"method": "height", **asdict(change)}})
     step = block_of((grid.rows, grid.columns), MOST_SHOWN)
     thinned = every_cell(layers.difference, step)
@@ -136,22 +134,6 @@ def write_change(
     picture = DifferencePicture(
         thinned, every_cell(layers.codes, step) == UNCHANGED, coarse,
         [(p.name, p.polygon) for p in polygons], [p.polygon for p in stable], change.later, change.reference,
-        {v.name: _words(v) for v in change.volumes},
+        {v.name: volume_words(v.net_m3, v.net_sigma_m3, v.unmeasured_m2 / v.area_m2) for v in change.volumes},
     )  # fmt: skip
     save_picture(difference_figure(picture), output / "comparison.png")
-
-
-def _words(volume: Volume) -> str:
-    text = volume_label(volume.net_m3, volume.net_sigma_m3)
-    share = volume.unmeasured_m2 / volume.area_m2
-    return f"{text}\n{percent(share)} not measured" if share >= 0.005 else text
-
-
-def write_volumes(path: Path, change: SurfaceChange) -> None:
-    """Write a line for each polygon and, where they do not overlap, one for all; whole or not at all."""
-    rows: list[dict[str, Any]] = [asdict(v) for v in (*change.volumes, *([change.total] if change.total else []))]
-    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, [f.name for f in fields(Volume)], lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: v if isinstance(v, str) else f"{v:.4f}" for k, v in row.items()})

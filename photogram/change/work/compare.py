@@ -94,6 +94,20 @@ def _epochs_of_surfaces(clouds: list[Path], reference: Path, output: Path, optio
     _say_written(output, ("difference.tif", "difference_sigma.tif", "change.tif"), bool(change.volumes))
 
 
+def run_volume(surface: Path, polygons: Path, base: str, output: Path, polygon_sigma_m: float) -> None:
+    """Measure volumes of polygons over their rims, a height or a surface; show them, and write what `compare` does."""
+    try:
+        level_m = float(base)
+    except ValueError:
+        level_m = None
+    earlier = None if level_m is not None or Path(base) == RIM else Path(base)
+    request = SurfaceRequest(surface, earlier, polygons, outline_sigma_m=polygon_sigma_m, level_m=level_m)
+    with steps("Volumes") as progress:
+        change = compare_surfaces(request, output, progress)
+    show_surface_change(change)
+    _say_written(output, ("difference.tif", "difference_sigma.tif", "change.tif"), bool(change.volumes))
+
+
 def _epochs_of_clouds(clouds: list[Path], reference: Path, output: Path, options: Options) -> None:
     if options.polygons is not None:
         raise ProjectError("volumes are those of surfaces: give GeoTIFFs, or folders of results, without --method")

@@ -11,6 +11,7 @@ from photogram.pipeline.stages.orthophoto import ORTHOPHOTO
 from photogram.pipeline.stages.photographs import PHOTOGRAPHS
 from photogram.pipeline.stages.surfaces.relief import RELIEF
 from photogram.pipeline.stages.surfaces.surface import SURFACE
+from photogram.pipeline.stages.surfaces.volumes import VOLUMES
 from photogram.pipeline.stages.tie_points import TIE_POINTS
 
 BEFORE_RESULTS: tuple[Stage, ...] = (
@@ -25,6 +26,7 @@ BEFORE_RESULTS: tuple[Stage, ...] = (
     ADJUSTMENT,
     DENSE,
     SURFACE,
+    VOLUMES,
     RELIEF,
     ORTHOPHOTO,
     COMPARISON,

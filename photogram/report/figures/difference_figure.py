@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import MapGrid
 from photogram.measures.round_lengths import round_up
+from photogram.report.figures.profile_figure import hillshade
 from photogram.report.figures.style import map_axes, new_figure
 
 Geometry = Any  # of shapely, which has no types
@@ -49,6 +50,8 @@ class DifferencePicture:
     """What is written under the name of a polygon."""
     what: str = "height, later minus earlier, m"
     """What the colours show."""
+    height_m: FloatArray | None = None
+    """Heights of the ground (rows, columns), shaded beside the polygons; None: nothing is shown there."""
 
 
 def difference_figure(picture: DifferencePicture) -> Figure:
@@ -66,6 +69,9 @@ def difference_figure(picture: DifferencePicture) -> Figure:
     width = float(np.clip(8.5 * grid.columns / grid.rows, 3.5, 8.5))
     figure = new_figure(width + 1.6, max(width * grid.rows / grid.columns, 2.2) + 1.5)
     axes = figure.add_subplot(facecolor=NO_DATA)
+    if picture.height_m is not None and np.isfinite(picture.height_m).any():
+        shaded = hillshade(picture.height_m, grid.cell_m)
+        axes.imshow(shaded, extent=grid.extent_map_m, interpolation="nearest", cmap="gray", vmin=-0.5, vmax=1.2)
     axes.imshow(colours, extent=grid.extent_map_m, interpolation="nearest")
     frame = axes.get_xlim(), axes.get_ylim()
     for outline in picture.stable:
@@ -75,11 +81,15 @@ def difference_figure(picture: DifferencePicture) -> Figure:
         _label(axes, name, outline, picture.volumes.get(name))
     axes.set(xlim=frame[0], ylim=frame[1])
     map_axes(axes)
-    axes.set_title(f"{picture.later} minus {picture.earlier}", fontsize=11)
+    if picture.height_m is None:
+        axes.set_title(f"{picture.later} minus {picture.earlier}", fontsize=11)
+    else:
+        axes.set_title(f"Volumes over {picture.earlier}", fontsize=11)
     bar = figure.colorbar(scale, ax=axes, shrink=0.8, extend="both", pad=0.02)
     bar.set_label(picture.what, fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    signs: list[Patch | Line2D] = [Patch(facecolor=NO_DATA, label="not measured in both")]
+    missing = "not measured in both" if picture.height_m is None else "not measured"
+    signs: list[Patch | Line2D] = [Patch(facecolor=NO_DATA, label=missing)]
     if pale.any():
         label = "pale: within the level of detection (95 %)"
         signs.insert(0, Patch(facecolor="#f3f3f3", edgecolor="#999999", label=label))

@@ -22,6 +22,7 @@ from photogram.camera import Camera, LensField
 from photogram.measures.round_lengths import round_down
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
+from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.report.figures.plan_view import plan_contents, plan_figure
 from photogram.report.figures.style import (
     BLUE,
@@ -99,6 +100,17 @@ def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
     )
     alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
     return PageFigure("plan", caption, alternative, embedded(plan_figure(contents, widest_in=PLAN_IN)))
+
+
+def volumes_figure(picture: DifferencePicture) -> PageFigure:
+    """Return the picture of volumes for the page."""
+    caption = (
+        "Polygons whose volumes were measured: colours are heights above the base within them, pale where they are "
+        f"within what errors explain (95 %); {picture.earlier} is the base. Beside them the surface, lit from the "
+        "north-west."
+    )
+    alternative = f"Map of {len(picture.polygons)} polygons with their volumes"
+    return PageFigure("volumes", caption, alternative, embedded(difference_figure(picture)))
 
 
 # ---- error ellipses ------------------------------------------------------------------------------------------------

@@ -46,6 +46,7 @@ from photogram.report.record.verdict import (
     VerdictRecord,
     WarningRecord,
 )
+from photogram.report.record.volumes import NoVolumesRecord, VolumesRecord
 
 
 class AdjustedNumbers(TypedDict):
@@ -81,6 +82,7 @@ class AdjustedNumbers(TypedDict):
     marks: NotRequired[MarksRecord]
     masks: NotRequired[MasksRecord]
     stretches: NotRequired[dict[str, StretchRecord]]
+    volumes: NotRequired[VolumesRecord | NoVolumesRecord]
 
 
 class SurveyNumbers(AdjustedNumbers):

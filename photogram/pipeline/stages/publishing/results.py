@@ -66,11 +66,13 @@ from photogram.pipeline.stages.stored_adjustment import (
 )
 from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame
+from photogram.pipeline.stages.surfaces.volume_files import volumes_picture, volumes_record
 from photogram.pipeline.store.readme import README, write_readme
 from photogram.pipeline.store.results_record import recorded, records, remove_outdated
 from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.stage_summary import StageNote
-from photogram.report.figures.page_figures import page_figures
+from photogram.report.figures.difference_figure import difference_figure
+from photogram.report.figures.page_figures import page_figures, volumes_figure
 from photogram.report.figures.plan_view import plan_contents, plan_figure
 from photogram.report.figures.style import (
     candidate_and_verified_matches,
@@ -243,6 +245,10 @@ def _pictures(outcome: _Outcome) -> list[str]:
             figure = field_figure(camera, camera.field, result.covariances.lens_field_px2[c], title)
             save_picture(figure, pictures / name)
             products.append(f"{PICTURES}/{name}")
+    volumes = volumes_picture(run)
+    if volumes is not None:
+        save_picture(difference_figure(volumes), pictures / "volumes.png")
+        products.append(f"{PICTURES}/volumes.png")
     comparisons = stored_comparisons(run)
     if comparisons:
         save_picture(comparison_figure(comparisons), pictures / "comparison.png")
@@ -353,11 +359,16 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["dense"] = surface.dense
     if surface.plane is not None:
         numbers["plane"] = surface.plane
+    volumes, picture = volumes_record(run), volumes_picture(run)
+    if volumes is not None:
+        numbers["volumes"] = volumes
     sparse = outcome.surface.heights() if surface.dense is None and outcome.surface.is_there else None
     figures = page_figures(
         outcome.result, outcome.overlap, clouds["adjusted"], sparse, stored_comparisons(run), upright=upright
     )
     figures += surface.figures + marks.figures
+    if picture is not None:
+        figures.append(volumes_figure(picture))
     return write_report(run.project, numbers, figures, outcome.folder) + surface.pictures
 
 
