@@ -18,6 +18,7 @@ from photogram.files.maps.rasters import open_raster
 from photogram.pipeline.input_validation import check_project
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.terminal.volume_table import volume_table
+from photogram.volumes.outlines import coverage
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
@@ -82,6 +83,13 @@ def test_the_survey_measures_what_the_command_measures(asked: Path, edit: Edit, 
     if base == "reference":
         sand = found["polygons"][0]
         assert sand["net_m3"] == pytest.approx(0.5 * (sand["measured_m2"] + sand["interpolated_m2"]), rel=1e-3)
+    if base == "level":
+        truth = open_raster(asked / "truth_surface.tif")
+        heights_m = truth.read(truth.grid.whole).astype(np.float64)
+        for shape, volume in zip(polygons_of(results)[0], found["polygons"], strict=True):
+            inside = coverage(shape, truth.grid, truth.grid.whole)
+            true_m3 = float(np.nansum(inside * (heights_m - level_m)) * truth.grid.cell_m**2)
+            assert abs(volume["net_m3"] - true_m3) < 3.0 * volume["net_sigma_m3"]
     with (results / "volumes.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["name"] for row in rows] == ["sand", "gravel", "all"]
