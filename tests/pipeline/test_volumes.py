@@ -98,8 +98,11 @@ def test_the_survey_measures_what_the_command_measures(asked: Path, edit: Edit, 
 
 
 def test_the_page_the_terminal_and_a_picture_show_them(asked: Path, edit: Edit) -> None:
-    report = run_pipeline(load_project(ask(edit, asked)))
+    report = run_pipeline(load_project(ask(edit, asked, correlation_m=None)))
     assert report is not None
+    volumes = report["volumes"]
+    assert "left_out" not in volumes
+    assert volumes["correlation_m"] == pytest.approx(5.0 * volumes["cell_m"])  # the windows of the matching
     page = (asked / "results" / "report.html").read_text(encoding="utf-8")
     for part in ('id="table-client-volumes"', 'id="table-volumes"', 'id="figure-volumes"'):
         assert part in page
