@@ -113,7 +113,8 @@ RESULT_FILES: tuple[ResultFile, ...] = (
         {
             f"{name}.png": "Picture of the report"
             for name in (
-                "surface", "plan", "volumes", "comparison", "orthophoto", "dense_*", "residuals_*", "lens_field_*", "matches_*",
+                "surface", "plan", "volumes", "comparison", "orthophoto", "dense_*", "residuals_*", "lens_field_*",
+                "matches_*",
             )
         },
     ),

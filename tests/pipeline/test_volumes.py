@@ -25,7 +25,7 @@ Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
 def polygons_of(results: Path) -> tuple[list[Any], str]:
     """Return two squares about the middle of a surface, and its CRS."""
-    raster = open_raster(results / "dsm.tif")
+    raster = open_raster(results / "deliverables/dsm.tif")
     west, east, south, north = raster.grid.extent_map_m
     side = min(east - west, north - south) / 8
     x, y = (west + east) / 2, (south + north) / 2
@@ -51,7 +51,7 @@ def ask(edit: Edit, folder: Path, **settings: object) -> Path:
 def test_the_survey_measures_what_the_command_measures(asked: Path, edit: Edit, tmp_path: Path, base: str) -> None:
     results, settings = asked / "results", {"base": base}
     earlier = tmp_path / "before.tif"
-    with rasterio.open(results / "dsm.tif") as file:
+    with rasterio.open(results / "deliverables/dsm.tif") as file:
         profile, heights = file.profile, file.read(1, masked=True)
     level_m = round(float(np.median(heights.compressed())) - 1.0, 2)
     request = SurfaceRequest(results, None, asked / "heaps.gpkg", correlation_m=2.0)
@@ -90,11 +90,11 @@ def test_the_survey_measures_what_the_command_measures(asked: Path, edit: Edit, 
             inside = coverage(shape, truth.grid, truth.grid.whole)
             true_m3 = float(np.nansum(inside * (heights_m - level_m)) * truth.grid.cell_m**2)
             assert abs(volume["net_m3"] - true_m3) < 3.0 * volume["net_sigma_m3"]
-    with (results / "volumes.csv").open(encoding="utf-8") as stream:
+    with (results / "deliverables/volumes.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["name"] for row in rows] == ["sand", "gravel", "all"]
     assert float(rows[0]["net_m3"]) == pytest.approx(found["polygons"][0]["net_m3"], abs=1e-4)
-    assert json.loads((results / "report.json").read_text())["volumes"]["base"] == base
+    assert json.loads((results / "quality/report.json").read_text())["volumes"]["base"] == base
 
 
 def test_the_page_the_terminal_and_a_picture_show_them(asked: Path, edit: Edit) -> None:
@@ -103,11 +103,11 @@ def test_the_page_the_terminal_and_a_picture_show_them(asked: Path, edit: Edit) 
     volumes = report["volumes"]
     assert "left_out" not in volumes
     assert volumes["correlation_m"] == pytest.approx(5.0 * volumes["cell_m"])  # the windows of the matching
-    page = (asked / "results" / "report.html").read_text(encoding="utf-8")
+    page = (asked / "results" / "deliverables/report.html").read_text(encoding="utf-8")
     for part in ('id="table-client-volumes"', 'id="table-volumes"', 'id="figure-volumes"'):
         assert part in page
     assert "The base is the plane through the ground around each polygon." in page
-    assert (asked / "results" / "pictures" / "volumes.png").is_file()
+    assert (asked / "results" / "technical/pictures" / "volumes.png").is_file()
     table = volume_table(report)
     assert table is not None
     assert table.row_count == 3
@@ -115,7 +115,7 @@ def test_the_page_the_terminal_and_a_picture_show_them(asked: Path, edit: Edit) 
 
 def test_what_cannot_be_measured_is_said_by_name(asked: Path, edit: Edit) -> None:
     shapes, crs = polygons_of(asked / "results")
-    west, _, _, north = open_raster(asked / "results" / "dsm.tif").grid.extent_map_m
+    west, _, _, north = open_raster(asked / "results" / "deliverables/dsm.tif").grid.extent_map_m
     beside = shapely.box(west - 1.0, north + 0.5, west - 0.5, north + 1.0)
     write_polygons(asked / "heaps.gpkg", [shapes[0], beside], ["sand", "beside"], crs)
     report = run_pipeline(load_project(ask(edit, asked)))
@@ -124,7 +124,9 @@ def test_what_cannot_be_measured_is_said_by_name(asked: Path, edit: Edit) -> Non
     assert "left_out" not in volumes
     assert [v["name"] for v in volumes["polygons"]] == ["sand"]
     assert volumes["not_measured"] == [{"name": "beside", "reason": "it lies beyond the surface"}]
-    assert "beside: no volume, it lies beyond the surface." in (asked / "results" / "report.html").read_text()
+    assert (
+        "beside: no volume, it lies beyond the surface." in (asked / "results" / "deliverables/report.html").read_text()
+    )
 
 
 def test_polygons_that_lie_elsewhere_are_an_error_before_the_work(asked: Path, edit: Edit) -> None:

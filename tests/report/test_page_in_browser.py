@@ -276,6 +276,8 @@ def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
         {"file": name, "bytes": 1, "sha256": "0" * 64} for name in [f"{f.folder}/{f.pattern}" for f in RESULT_FILES]
     ]
     report["survey"] |= {"client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2}
+    volumes = report["volumes"]
+    volumes["polygons"] = [{**volumes["polygons"][0], "name": f"Heap of gravel {n}"} for n in range(60)]
     page, target = tmp_path / "long.html", tmp_path / "long.pdf"
     figures = read_json(finished_survey / "work/results.stage/figures.json")
     page.write_text(report_page(report, figures), encoding="utf-8")

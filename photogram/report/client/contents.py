@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from photogram.quality.asprs import AXES
 from photogram.report.client.facts import Fact, survey_facts
 from photogram.report.client.files import HandedOver, handed_over
-from photogram.report.client.volumes import VolumeRow, volume_rows, volume_sentences
+from photogram.report.client.volumes import VolumeRow, leading_rows, volume_rows, volume_sentences
 from photogram.report.numbers.overall import FAR_APART, length
 from photogram.report.numbers.traffic_lights import number
 from photogram.report.numbers.wording import share
@@ -41,6 +41,7 @@ class ClientPart:
     rmse_m: tuple[float | None, ...]
     files: list[HandedOver]
     volumes: list[VolumeRow]
+    shown_volumes: list[VolumeRow]
     volume_sentences: list[str]
 
 
@@ -58,6 +59,7 @@ def client_part(report: Report) -> ClientPart:
         (axes["easting"]["rmse_m"], axes["northing"]["rmse_m"], axes["height"]["rmse_m"]),
         handed_over(report["deliverables"]),
         volume_rows(report),
+        leading_rows(volume_rows(report)),
         volume_sentences(report),
     )
 

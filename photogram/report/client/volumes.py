@@ -7,6 +7,8 @@ from photogram.report.record.volumes import VolumeRecord
 from photogram.volumes.volumes import volume_label
 
 UNIT = " m³"
+MOST_ROWS = 13
+"""Of the client's table, which shares a page with the files."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,11 @@ def volume_rows(report: Report) -> list[VolumeRow]:
     rows = [_row(volume["name"], volume) for volume in volumes["polygons"]]
     total = volumes["total"]
     return [*rows, _row("all", total)] if total is not None and len(rows) > 1 else rows
+
+
+def leading_rows(rows: list[VolumeRow]) -> list[VolumeRow]:
+    """Return the first of many rows, and the last one, their sum."""
+    return rows if len(rows) <= MOST_ROWS else [*rows[: MOST_ROWS - 1], rows[-1]]
 
 
 def volume_sentences(report: Report) -> list[str]:

@@ -29,7 +29,7 @@ from photogram.volumes.differences import Difference, DifferenceCells, differenc
 from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes, over_height, over_rim, sum_of
 from photogram.volumes.outlines import coverage, window_of
 from photogram.volumes.rim_base import RIM_WIDTHS, over_level
-from photogram.volumes.surfaces import BlockErrors, StatedSigma, SurfaceFiles, open_rasters, surface_path
+from photogram.volumes.surfaces import BlockErrors, StatedSigma, SurfaceFiles, accompanying, open_rasters, surface_path
 from photogram.volumes.volume_settings import VolumeSettings
 from photogram.wording import Progress, things
 
@@ -212,8 +212,8 @@ def _settings(run: Run) -> object:
         return [said, file_fingerprint(Path(settings.polygons))]
     path = surface_path(Path(settings.reference))
     name = path.stem.removesuffix("_filled")
-    beside = [path, *(path.with_name(f"{name}_{part}.tif") for part in ("sigma", "sigma_own", "source"))]
-    files = [*beside, path.with_name("report.json")]
+    beside = (*(f"{name}_{part}.tif" for part in ("sigma", "sigma_own", "source")), "report.json")
+    files = [path, *(accompanying(path, own) for own in beside)]
     return [said, file_fingerprint(Path(settings.polygons)), [file_fingerprint(f) for f in files if f.is_file()]]
 
 
