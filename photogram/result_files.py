@@ -127,6 +127,7 @@ LATER_FILES: tuple[ResultFile, ...] = tuple(
         {
             "report.pdf": "The report, printed",
             "view.html": "The survey in 3-D, to look at and to measure in",
+            "dense.copc.laz": "The point cloud for viewers, which load what they show (COPC)",
             "survey.dxf": "Contour lines, outline, points and footprints (DXF, for CAD)",
             "survey.xml": "Surface, contour lines and points (LandXML, for CAD)",
             "survey.qgz": "All maps with their legends (QGIS project)",

@@ -31,6 +31,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "gtsam": ("factors",),
     "jinja2": ("report", "exchange.audit.page"),
     "laspy": ("files.clouds", "change.files"),
+    "lazrs": ("files.clouds",),
     "llvmlite": ("compilation", "sfm.tie_points.matchers.byte_distances"),
     "matio": ("files.matlab",),
     "matplotlib": ("report", "simulation.planning.figures", "teaching.figures"),

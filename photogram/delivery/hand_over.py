@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from photogram.delivery.clouds.copc_cloud import write_copc_cloud
 from photogram.delivery.drawing import write_drawing
 from photogram.delivery.google_earth import write_kmz
 from photogram.delivery.land_xml import write_land_xml
@@ -116,6 +117,8 @@ def _written(product: Product, path: Path, contents: SurveyContents, asked: _Ask
         return _land_xml(path, contents, asked.surface_error_m)
     if product is Product.GLB:
         return Delivered(path, *write_model(path, contents, asked.surface_error_m))
+    if product is Product.COPC:
+        return Delivered(path, *write_copc_cloud(path, contents))
     if product is Product.KMZ and contents.crs == NO_CRS:
         return Delivered(path, "", (f"{path.name}: crs: none, {_NO_DEGREES}.",))
     if product is Product.KMZ:

@@ -12,6 +12,7 @@ class Product(StrEnum):
     GLB = "glb"
     SHAPEFILE = "shapefile"
     KMZ = "kmz"
+    COPC = "copc"
 
 
 FILES = {
@@ -21,5 +22,6 @@ FILES = {
     Product.GLB: ("model.glb",),
     Product.SHAPEFILE: ("survey_shp.zip",),
     Product.KMZ: ("survey.kmz",),
+    Product.COPC: ("dense.copc.laz",),
 }
 """The files of each product, the one that is opened first."""

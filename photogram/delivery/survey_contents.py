@@ -1,8 +1,11 @@
 """What a finished survey hands over, gathered from what its stages have stored: lines, points and outlines, in m."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
+from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -13,12 +16,12 @@ from photogram.files.maps.seam_files import read_rim
 from photogram.files.poses import footprint_world_m
 from photogram.geodesy.crs import crs_in_words, plan_of
 from photogram.pipeline.stage_names import StageName
-from photogram.pipeline.stages.publishing.products import flight_date
+from photogram.pipeline.stages.publishing.products import flight_date, write_dense_cloud
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import reason_left_out
 from photogram.pipeline.stages.surface_frame import made_frame
 from photogram.pipeline.stages.surfaces.relief import ReliefSummary
-from photogram.pipeline.stages.surfaces.surface import SurfaceSummary
+from photogram.pipeline.stages.surfaces.surface import SurfaceSummary, matched
 from photogram.pipeline.store.run import Run
 from photogram.survey import Block, Contours
 
@@ -80,7 +83,7 @@ class SurveyContents:
     rim: Geometry | None
     """Rim of the orthophoto, polygons in the map, None where there is none."""
     absent: dict[str, str]
-    """What the survey has not, and why: `contour lines`, `rim` and `surface`."""
+    """What the survey has not, and why: `contour lines`, `rim`, `surface` and `dense cloud`."""
     on_plane: bool = False
     """Whether the rasters lie on a plane of their own, not on the map."""
     top: Path | None = None
@@ -90,6 +93,8 @@ class SurveyContents:
     """Picture on the map, None where there is none."""
     stations: tuple[tuple[str, FloatArray], ...] = ()
     """Photographs that are oriented, and where they were taken (3,)."""
+    write_cloud: Callable[[Path], bool] | None = None
+    """Writes the dense cloud as LAZ; None where nothing was matched."""
 
     @property
     def extent_map_m(self) -> FloatArray:
@@ -125,6 +130,8 @@ def survey_contents(run: Run) -> SurveyContents:
     surface, surface_of = (top, "surface" if top else "") if terrain is None else (terrain, "terrain")
     if surface is None:
         absent["surface"] = UPRIGHT if upright else reason_left_out(run, "surface") or "there is none"
+    if not matched(run):
+        absent["dense cloud"] = reason_left_out(run, "surface") or "nothing was matched densely"
     return SurveyContents(
         project.results,
         project.product_crs,
@@ -150,6 +157,7 @@ def survey_contents(run: Run) -> SurveyContents:
             for photograph, pose in zip(block.photographs, block.poses, strict=True)
             if pose is not None
         ),
+        partial(write_dense_cloud, run, ended=Event()) if matched(run) else None,
     )
 
 

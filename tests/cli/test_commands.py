@@ -149,7 +149,7 @@ def test_photographs_may_lie_in_another_folder(adjusted_survey: Path, photogram:
     assert "--photographs DIR" in outcome.err
     outcome = photogram("adjust", project, "--photographs", elsewhere, "--until", "comparison")
     assert outcome.code == 0, outcome.err
-    assert outcome.out.count("up to date") == 14
+    assert outcome.out.count("up to date") == 15
     assert photogram("adjust", project, "--photographs", adjusted_survey / "nowhere").code == 1
 
 

@@ -17,6 +17,7 @@ from photogram.errors import ProjectError
 from photogram.files.maps.rasters import open_raster
 from photogram.pipeline.input_validation import check_project
 from photogram.pipeline.pipeline import load_project, run_pipeline
+from photogram.result_files import result_path
 from photogram.terminal.volume_table import volume_table
 from photogram.volumes.outlines import coverage
 
@@ -60,7 +61,7 @@ def test_the_survey_measures_what_the_command_measures(asked: Path, edit: Edit, 
         request = SurfaceRequest(results, None, asked / "heaps.gpkg", correlation_m=2.0, level_m=level_m)
     elif base == "reference":
         for part in ("", "_sigma", "_sigma_own"):
-            with rasterio.open(results / f"dsm{part}.tif") as file:
+            with rasterio.open(result_path(results, f"dsm{part}.tif")) as file:
                 values = file.read(1)
             shift = 0.5 if part == "" else 0.0
             with rasterio.open(earlier.with_name(f"before{part}.tif"), "w", **{**profile, "driver": "GTiff"}) as file:

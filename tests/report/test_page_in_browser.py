@@ -26,7 +26,7 @@ from selenium.webdriver import Chrome  # noqa: E402
 
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
-TABLES = 30
+TABLES = 32
 FIGURES, MARKED_POINTS = 14, 12
 SMALLEST_PX = 12.0
 
@@ -272,9 +272,8 @@ def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
     report = deepcopy(full_report)
     model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
     report["control_points"] += [{**model, "name": f"Boundary stone {n} by the old mill"} for n in range(60)]
-    report["deliverables"] = [
-        {"file": name, "bytes": 1, "sha256": "0" * 64} for name in [f"{f.folder}/{f.pattern}" for f in RESULT_FILES]
-    ]
+    names = [f"{file.folder}/{file.pattern}" for file in RESULT_FILES if file.pattern != "report.html"]
+    report["deliverables"] = [{"file": name, "bytes": 1, "sha256": "0" * 64} for name in names]
     report["survey"] |= {"client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2}
     volumes = report["volumes"]
     volumes["polygons"] = [{**volumes["polygons"][0], "name": f"Heap of gravel {n}"} for n in range(60)]

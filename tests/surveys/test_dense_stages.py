@@ -27,7 +27,6 @@ from photogram.pipeline.stages.surfaces.surface import MatchedHeights, model_sur
 from photogram.pipeline.store.stage_files import keep_whole_files
 from photogram.pipeline.store.tiles import BlockFiles
 from photogram.pipeline.store.workspace import Workspace
-from photogram.result_files import within_results
 from photogram.surface.dense import tile_matching as dense_matching
 from photogram.surface.dense.semi_global import regularised
 
@@ -276,12 +275,12 @@ def test_weak_texture_correlates_less_and_has_no_larger_cells(tmp_path: Path) ->
 def test_the_dense_cloud_ends_with_the_work_beside_it(adjusted_survey: Path) -> None:
     """As when the user stops it: no file is left, not a part of one."""
     folder, ended = adjusted_survey / "beside", Event()
-    cloud = folder / within_results(CLOUD)
-    cloud.parent.mkdir(parents=True)
+    cloud = folder / CLOUD
+    folder.mkdir()
     with open_run(load_project(adjusted_survey / "project.yaml")) as run:
-        assert write_dense_cloud(run, folder, ended) == [within_results(CLOUD)]
+        assert write_dense_cloud(run, cloud, ended)
         cloud.unlink()
         ended.set()
         with pytest.raises(CancelledError):
-            write_dense_cloud(run, folder, ended)
-    assert list(cloud.parent.iterdir()) == []
+            write_dense_cloud(run, cloud, ended)
+    assert list(folder.iterdir()) == []

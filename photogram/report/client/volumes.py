@@ -5,16 +5,17 @@ from dataclasses import dataclass
 from photogram.report.record.report import Report
 from photogram.report.record.volumes import VolumeRecord
 from photogram.volumes.volumes import volume_label
+from photogram.wording import some
 
 UNIT = " m³"
-MOST_ROWS = 13
+MOST_ROWS = 8
 """Of the client's table, which shares a page with the files."""
 
 
 @dataclass(frozen=True)
 class VolumeRow:
     """A polygon: volumes above and below the base and their difference, each with its standard deviation, m³; its area
-    and what of it is not measured or filled, m²."""
+    and what of it is not measured, m²."""
 
     name: str
     above: str
@@ -22,7 +23,6 @@ class VolumeRow:
     net: str
     area_m2: float
     unmeasured_m2: float
-    interpolated_m2: float
 
 
 def _row(name: str, volume: VolumeRecord) -> VolumeRow:
@@ -34,8 +34,7 @@ def _row(name: str, volume: VolumeRecord) -> VolumeRow:
         )
     )
     net = volume_label(volume["net_m3"], volume["net_sigma_m3"]).removesuffix(UNIT)
-    areas = volume["area_m2"], volume["unmeasured_m2"], volume["interpolated_m2"]
-    return VolumeRow(name, above, below, net, *areas)
+    return VolumeRow(name, above, below, net, volume["area_m2"], volume["unmeasured_m2"])
 
 
 def volume_rows(report: Report) -> list[VolumeRow]:
@@ -63,12 +62,12 @@ def volume_sentences(report: Report) -> list[str]:
     said = [f"The base is {volumes['base_words']}."] if volumes["polygons"] else []
     missing = [f"{v['name']} ({v['unmeasured_m2']:.1f} m²)" for v in volumes["polygons"] if v["unmeasured_m2"] > 0.0]
     if missing:
-        said.append(f"Not measured everywhere, and no volume is counted there: {', '.join(missing)}.")
+        said.append(f"Not measured everywhere, and no volume is counted there: {some(missing)}.")
     filled = [
         f"{v['name']} ({v['interpolated_m3']:+.2f} m³)" for v in volumes["polygons"] if v["interpolated_m2"] > 0.0
     ]
     if filled:
-        said.append(f"Partly from filled cells, which no standard deviation covers: {', '.join(filled)}.")
+        said.append(f"Partly from filled cells, which no standard deviation covers: {some(filled)}.")
     if volumes["total"] is None and len(volumes["polygons"]) > 1:
         said.append("Polygons overlap: no sum of them is given.")
     return said + [f"{entry['name']}: no volume, {entry['reason']}." for entry in volumes["not_measured"]]

@@ -104,12 +104,12 @@ def flight_date(notes: Sequence[PhotographNote], poses: Sequence[Pose | None]) -
     return max((datetime.fromisoformat(time).date() for time in times if time is not None), default=NO_DATE)
 
 
-def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
+def write_dense_cloud(run: Run, path: Path, ended: Event) -> bool:
     """Write a point for every measured cell of the dense surface that the orthophoto shows, in its colour; for every
-    one, without colours, where there is no orthophoto; no file where nothing was matched. Returns the names of what was
+    one, without colours, where there is no orthophoto; no file where nothing was matched. Returns whether it was
     written. Raises CancelledError, and leaves no file, once the work beside which it is written has ``ended``."""
     if not matched(run):
-        return []
+        return False
     layers, created = surface_layers(run), flight_date(run.notes(), block_as_adjusted(run).poses)
     site = made_frame(run)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
@@ -117,7 +117,7 @@ def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
     chunks = _chunks(run, site, layers, picture, ended)
     origin_map_m = None if site.plane is None else site.map_m(np.zeros((1, 3)))[0]
     write_dense_laz(
-        results / within_results(CLOUD),
+        path,
         layers.grid,
         run.project.product_crs,
         chunks,
@@ -125,7 +125,7 @@ def write_dense_cloud(run: Run, results: Path, ended: Event) -> list[str]:
         coloured=coloured,
         plane_origin_map_m=origin_map_m,
     )
-    return [within_results(CLOUD)]
+    return True
 
 
 def _chunks(

@@ -45,7 +45,13 @@ from photogram.pipeline.stages.matches import stored_matches
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.orientation import stored_orientation
 from photogram.pipeline.stages.publishing.mark_pictures import mark_kinds, mark_pictures
-from photogram.pipeline.stages.publishing.products import copy_products, flight_date, report_surface, write_dense_cloud
+from photogram.pipeline.stages.publishing.products import (
+    CLOUD,
+    copy_products,
+    flight_date,
+    report_surface,
+    write_dense_cloud,
+)
 from photogram.pipeline.stages.publishing.report_files import (
     adjustment_effort,
     deliverables,
@@ -192,7 +198,8 @@ def _tables(outcome: _Outcome) -> list[str]:
 
 
 def _surfaces(outcome: _Outcome, ended: Event) -> list[str]:
-    return copy_products(outcome.run, outcome.results) + write_dense_cloud(outcome.run, outcome.results, ended)
+    copied, cloud = copy_products(outcome.run, outcome.results), within_results(CLOUD)
+    return [*copied, cloud] if write_dense_cloud(outcome.run, outcome.results / cloud, ended) else copied
 
 
 def _photographs(outcome: _Outcome) -> list[str]:
