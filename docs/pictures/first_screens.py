@@ -60,4 +60,4 @@ def side_by_side(rows: list[list[Image.Image]]) -> Image.Image:
 
 if __name__ == "__main__":
     output, *folders = map(Path, sys.argv[1:])
-    side_by_side([screens(folder / "report.html") for folder in folders]).save(output, optimize=True)
+    side_by_side([screens(folder / "deliverables" / "report.html") for folder in folders]).save(output, optimize=True)

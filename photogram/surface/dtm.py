@@ -28,6 +28,9 @@ ReadSurface = Callable[[Window], tuple[Float32Array, Float32Array]]
 """Gives of a window the heights (rows, columns) of a surface, whose holes may be closed, and their standard deviations,
 NaN where nothing was measured."""
 
+ReadOwn = Callable[[Window], Float32Array]
+"""Gives of a window the part of these standard deviations that cells do not share."""
+
 BLOCK_M = 0.5
 """Side of the blocks in which ground is looked for, where cells are smaller."""
 
@@ -98,8 +101,9 @@ class TerrainModel:
     """The terrain under a surface, from which windows are made.
 
     ``between`` and ``deviation`` are heights and standard deviations in blocks (R, C) of ``block`` cells to a side,
-    for what is interpolated; ``kept`` holds by tile, packed, which cells lie on the ground; ``standing`` is the share
-    of the measured cells that stand high above it.
+    for what is interpolated, and ``shared_m`` (R, C) what the sigmas of cells have in common there; ``kept`` holds by
+    tile, packed, which cells lie on the ground; ``standing`` is the share of the measured cells that stand high above
+    it.
     """
 
     grid: MapGrid
@@ -107,6 +111,7 @@ class TerrainModel:
     block: int
     between: FloatArray
     deviation: FloatArray
+    shared_m: FloatArray
     kept: Mapping[Window, NDArray[np.uint8]]
     standing: float
 
@@ -124,7 +129,10 @@ class TerrainModel:
         """Return the terrain in a window."""
         height, sigma = self.read(window)
         there, ground = np.isfinite(height), _unpacked(self.kept[window], window)
-        between, spread = (_refined(of, self.block, window) for of in (self.between, self.deviation))
+        between, alone, shared = (
+            _refined(of, self.block, window) for of in (self.between, self.deviation, self.shared_m)
+        )
+        spread = np.hypot(alone, shared)
         heights = np.where(ground, height, np.where(there, between, np.float32(np.nan))).astype(np.float32)
         sigmas = np.where(ground, sigma, np.where(np.isfinite(heights), spread, np.nan)).astype(np.float32)
         return TerrainTile(heights, sigmas, np.isfinite(heights) & ~ground)
@@ -146,19 +154,24 @@ def terrain_from_surface(surface: Raster, sigma: Raster, settings: TerrainSettin
     return Terrain(model.grid.raster(heights), model.grid.raster(sigmas), interpolated)
 
 
-def terrain_model(grid: MapGrid, read: ReadSurface, settings: TerrainSettings | None = None) -> TerrainModel:
+def terrain_model(
+    grid: MapGrid, read: ReadSurface, settings: TerrainSettings | None = None, read_own: ReadOwn | None = None
+) -> TerrainModel:
     """Take away what does not lie on the ground.
 
     The surface may have its holes closed: where it has no standard deviation it was not measured, and is not looked at.
     Measured cells on the ground keep the surface's height and sigma; the others take the height between the ground
-    around them, linear in the triangles of the blocks' means, and a sigma by their distance from it. Cells without data
-    stay so, and what is wider than the maximum gap is left open. The same surface gives the same terrain. Raises
-    SurfaceError where there is no ground in the surface.
+    around them, linear in the triangles of the blocks' means, and a sigma by their distance from it. ``read_own`` gives
+    the part of a surface's sigma that its cells do not share, all of it if None: what they share, as the height of a
+    survey that GNSS alone has placed, hides nothing that stands on the ground. Cells without data stay so, and what is
+    wider than the maximum gap is left open. The same surface gives the same terrain. Raises SurfaceError where there is
+    no ground in the surface.
     """
     settings = settings or TerrainSettings()
     block, windows = _blocks_of(grid)
     side_m, blocks = grid.cell_m * block, grid.coarser(block)
-    rough, least_m = _rough_ground(grid, read, block, windows)
+    low = _low_heights(grid, read, windows, block, read_own)
+    rough, least_m = _rough_ground(low, grid.cell_m * block), low.least_m
     steps = np.gradient(gaussian_filter(rough, 1.0), side_m) if min(rough.shape) > 1 else (0, 0)
     rise = np.broadcast_to(0.5 * side_m * np.hypot(*steps), rough.shape)
     margin = round(_MARGIN_M / grid.cell_m)
@@ -189,7 +202,7 @@ def terrain_model(grid: MapGrid, read: ReadSurface, settings: TerrainSettings | 
     fill, gap_m = linear_between(mean, supported), distance_transform_edt(~supported) * side_m
     deviation = interpolated_sigma(mean, supported, side_m, linear_between)
     fill[gap_m > settings.maximum_gap_m] = np.nan
-    return TerrainModel(grid, read, block, fill, deviation, kept, standing / max(known, 1))
+    return TerrainModel(grid, read, block, fill, deviation, low.shared_m, kept, standing / max(known, 1))
 
 
 def ground_between(grid: MapGrid, read: ReadSurface) -> Callable[[Window], Float32Array] | None:
@@ -197,7 +210,7 @@ def ground_between(grid: MapGrid, read: ReadSurface) -> Callable[[Window], Float
     no ground: the terrain but for its details."""
     block, windows = _blocks_of(grid)
     try:
-        rough, _ = _rough_ground(grid, read, block, windows)
+        rough = _rough_ground(_low_heights(grid, read, windows, block), grid.cell_m * block)
     except SurfaceError:
         return None
     return lambda window: _refined(rough, block, window)
@@ -210,16 +223,23 @@ def _blocks_of(grid: MapGrid) -> tuple[int, tuple[Window, ...]]:
     return block, tuple(grid.tiles(block * max(_TILE_CELLS // block, 1)))
 
 
-def _rough_ground(
-    grid: MapGrid, read: ReadSurface, block: int, windows: tuple[Window, ...]
-) -> tuple[FloatArray, float]:
-    """Return the low heights (R, C) of blocks on the ground, linear between, and what stands on it at least, m. Raises
-    SurfaceError where there is no ground."""
-    low, least_m = _low_heights(grid, read, windows, block)
-    ground = on_ground(low, grid.cell_m * block, least_m)
+@dataclass(frozen=True, eq=False)
+class _LowHeights:
+    """Of blocks (R, C) a low height that single wrong cells do not lower, NaN where none is known, ``low_m``, and what
+    the standard deviations of their cells have in common, ``shared_m``; what stands on the ground at least, m."""
+
+    low_m: FloatArray
+    shared_m: FloatArray
+    least_m: float
+
+
+def _rough_ground(low: _LowHeights, side_m: float) -> FloatArray:
+    """Return the low heights (R, C) of blocks on the ground, linear between. Raises SurfaceError where there is no
+    ground."""
+    ground = on_ground(low.low_m, side_m, low.least_m)
     if not ground.any():
         raise SurfaceError(_NO_GROUND)
-    return linear_between(low, ground), least_m
+    return linear_between(low.low_m, ground)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,18 +276,24 @@ def _near(high: NDArray[np.uint8], cells: float) -> BoolArray:
     return np.asarray(maximum_filter(high, 2 * round(cells) + 1) > 0)
 
 
-def _low_heights(grid: MapGrid, read: ReadSurface, windows: tuple[Window, ...], block: int) -> tuple[FloatArray, float]:
-    """Return of blocks (R, C) a low height that single wrong cells do not lower, NaN where none is known, and what
-    stands on the ground at least, m."""
+def _low_heights(
+    grid: MapGrid, read: ReadSurface, windows: tuple[Window, ...], block: int, read_own: ReadOwn | None = None
+) -> _LowHeights:
     blocks, stride = grid.coarser(block), -(-grid.rows * grid.columns // _SAMPLED_CELLS)
-    low, sigmas = np.full((blocks.rows, blocks.columns), np.nan), []
+    low, sigmas, shared = np.full((blocks.rows, blocks.columns), np.nan), [], _Sums.of(blocks)
     for window in windows:
         height, sigma = read(window)
+        own = sigma if read_own is None else read_own(window)
         _fill_low(_measured(height, sigma), block, low[window.coarser(block).slices])
-        known = sigma[np.isfinite(sigma)]
-        sigmas.append(known[::stride])
-    spread = np.concatenate(sigmas)
-    return low, max(LEAST_M, _LEAST_SIGMAS * float(np.median(spread))) if len(spread) else LEAST_M
+        known = np.isfinite(sigma) & np.isfinite(own)
+        common = np.sqrt(np.maximum(sigma**2 - own**2, np.float32(0.0)))
+        shared.add(window.coarser(block), block, common, known)
+        sigmas.append(own[known][::stride])
+    spread, has = np.concatenate(sigmas), shared.count > 0
+    shared_m = linear_between(shared.mean(), has) if has.any() else np.zeros(has.shape)
+    return _LowHeights(
+        low, shared_m, max(LEAST_M, _LEAST_SIGMAS * float(np.median(spread))) if len(spread) else LEAST_M
+    )
 
 
 @njit(cache=True, nogil=True)

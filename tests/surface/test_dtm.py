@@ -7,8 +7,9 @@ import pytest
 
 from photogram.errors import PhotogramError
 from photogram.geodesy.frames import LocalFrame
+from photogram.grid import MapGrid, Window
 from photogram.simulation.scene import Material, Scene, make_scene, surface_raster, terrain_height
-from photogram.surface.dtm import Terrain, TerrainSettings, terrain_from_surface
+from photogram.surface.dtm import Terrain, TerrainSettings, terrain_from_surface, terrain_model
 from photogram.survey import Raster
 
 SEED, RELIEF_M, NOISE_M = 5, 6.0, 0.03
@@ -66,6 +67,30 @@ def test_same_surface_gives_the_same_terrain(site: tuple[Raster, np.ndarray, np.
     np.testing.assert_array_equal(
         terrain_from_surface(surface, sigma_of(surface)).heights.values, terrain.heights.values
     )
+
+
+def test_what_all_heights_share_hides_nothing(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:
+    """A survey that GNSS alone has placed is known to ± 10 m in height, and to centimetres in its shape."""
+    surface, _, covered, terrain = site
+    own, grid = sigma_of(surface).values, MapGrid.of(surface)
+    shared_m = np.broadcast_to(np.linspace(9.0, 12.0, grid.columns, dtype=np.float32), own.shape)
+    whole = np.hypot(own, shared_m)
+
+    def read(window: Window) -> tuple[np.ndarray, np.ndarray]:
+        return surface.values[window.slices], whole[window.slices]
+
+    model = terrain_model(grid, read, None, lambda window: own[window.slices])
+    assert not model.is_bare
+    assert terrain_model(grid, read).is_bare, "the sigma of the datum would hide every house"
+    (window,) = model.windows
+    tile = model.tile(window)
+    np.testing.assert_array_equal(tile.height, terrain.heights.values)
+    known = np.isfinite(tile.sigma)
+    np.testing.assert_array_equal(tile.sigma[known & ~tile.interpolated], whole[known & ~tile.interpolated])
+    within = known & tile.interpolated
+    assert (covered & within).sum() > 1000
+    expected = np.hypot(terrain.sigma.values, shared_m)
+    np.testing.assert_allclose(tile.sigma[within], expected[within], rtol=5e-3)
 
 
 def test_wide_gaps_stay_open(site: tuple[Raster, np.ndarray, np.ndarray, Terrain]) -> None:

@@ -75,6 +75,11 @@ class StoredSurface:
         heights, sigma = (open_raster(self._path(name), local=self._is_local) for name in names)
         return heights, sigma
 
+    def own_sigma(self) -> RasterFile | None:
+        """Return the part of its standard deviations that cells do not share, None where it is not known."""
+        known = self.run.workspace.has("surface", "dsm_sigma_own.tif")
+        return open_raster(self._path("dsm_sigma_own"), local=self._is_local) if known else None
+
     def sigma(self) -> Raster:
         """Return the standard deviations of the DSM."""
         return self._raster("dsm_sigma")

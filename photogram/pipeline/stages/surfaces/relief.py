@@ -72,12 +72,13 @@ def trace_relief(run: Run, folder: Path, progress: Progress) -> ReliefSummary:
     if terrain.enabled or (run.project.makes_terrain and matched(run)):
         progress(0, 0, "terrain model")
         heights, sigma = stored.files()
+        own = stored.own_sigma()
 
         def read(window: Window) -> tuple[Float32Array, Float32Array]:
             return heights.read(window), sigma.read(window)
 
         try:
-            model = terrain_model(heights.grid, read, terrain)
+            model = terrain_model(heights.grid, read, terrain, None if own is None else own.read)
         except SurfaceError as error:
             if terrain.enabled:
                 raise
