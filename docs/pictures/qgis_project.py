@@ -24,7 +24,7 @@ from qgis.PyQt.QtCore import QRectF
 
 PAGE_MM, MAP_MM = (220.0, 150.0), (150.0, 150.0)
 DOTS_PER_INCH = 130
-TEXT_PT = 7.0
+TEXT_PT, SYMBOL_MM = 7.0, 2.5
 
 
 def main(output: Path, path: Path) -> None:
@@ -44,6 +44,12 @@ def main(output: Path, path: Path) -> None:
     picture.zoomToExtent(project.viewSettings().defaultViewExtent())
     layout.addLayoutItem(picture)
     legend = QgsLayoutItemLegend(layout)
+    legend.setAutoUpdateModel(False)
+    groups = legend.model().rootGroup()
+    for group in list(groups.children()):
+        if not group.itemVisibilityChecked():
+            groups.removeChildNode(group)
+    legend.setSymbolHeight(SYMBOL_MM)
     for part in (QgsLegendStyle.Group, QgsLegendStyle.Subgroup, QgsLegendStyle.SymbolLabel):
         style = legend.style(part)
         font = style.font()
