@@ -82,6 +82,12 @@ def test_verdict_of_a_survey_that_nothing_tests_tells_the_datum_from_the_shape(b
         "plan and ± 10 m in height absolute (1 sigma)."
     )
     assert "survey at least five check points, ideally thirty" in verdict["to_do"]
+    flight = {**next(iter(report["gnss"]["flights"].values())), "estimated": True, "degrees_of_freedom": 0}
+    alone = {**report, "gnss": {**report["gnss"], "flights": {"1": flight}, "control_points_used": False}}
+    assert checked(alone, 0.0, 0)["verdict"]["sentence"].replace("\u202f", " ") == (
+        "Accuracy predicted, not tested: ± 2.0 cm in plan and ± 3.1 cm in height relative to each other (1 sigma); "
+        "absolute accuracy is that of GNSS, which nothing tests: assumed ± 2.1 m in plan and ± 10 m in height."
+    ), "what a prior says is no prediction"
     report["diagnosis"]["placing"] = {**GNSS_ONLY, "absolute_plan_m": 0.021, "absolute_height_m": 0.033}
     assert "relative" not in checked(report, 0.0, 0)["verdict"]["sentence"]
 

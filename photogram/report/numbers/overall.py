@@ -7,6 +7,7 @@ from photogram.quality.asprs import MINIMUM_POINTS
 from photogram.report.numbers.traffic_lights import Direction, directions, number
 from photogram.report.numbers.wording import UNIT
 from photogram.report.record.local_frame import LocalFrameRecord
+from photogram.report.record.positions import is_placed_by_prior
 from photogram.report.record.report import SurveyNumbers
 from photogram.report.record.verdict import (
     AsprsRecord,
@@ -137,6 +138,9 @@ def _predicted(report: SurveyNumbers) -> str:
         f"±\u202f{length(plan)} in plan and ±\u202f{length(height)} in height" for plan, height in (relative, absolute)
     ]
     far = any(a > FAR_APART * r for r, a in zip(relative, absolute, strict=True))
+    if far and is_placed_by_prior(report["gnss"]):
+        predicted = f"Accuracy predicted, not tested: {figures[0]} relative to each other (1 sigma)"
+        return f"{predicted}; absolute accuracy is that of GNSS, which nothing tests: assumed {figures[1]}."
     sigmas = f"{figures[0]} relative to each other, {figures[1]} absolute" if far else figures[1]
     return f"Accuracy predicted, not tested: {sigmas} (1 sigma)."
 
