@@ -19,7 +19,7 @@ from photogram.pipeline.store.results_record import recorded
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented
 from photogram.report.viewer import view_page
-from photogram.result_files import result_path
+from photogram.result_files import ResultFolder, result_path
 from photogram.wording import Progress, silent
 
 CLOUDS = ("dense.laz", "points_adjusted.laz")
@@ -36,8 +36,10 @@ class Pictures:
 
 
 def results_folder(given: Path) -> Path:
-    """Return the folder of results that is given, itself or by the project file or the folder of its survey. Raises
-    ProjectError where that project cannot be read."""
+    """Return the folder of results that is given, itself, by one of the folders within it, or by the project file or
+    the folder of its survey. Raises ProjectError where that project cannot be read."""
+    if given.absolute().name in tuple(ResultFolder) and isfile(result_path(given.absolute().parent, NUMBERS)):
+        return given.absolute().parent
     project = project_file(given)
     return load_project(project).results if isfile(project) and not isfile(result_path(given, NUMBERS)) else given
 

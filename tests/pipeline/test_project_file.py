@@ -27,7 +27,7 @@ def test_the_page_and_the_view_are_made_of_a_folder_of_a_project_too(
 ) -> None:
     results = adjusted_survey / "results"
     assert write_report(adjusted_survey) == (results / "deliverables/report.html",)
-    for given in (results, adjusted_survey, adjusted_survey / "project.yaml"):
+    for given in (results, results / "deliverables", adjusted_survey, adjusted_survey / "project.yaml"):
         assert write_view(given, points=1000) == results / "deliverables/view.html"
     monkeypatch.chdir(adjusted_survey)
     assert photogram("view", "--points", 1000).code == 0
