@@ -15,6 +15,8 @@ from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import control_positions, usable_survey
 from photogram.project.project import Project
 from photogram.quality.far_references import BESIDE_REMEDY, beside, extent_of
+from photogram.volumes.surfaces import accompanying, surface_path
+from photogram.volumes.volume_settings import VolumeSettings
 from photogram.wording import some
 
 
@@ -25,6 +27,9 @@ def volume_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
     if settings.polygons is None:
         return []
     findings = list[Finding]()
+    unknown = _without_sigma(settings)
+    if unknown is not None:
+        return [unknown]
     try:
         if settings.reference is not None:
             crs = reference_surface(settings).heights.crs
@@ -58,3 +63,15 @@ def volume_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         text = f"{settings.polygons}: {some(list(off))} outside the survey; {first!r}: {words}"
         findings.append(Finding("error", "volumes.polygons", text, BESIDE_REMEDY))
     return findings
+
+
+def _without_sigma(settings: VolumeSettings) -> Finding | None:
+    """Return what is wrong with a reference whose errors nothing tells, in the words of the project file."""
+    if settings.reference is None or settings.reference_own_sigma_m is not None:
+        return None
+    path = surface_path(Path(settings.reference))
+    name = f"{path.stem.removesuffix('_filled')}_sigma.tif"
+    if not path.is_file() or accompanying(path, name).is_file():
+        return None
+    remedy = "state reference_own_sigma_m and reference_common_sigma_m"
+    return Finding("error", "volumes.reference", f"{path}: no standard deviations beside it ({name})", remedy)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,19 @@ def test_polygons_that_lie_elsewhere_are_an_error_before_the_work(asked: Path, e
     assert "'far': it lies 71 km north-east of the survey" in findings[0].text
     write_polygons(asked / "heaps.gpkg", shapes[:1], ["here"], crs)
     assert [f for f in check_project(asked / "project.yaml") if f.where.startswith("volumes")] == []
+
+
+def test_a_reference_whose_errors_nothing_tells_is_an_error_before_the_work(asked: Path, edit: Edit) -> None:
+    shutil.copy(asked / "results/deliverables/dsm.tif", asked / "before.tif")
+    ask(edit, asked, base="reference", reference="before.tif")
+    (finding,) = [f for f in check_project(asked / "project.yaml") if f.where == "volumes.reference"]
+    assert finding.severity == "error"
+    assert "no standard deviations beside it (before_sigma.tif)" in finding.text
+    assert finding.remedy == "state reference_own_sigma_m and reference_common_sigma_m"
+    ask(
+        edit, asked, base="reference", reference="before.tif", reference_own_sigma_m=0.02, reference_common_sigma_m=0.03
+    )
+    assert [f for f in check_project(asked / "project.yaml") if f.where == "volumes.reference"] == []
 
 
 @pytest.mark.parametrize(
