@@ -129,7 +129,7 @@ def _over_bases(request: SurfaceRequest, difference: Difference, output: Path, p
         rims = tuple(polygon.rim for polygon in based if polygon.rim is not None)
         change = _summary(difference, names, None, False, rims, sums, counts, layers, own_bases=True)
         progress(0, 0, "writing")
-        write_change(output, change, difference, layers, polygons, ())
+        write_change(output, change, difference, layers, polygons, (), of_polygons=True)
     return change
 
 

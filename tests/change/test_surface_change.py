@@ -12,9 +12,12 @@ import rasterio
 import shapely
 from changed_surveys import HEAP, OUTLINES, PIT, STABLE, write_epochs, write_polygons
 from lib.simulated_changes import CORNER
+from matplotlib.figure import Figure
 
+from photogram.change.files import change_files
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.errors import PhotogramError, ProjectError
+from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.result_files import within_results
 from photogram.wording import silent
 
@@ -175,6 +178,33 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(site: Path, tmp_path: 
         with pytest.raises(ProjectError, match=words):
             compare_surfaces(wrong, tmp_path / "out", silent)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_picture_of_one_epoch_is_of_the_polygons_on_their_ground(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, later = write_epochs(tmp_path)
+    write_polygons(tmp_path / "heaps.gpkg", OUTLINES[:1], ["heap"])
+    drawn = list[DifferencePicture]()
+
+    def draw(picture: DifferencePicture) -> Figure:
+        drawn.append(picture)
+        return difference_figure(picture)
+
+    monkeypatch.setattr(change_files, "difference_figure", draw)
+    compare_surfaces(SurfaceRequest(later, None, tmp_path / "heaps.gpkg"), tmp_path / "out")
+    (picture,) = drawn
+    west, south, east, north = OUTLINES[0].bounds
+    left, right, bottom, top = picture.grid.extent_map_m
+    margin_m = max(east - west, north - south) / 5 + 1.0
+    assert west - margin_m <= left < west
+    assert east < right <= east + margin_m
+    assert south - margin_m <= bottom < south
+    assert north < top <= north + margin_m
+    assert picture.height_m is not None
+    shown = np.isfinite(picture.difference_m)
+    assert 0.2 < shown.mean() < 0.8
+    np.testing.assert_array_equal(np.isfinite(picture.height_m[shown]), True)
 
 
 def test_heaps_of_one_epoch_over_the_ground_around_them(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """What has changed between two surfaces, and the files it is written to."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from photogram.arrays import Float32Array, FloatArray
 from photogram.files.atomic import make_folder
 from photogram.files.maps.cogs import Category, write_cog, write_cog_codes
 from photogram.files.maps.polygon_files import SitePolygon
+from photogram.files.maps.rasters import RasterFile
 from photogram.files.npz_json import write_json
 from photogram.geodesy.crs import plan_of
 from photogram.grid import MapGrid, Window, block_of
@@ -19,6 +20,7 @@ from photogram.quality.cloud_comparison import CloudStatistics
 from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.report.figures.style import save_picture
 from photogram.volumes.differences import LOWERED, RAISED, UNCHANGED, Difference
+from photogram.volumes.outlines import window_of
 from photogram.volumes.stable_ground import Registration
 from photogram.volumes.volumes import Volume, volume_words
 
@@ -91,14 +93,24 @@ class Layers:
     codes: GridFile
 
 
-def every_cell(layer: GridFile, step: int) -> FloatArray:
-    """Return every ``step``-th cell along each axis of a layer."""
-    grid = layer.grid
+def every_cell(layer: GridFile | RasterFile, step: int, window: Window | None = None) -> FloatArray:
+    """Return every ``step``-th cell along each axis of a layer, or of a window of it."""
+    part = layer.grid.whole if window is None else window
     rows = [
-        layer.read(Window(row, 0, row + 1, grid.columns))[0, step // 2 :: step]
-        for row in range(step // 2, grid.rows, step)
+        layer.read(Window(row, part.column, row + 1, part.column_end))[0, step // 2 :: step]
+        for row in range(part.row + step // 2, part.row_end, step)
     ]
     return np.array(rows, dtype=np.float64)
+
+
+def _around(polygons: Sequence[SitePolygon], grid: MapGrid) -> Window:
+    """Return the window of polygons and a fifth of its longer side around them."""
+    windows = [window for p in polygons if (window := window_of(p.polygon, grid)) is not None] or [grid.whole]
+    window = Window(
+        min(w.row for w in windows), min(w.column for w in windows),
+        max(w.row_end for w in windows), max(w.column_end for w in windows),
+    )  # fmt: skip
+    return grid.around_window(window, max(window.shape) // 5)
 
 
 def _tiles_of(layer: GridFile) -> Iterator[tuple[Window, Float32Array]]:
@@ -112,8 +124,11 @@ def write_change(
     layers: Layers,
     polygons: Sequence[SitePolygon],
     stable: Sequence[SitePolygon],
+    *,
+    of_polygons: bool = False,
 ) -> None:
-    """Write what has changed, its layers and its picture into a folder, each file whole or not at all."""
+    """Write what has changed, its layers and its picture into a folder, each file whole or not at all. There may be a
+    difference within the polygons alone: then the picture shows these, on the ground around."""
     grid, crs = difference.grid, plan_of(difference.later.heights.crs)
     make_folder(output)
     write_cog(
@@ -128,12 +143,17 @@ def write_change(
     if change.volumes:
         write_volumes(output / "volumes.csv", [*change.volumes, *([change.total] if change.total else [])])
     write_json(output / "comparison.json", {Path(change.later).stem: {"method": "height", **asdict(change)}})
-    step = block_of((grid.rows, grid.columns), MOST_SHOWN)
-    thinned = every_cell(layers.difference, step)
-    coarse = MapGrid(grid.west_map_m, grid.north_map_m, grid.cell_m * step, *thinned.shape)
+    window = _around(polygons, grid) if of_polygons else grid.whole
+    step = block_of(window.shape, MOST_SHOWN)
+    thinned = every_cell(layers.difference, step, window)
+    corner = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
     picture = DifferencePicture(
-        thinned, every_cell(layers.codes, step) == UNCHANGED, coarse,
+        thinned, every_cell(layers.codes, step, window) == UNCHANGED,
+        MapGrid(*corner, grid.cell_m * step, *thinned.shape),
         [(p.name, p.polygon) for p in polygons], [p.polygon for p in stable], change.later, change.reference,
         {v.name: volume_words(v.net_m3, v.net_sigma_m3, v.unmeasured_m2 / v.area_m2) for v in change.volumes},
     )  # fmt: skip
+    if of_polygons:
+        ground_m = every_cell(difference.later.heights, step, window)
+        picture = replace(picture, what="height above the base, m", height_m=ground_m)
     save_picture(difference_figure(picture), output / "comparison.png")
