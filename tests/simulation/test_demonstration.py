@@ -36,7 +36,7 @@ def test_built_in_demonstration(tmp_path: Path, photogram: Run) -> None:
         assert f"{figure:.4f}" in outcome.out
 
     # a second demonstration in the same folder keeps the photographs and finds everything done
-    assert photogram("demo", tmp_path / "demo").out.count("up to date") == 15
+    assert photogram("demo", tmp_path / "demo").out.count("up to date") == 16
 
 
 def test_judgement_is_that_of_the_truth(finished_survey: Path) -> None:

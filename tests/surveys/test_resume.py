@@ -283,7 +283,7 @@ def test_each_setting_repeats_what_depends_on_it_and_no_more(adjusted_survey: Pa
 
     assert depending(lambda v: v["features"].update(maximum=700)) == NAMES[NAMES.index("features") :]
     assert depending(lambda v: v["matching"].update(ratio=0.7)) == NAMES[NAMES.index("pairs") :]
-    products = ["surface", "relief", "orthophoto"]
+    products = ["surface", "volumes", "relief", "orthophoto"]
     surfaces = ["adjustment", "dense", *products, "comparison", "results"]
     assert depending(lambda v: v.update(adjustment={"robust_loss": "cauchy"})) == surfaces
     assert depending(lambda v: v["gnss"].update(offset_sigma_m=[1.0, 1.0, 1.0])) == surfaces

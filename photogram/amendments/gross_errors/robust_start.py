@@ -89,6 +89,10 @@ class _Misfits:
             if np.isfinite(values).any():
                 yield values[np.isfinite(values)]
 
+    def scale(self) -> float:
+        """Return the scale of the loss at which most of each kind agree."""
+        return max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in self.kinds())])
+
 
 def _misfits(problem: Problem, state: State, adjusted: Problem) -> _Misfits:
     """Return the residuals of everything but the tie points, in the standard deviations of ``problem``; surfaces lie
@@ -226,6 +230,9 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie
     begun = whole.with_tie_observations(ties), replace(state, tie_point=places)
     robust, points = _robust(*begun, settings), part.control_points
+    apart = _where_control_stands_apart(*begun, settings)
+    if apart is not None:
+        robust = min(robust, apart, key=lambda each: _unlikely(each, points.sigma_assumed & controls))
     off = np.nanmax(robust.misfits.control, axis=1, initial=0.0) > _FAR
     scattering, contradicted = points.sigma_assumed & controls, 1.0
     if np.count_nonzero(off) > MOSTLY * np.count_nonzero(controls):
@@ -255,13 +262,14 @@ def _robust(
     settings: AdjustmentSettings,
     scattering: BoolArray | None = None,
     share: float = 0.5,
+    scale: float | None = None,
 ) -> _Robust:
-    """Adjust a block under the loss, whose scale falls to that of the standard deviations; of control points that are
-    ``scattering`` (G,), to that of a ``share`` of their coordinates."""
+    """Adjust a block under the loss, whose ``scale``, of all kinds if None, falls to that of the standard deviations;
+    of control points that are ``scattering`` (G,), to that of a ``share`` of their coordinates."""
     part, ties, factor = problem.block, problem.tie, 1.0
     quick = replace(settings, maximum_iterations=_ITERATIONS, relative_tolerance=_TOLERANCE)
     misfits = _misfits(problem, state, problem)
-    scale = max([1.0, *(3.0 * float(np.median(values)) / LIMIT for values in misfits.kinds())])
+    scale = misfits.scale() if scale is None else scale
     left = ROUNDS_AT_END if scattering is None else ROUNDS_SCATTERING
     for _ in range(_MOST_ROUNDS):
         given, now = part, misfits
@@ -282,6 +290,16 @@ def _robust(
             break
         scale = max(1.0, scale / STEP)
     return _Robust(misfits, factor, state.control)
+
+
+def _where_control_stands_apart(problem: Problem, state: State, settings: AdjustmentSettings) -> _Robust | None:
+    """Return the robust adjustment that begins at the scale of everything but the control points, None where theirs is
+    no larger or GNSS does not place the block: most of them may be wrong, and at their scale bend it beyond return."""
+    if not any(p.gnss_world_m is not None for p in problem.block.photographs):
+        return None
+    misfits = _misfits(problem, state, problem)
+    others = replace(misfits, control=np.full_like(misfits.control, np.nan)).scale()
+    return _robust(problem, state, settings, scale=others) if misfits.scale() > STEP * others else None
 
 
 def _shifted(problem: Problem, state: State, settings: AdjustmentSettings) -> _Robust | None:
