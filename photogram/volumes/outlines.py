@@ -1,6 +1,6 @@
 """Polygons over the cells of a grid: how much of each cell they cover, and what their outline adds to an integral."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,15 @@ def window_of(polygon: Geometry, grid: MapGrid) -> Window | None:
             int(np.ceil((east - grid.west_map_m) / grid.cell_m)),
         )
     )
+
+
+def window_of_all(polygons: Sequence[Geometry], grid: MapGrid) -> Window:
+    """Return the window of a grid that polygons together reach into, all of it where they lie beyond."""
+    windows = [window for polygon in polygons if (window := window_of(polygon, grid)) is not None] or [grid.whole]
+    return Window(
+        min(w.row for w in windows), min(w.column for w in windows),
+        max(w.row_end for w in windows), max(w.column_end for w in windows),
+    )  # fmt: skip
 
 
 def _boxes(grid: MapGrid, row: IntArray, column: IntArray, row_end: IntArray, column_end: IntArray) -> Any:  # noqa: ANN401

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from photogram.grid import MapGrid, Window
-from photogram.volumes.outlines import coverage, outline_samples, window_of
+from photogram.volumes.outlines import coverage, outline_samples, window_of, window_of_all
 
 GRID = MapGrid(100.0, 260.0, 0.5, 80, 120)
 RING = shapely.Point(130.0, 240.0).buffer(11.3) - shapely.Point(128.0, 238.0).buffer(4.1)
@@ -46,6 +46,17 @@ def test_windows_side_by_side_have_the_area_of_the_polygon_on_the_grid(
 def test_a_polygon_beyond_the_grid_has_no_window() -> None:
     assert window_of(shapely.box(0, 0, 10, 10), GRID) is None
     assert window_of(shapely.box(101.2, 258.1, 102.1, 259.9), GRID) == Window(0, 2, 4, 5)
+
+
+def test_several_polygons_have_one_window() -> None:
+    near, far, beyond = (
+        shapely.box(101.2, 258.1, 102.1, 259.9),
+        shapely.box(110, 250, 112, 251),
+        shapely.box(0, 0, 9, 9),
+    )
+    assert window_of_all([near, far, beyond], GRID) == Window(0, 2, 20, 24)
+    assert window_of_all([near], GRID) == window_of(near, GRID)
+    assert window_of_all([beyond], GRID) == GRID.whole
 
 
 def test_slopes_are_those_of_the_area_where_the_integrand_is_one() -> None:

@@ -20,7 +20,7 @@ from photogram.quality.cloud_comparison import CloudStatistics
 from photogram.report.figures.difference_figure import DifferencePicture, difference_figure
 from photogram.report.figures.style import save_picture
 from photogram.volumes.differences import LOWERED, RAISED, UNCHANGED, Difference
-from photogram.volumes.outlines import window_of
+from photogram.volumes.outlines import window_of_all
 from photogram.volumes.stable_ground import Registration
 from photogram.volumes.volumes import Volume, volume_words
 
@@ -105,11 +105,7 @@ def every_cell(layer: GridFile | RasterFile, step: int, window: Window | None = 
 
 def _around(polygons: Sequence[SitePolygon], grid: MapGrid) -> Window:
     """Return the window of polygons and a fifth of its longer side around them."""
-    windows = [window for p in polygons if (window := window_of(p.polygon, grid)) is not None] or [grid.whole]
-    window = Window(
-        min(w.row for w in windows), min(w.column for w in windows),
-        max(w.row_end for w in windows), max(w.column_end for w in windows),
-    )  # fmt: skip
+    window = window_of_all([p.polygon for p in polygons], grid)
     return grid.around_window(window, max(window.shape) // 5)
 
 

@@ -27,7 +27,7 @@ from photogram.report.values import record_of
 from photogram.results import AdjustmentCovariances
 from photogram.volumes.differences import Difference, DifferenceCells, difference_of
 from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes, over_height, over_rim, sum_of
-from photogram.volumes.outlines import coverage, window_of
+from photogram.volumes.outlines import coverage, window_of, window_of_all
 from photogram.volumes.rim_base import RIM_WIDTHS, over_level
 from photogram.volumes.surfaces import BlockErrors, StatedSigma, SurfaceFiles, accompanying, open_rasters, surface_path
 from photogram.volumes.volume_settings import VolumeSettings
@@ -159,11 +159,7 @@ class _Picture:
     def of(difference: Difference, polygons: list[BasedPolygon]) -> "_Picture":
         """Return the empty picture of polygons and a margin as wide as their rims, a fifth of their extent at least."""
         grid = difference.grid
-        windows = [w for p in polygons if (w := window_of(p.site.polygon, grid)) is not None] or [grid.whole]
-        around = Window(
-            min(w.row for w in windows), min(w.column for w in windows),
-            max(w.row_end for w in windows), max(w.column_end for w in windows),
-        )  # fmt: skip
+        around = window_of_all([p.site.polygon for p in polygons], grid)
         rim = int(np.ceil(RIM_WIDTHS * difference.later.correlation_m / grid.cell_m))
         return _Picture(difference, grid.around_window(around, max(rim, max(around.shape) // 5)))
 
