@@ -73,7 +73,7 @@ def write_package(path: Path, project: Path, results: Path, record: InputRecord)
     """Write an archive (ZIP) of the folders of ``results``, and of ``record`` beside a copy of the ``project`` file in
     a folder of its own; return in words what it holds. It is written whole or not at all, and the same survey gives the
     same bytes. Raises WorkspaceError where a file cannot be read or written."""
-    files = list(_packed(results))
+    files = [file for file in _packed(results) if file.resolve() != path.resolve()]
     with replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
             _add(archive, file, file.relative_to(results).as_posix())

@@ -68,7 +68,16 @@ def test_the_same_survey_gives_the_same_bytes_and_new_results_remove_them(
     outcome = photogram("adjust", adjusted_survey / "project.yaml")
     assert outcome.code == 0, outcome.err
     assert not path.exists()
-    assert f"removed {PACKAGE} and survey.dxf" in " ".join(outcome.out.split()) or PACKAGE in outcome.out
+    assert f"removed survey.dxf, {PACKAGE}, made from earlier results." in " ".join(outcome.out.split())
+
+
+def test_an_archive_among_the_deliverables_does_not_hold_itself(adjusted_survey: Path) -> None:
+    folder = adjusted_survey / "results/deliverables"
+    for _ in range(2):
+        deliver(adjusted_survey, ["dxf"], folder, package=True)
+        with zipfile.ZipFile(folder / PACKAGE) as archive:
+            assert f"deliverables/{PACKAGE}" not in archive.namelist()
+            assert "deliverables/survey.dxf" in archive.namelist()
 
 
 def test_a_file_of_the_same_name_is_not_replaced(adjusted_survey: Path, tmp_path: Path) -> None:

@@ -86,6 +86,16 @@ def test_a_record_leads_nowhere_else(tmp_path: Path) -> None:
     assert (results / "inner/a.txt").is_file()
 
 
+def test_checksums_of_somebody_else_stay(tmp_path: Path) -> None:
+    own = tmp_path / CHECKSUMS
+    own.write_text("d41d8cd98f00b204e9800998ecf8427e *of another program\n")
+    write(tmp_path, "deliverables/dsm.tif")
+    assert remove_made(tmp_path, ["report.pdf", "deliverables/report.pdf", "deliverables/dsm.tif"]) == [
+        "deliverables/dsm.tif"
+    ]
+    assert own.read_text().endswith("of another program\n")
+
+
 def test_files_of_others_are_told_by_the_record(tmp_path: Path) -> None:
     assert foreign_products(tmp_path / "none yet") == []
     deliverables, pictures = tmp_path / "deliverables", tmp_path / "technical/pictures"

@@ -95,7 +95,8 @@ def remove_made(results: Path, names: Iterable[str]) -> list[str]:
     for name in names:
         path = results / name
         known = files.pop(name, None)
-        places.add(_place(name))
+        if known is not None:  # a record that does not hold it may be somebody else's
+            places.add(_place(name))
         links = path.is_symlink() or any(p.is_symlink() for p in path.parents if p != results and results in p.parents)
         own = known is not None and Path(name).parent in _PLACES and not links
         if own and path.is_file() and file_fingerprint(path) == known:
