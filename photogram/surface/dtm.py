@@ -286,7 +286,7 @@ def _low_heights(
         own = sigma if read_own is None else read_own(window)
         _fill_low(_measured(height, sigma), block, low[window.coarser(block).slices])
         known = np.isfinite(sigma) & np.isfinite(own)
-        common = np.sqrt(np.maximum(sigma**2 - own**2, np.float32(0.0)))
+        common = np.sqrt(np.maximum(np.where(known, sigma, 0.0) ** 2 - np.where(known, own, 0.0) ** 2, np.float32(0.0)))
         shared.add(window.coarser(block), block, common, known)
         sigmas.append(own[known][::stride])
     spread, has = np.concatenate(sigmas), shared.count > 0
