@@ -95,13 +95,23 @@ class Document:
 
     def __init__(self, path: Path) -> None:
         """Read the file. Raises ProjectError where it cannot be read or is not YAML; other errors are noted."""
+        self._take(path, read_text(path))
+
+    @staticmethod
+    def of_text(text: str, path: Path) -> Document:
+        """Return the document of a text, which messages call ``path``. Raises ProjectError where it is not YAML."""
+        document = Document.__new__(Document)
+        document._take(path, text)
+        return document
+
+    def _take(self, path: Path, text: str) -> None:
         self.path = path
         self._lines: dict[Key, int] = {(): 1}
         self._errors: dict[tuple[int, Key, str], None] = {}
         self._warnings: dict[tuple[int, Key, str, str], None] = {}
         self._seen: set[int] = set()
         self._unread: set[Key] = set()
-        node = _compose(path)
+        node = compose_text(text, path)
         self.value: object = {} if node is None else self._plain(node, ())
 
     def _plain(self, node: yaml.Node, key: Key) -> object:
@@ -238,15 +248,12 @@ class Document:
 def check_syntax(path: Path) -> None:
     """Check that a project file can be read and is YAML. Raises ProjectError as Document does, and costs little: a
     Document of the same text is made of what was parsed here."""
-    _compose(path)
-
-
-def _compose(path: Path) -> yaml.Node | None:
-    return _composed(path, _read_text(path))
+    compose_text(read_text(path), path)
 
 
 @lru_cache(maxsize=1)
-def _composed(path: Path, text: str) -> yaml.Node | None:
+def compose_text(text: str, path: Path) -> yaml.Node | None:
+    """Return the nodes of a text, which messages call ``path``. Raises ProjectError where it is not YAML."""
     try:
         node: yaml.Node | None = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -266,7 +273,8 @@ def _composed(path: Path, text: str) -> yaml.Node | None:
     return node
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Return the text of a project file. Raises ProjectError where it cannot be read or is not UTF-8."""
     try:
         return read_whole(path, MOST_BYTES).decode("utf-8-sig")
     except OSError as error:

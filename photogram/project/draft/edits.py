@@ -1,0 +1,117 @@
+"""One value of a project file changed in its text: comments, order and everything else stay as a person wrote them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from photogram.errors import ProjectError
+from photogram.files.atomic import replacing
+from photogram.project.document import Document, compose_text, read_text
+
+Scalar = str | float | bool
+
+
+def write_value(path: Path, key: Sequence[str], value: Scalar | Sequence[float] | None) -> None:
+    """Set a value of a project file, such as ``("report", "name")``, or take it out where it is None.
+
+    Raises ProjectError where the file cannot be read, is not YAML, or a block above the value is none; then it stays as
+    it was. WorkspaceError where it cannot be written.
+    """
+    changed = with_value(read_text(path), key, value, path)
+    with replacing(path) as partial:
+        partial.write_text(changed, encoding="utf-8")
+
+
+def with_value(text: str, key: Sequence[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
+    """Return the text of a project file with a value set, or taken out where it is None. Raises ProjectError as
+    ``write_value``; ``path`` stands in the message."""
+    if value is None and _entry(compose_text(text, path), key[0]) is None:
+        return text
+    changed = _changed(text, list(key), value, path)
+    expected = _values(text, path)
+    _set(expected, list(key), list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value)
+    if _values(changed, path) != expected:
+        raise ProjectError(f"{path}: {'.'.join(key)} cannot be set in this form of YAML: write it by hand")
+    return changed
+
+
+def _changed(text: str, key: list[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
+    node: yaml.Node | None = compose_text(text, path)
+    for depth, name in enumerate(key):
+        if node is None or (isinstance(node, yaml.ScalarNode) and node.value == "" and depth):
+            break
+        if not isinstance(node, yaml.MappingNode):
+            raise ProjectError(f"{path}: {'.'.join(key[:depth])} is no block, so {key[depth]} has no place in it")
+        entry = _entry(node, name)
+        if entry is None:
+            return _inserted(text, node, key[depth:], value)
+        found, node = entry
+        if depth == len(key) - 1:
+            return _replaced(text, found, node, value)
+    return _inserted(text, compose_text(text, path), key, value)
+
+
+def _values(text: str, path: Path) -> dict[str, object]:
+    value = Document.of_text(text, path).value
+    assert isinstance(value, dict)
+    return value
+
+
+def _entry(node: yaml.Node | None, name: str) -> tuple[yaml.Node, yaml.Node] | None:
+    if not isinstance(node, yaml.MappingNode):
+        return None
+    return next(((k, v) for k, v in node.value if isinstance(k, yaml.ScalarNode) and k.value == name), None)
+
+
+def _set(block: dict[str, object], key: list[str], value: object) -> None:
+    for name in key[:-1]:
+        inner = block.get(name)
+        if not isinstance(inner, dict):
+            inner = {}
+        block[name] = dict(inner)
+        block = block[name]  # type: ignore[assignment]
+    if value is None:
+        block.pop(key[-1], None)
+    else:
+        block[key[-1]] = value
+
+
+def _written(value: Scalar | Sequence[float]) -> str:
+    """Return a value in a form that means the same in any YAML: JSON."""
+    plain = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+    return json.dumps(plain, ensure_ascii=not str(value).isprintable())
+
+
+def _replaced(text: str, name: yaml.Node, node: yaml.Node, value: Scalar | Sequence[float] | None) -> str:
+    """Return the text with the value of an entry replaced, or with its lines taken out."""
+    if value is not None:
+        start, end = node.start_mark.index, node.end_mark.index
+        gap = "" if text[start - 1 : start].isspace() else " "
+        return text[:start] + gap + _written(value) + text[end:]
+    start = text.rfind("\n", 0, name.start_mark.index) + 1
+    end = text.find("\n", node.end_mark.index)
+    return text[:start] + ("" if end < 0 else text[end + 1 :])
+
+
+def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Scalar | Sequence[float] | None) -> str:
+    """Return the text with an entry, and the blocks above it that are missing, at the end of a block."""
+    if value is None:
+        return text
+    if isinstance(node, yaml.MappingNode) and node.flow_style and node.value:
+        end = node.value[-1][1].end_mark.index
+        inner = _written(value)
+        for name in reversed(key[1:]):
+            inner = f"{{{name}: {inner}}}"
+        return f"{text[:end]}, {key[0]}: {inner}{text[end:]}"
+    indent = node.value[0][0].start_mark.column if isinstance(node, yaml.MappingNode) and node.value else 0
+    lines = [f"{' ' * (indent + 2 * n)}{name}:" for n, name in enumerate(key)]
+    lines[-1] += f" {_written(value)}"
+    added = "\n".join(lines) + "\n"
+    if not isinstance(node, yaml.MappingNode) or not node.value or indent == 0:
+        return text + ("" if text.endswith("\n") or not text else "\n") + added
+    last = node.value[-1][1].end_mark.index
+    before = text[:last].rstrip()
+    end = text.find("\n", len(before))
+    return f"{text}\n{added}" if end < 0 else text[: end + 1] + added + text[end + 1 :]
