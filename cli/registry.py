@@ -9,6 +9,7 @@ from importlib.util import find_spec
 import typer
 
 COMMANDS = {
+    "desk": "photogram.desk.command:desk",
     "demo": "photogram.simulation.commands.demo:demo",
     "plan": "photogram.simulation.commands.plan:plan",
     "calibrate-site": "photogram.local_grids.command:calibrate_site",

@@ -15,13 +15,13 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("photogram", "factors", "cli")
 MOST_MODULES = 15
 TABLE = Path(__file__).with_name("covered_by.txt")
-WINGS = ("change", "delivery", "exchange", "local_grids", "marking", "simulation", "teaching")
+WINGS = ("change", "delivery", "desk", "exchange", "local_grids", "marking", "simulation", "teaching")
 COMMANDS = (
     "cli",
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
-    *(f"{wing}.command" for wing in ("delivery", "local_grids", "marking", "teaching")),
-    *(f"{wing}.work" for wing in ("delivery", "local_grids", "marking", "teaching")),
+    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "teaching")),
+    *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "contourpy": ("surface.contours",),
@@ -41,8 +41,10 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),
     "rich": COMMANDS,
+    "starlette": ("desk",),
     "typer": COMMANDS,
-    "yaml": ("project.document",),
+    "uvicorn": ("desk.server",),
+    "yaml": ("project.document", "project.draft.edits"),
 }
 """Libraries that stay in few places: the modules and rooms that import them, and nothing else does."""
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), *(ROOT / n for n in ("README.md", "DESIGN.md", "CONTRIBUTING.md"))]

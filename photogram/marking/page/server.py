@@ -30,6 +30,7 @@ LONGEST_WAIT_S = 10.0
 FIRST_SHOWN = (12, 300)
 """Patches of the first point that are read before a page asks for them, and the pixels of the screen across each."""
 _HOSTS = ("127.0.0.1", "localhost")
+_NOBODY = "'none'"
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -37,7 +38,6 @@ _TYPES = {
     ".svg": "image/svg+xml",
 }
 _SAFE = {
-    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -143,9 +143,13 @@ def done(session: MarkingSession, body: Body) -> None:
 
 
 class MarkServer:
-    """Serves the page of a session; ``port`` 0 picks a free port. Raises OSError where the port is taken."""
+    """Serves the page of a session; ``port`` 0 picks a free port, pages of the origin ``shown_in`` alone may show it
+    within themselves. Raises OSError where the port is taken."""
 
-    def __init__(self, session: MarkingSession, patches: PatchReader, title: str, port: int = 0) -> None:
+    def __init__(
+        self, session: MarkingSession, patches: PatchReader, title: str, port: int = 0, shown_in: str | None = None
+    ) -> None:
+        self.policy = f"default-src 'self'; frame-ancestors {shown_in or _NOBODY}; base-uri 'none'; form-action 'none'"
         self.session = session
         self.patches = patches
         self.title = title
@@ -318,7 +322,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str, headers: Mapping[str, str] | None = None) -> None:
         self.send_response(status)
-        for name, value in {**_SAFE, "Content-Type": kind, **(headers or {})}.items():
+        own = {"Content-Security-Policy": self.server.owner.policy, "Content-Type": kind}
+        for name, value in {**_SAFE, **own, **(headers or {})}.items():
             self.send_header(name, value)
         self.send_header("Content-Length", str(len(content)))
         if self.close_connection:

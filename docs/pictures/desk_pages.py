@@ -1,0 +1,58 @@
+"""Draw the page of `photogram desk` at each of its steps, in a browser without a window.
+
+Call: python docs/pictures/desk_pages.py FOLDER SURVEY [NARROW]: a picture of each step of a finished survey into a
+folder, `desk_STEP.png`; with NARROW as on a telephone, `desk_STEP_narrow.png`. Needs Chromium and its driver. The
+pictures in the documentation are of the built-in simulated survey and of Brighton Beach.
+"""
+
+import io
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+from threading import Thread
+
+from PIL import Image
+from selenium.webdriver import Chrome, ChromeOptions
+from selenium.webdriver.chrome.service import Service
+
+from photogram.desk.desk import Desk
+from photogram.desk.server import DeskServer
+from photogram.report.printing import browser_options, find_browser
+
+STEPS = ("start", "map", "points", "run", "look", "hand")
+WIDE, NARROW = "1280,940", "500,940"
+COLOURS, DRAWN_AFTER_S = 220, 4.0
+
+
+def main(folder: Path, survey: Path, narrow: bool) -> None:
+    """Open the survey, go through its steps and take a picture of each."""
+    with tempfile.TemporaryDirectory() as scratch, Desk(Path(scratch) / "desk.json") as desk:
+        desk.open(survey)
+        server = DeskServer(desk)
+        thread = Thread(target=server.serve)
+        thread.start()
+        options = ChromeOptions()
+        options.binary_location = str(find_browser())
+        drawn = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+        usual = [option for option in browser_options(Path(scratch) / "profile") if option != "--disable-gpu"]
+        for option in (*usual, *drawn, f"--window-size={NARROW if narrow else WIDE}"):
+            options.add_argument(option)
+        browser = Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        try:
+            browser.get(server.url)
+            for step in STEPS:
+                browser.execute_script("location.hash = arguments[0]", step)
+                time.sleep(DRAWN_AFTER_S)
+                picture = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+                name = f"desk_{step}{'_narrow' if narrow else ''}.png"
+                picture.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+        finally:
+            browser.quit()
+            server.stop()
+            thread.join()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), "NARROW" in sys.argv[3:])

@@ -1,0 +1,168 @@
+"""What the page works on: the survey that is open, those that were open before, and the marking of its points."""
+
+import json
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Lock, Thread
+from types import TracebackType
+
+from typing_extensions import TypedDict
+
+from photogram.desk.survey_folder import SurveyFolder
+from photogram.errors import WorkspaceError
+from photogram.files.atomic import make_folder, replacing
+from photogram.files.photographs.names import SUFFIXES
+from photogram.marking.detection import marking_session
+from photogram.marking.marking_survey import open_marking
+from photogram.marking.page.server import MarkServer
+from photogram.pipeline.project_file import PROJECT_FILE
+
+MOST_RECENT = 12
+MOST_LISTED = 500
+"""Folders within one that are listed."""
+
+
+class FolderEntry(TypedDict):
+    """A folder within another."""
+
+    name: str
+    path: str
+    photographs: int
+    """Up to 9999 are counted."""
+    has_project: bool
+
+
+class Listing(TypedDict):
+    """What lies in a folder, for choosing one."""
+
+    path: str
+    above: str | None
+    photographs: int
+    has_project: bool
+    folders: list[FolderEntry]
+
+
+class Desk:
+    """The surveys of a session. May be asked from several threads at once."""
+
+    def __init__(self, recent: Path | None = None) -> None:
+        """``recent`` is the file that remembers which surveys were open; that of this user if None."""
+        self._recent = recent or recent_file()
+        self._lock = Lock()
+        self._survey: SurveyFolder | None = None
+        self._marking: tuple[MarkServer, ExitStack] | None = None
+
+    def __enter__(self) -> "Desk":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end_marking()
+
+    @property
+    def has_survey(self) -> bool:
+        """Whether one is open."""
+        return self._survey is not None
+
+    @property
+    def survey(self) -> SurveyFolder:
+        """The survey that is open. Raises WorkspaceError where none is."""
+        if self._survey is None:
+            raise WorkspaceError("no survey is open: choose a folder first")
+        return self._survey
+
+    def open(self, folder: Path) -> None:
+        """Open a folder. Raises WorkspaceError where it is none."""
+        if not folder.is_dir():
+            raise WorkspaceError(f"{folder}: folder not found: choose another")
+        self.end_marking()
+        self._survey = SurveyFolder(folder)
+        self._remember(self._survey.folder)
+
+    def close(self) -> None:
+        """Close the survey, and go back to the choice of one; a run goes on."""
+        self.end_marking()
+        self._survey = None
+
+    def recent(self) -> list[str]:
+        """Return the folders that were open before and are still there, the last one first."""
+        try:
+            known = json.loads(self._recent.read_text(encoding="utf-8"))
+        except (FileNotFoundError, ValueError):
+            return []
+        return [folder for folder in known if isinstance(folder, str) and Path(folder).is_dir()]
+
+    def _remember(self, folder: Path) -> None:
+        others = [name for name in self.recent() if name != str(folder)]
+        make_folder(self._recent.parent)
+        with replacing(self._recent) as path:
+            path.write_text(json.dumps([str(folder), *others][:MOST_RECENT]), encoding="utf-8")
+
+    def mark(self, origin: str) -> str:
+        """Return the address of the page of marking, begun where it is not yet. Pages of ``origin`` may show it
+        within themselves. Raises as ``open_marking``."""
+        with self._lock:
+            if self._marking is None:
+                survey = open_marking(self.survey.project_path)
+                with ExitStack() as stack:
+                    session, patches = stack.enter_context(marking_session(survey))
+                    server = MarkServer(session, patches, self.survey.folder.name, shown_in=origin)
+                    session.start()
+                    thread = Thread(target=server.serve, name="marking", daemon=True)
+                    thread.start()
+                    stack.callback(thread.join)
+                    stack.callback(server.stop)
+                    self._marking = server, stack.pop_all()
+            return self._marking[0].url
+
+    def end_marking(self) -> None:
+        """End the marking; every mark is on the disk already."""
+        with self._lock:
+            if self._marking is not None:
+                self._marking[1].close()
+            self._marking = None
+
+
+def recent_file() -> Path:
+    """Return the file of this user that remembers which surveys were open (XDG base directories)."""
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "photogram" / "desk.json"
+
+
+def listing(folder: Path) -> Listing:
+    """Return what lies in a folder. Raises WorkspaceError where it cannot be read."""
+    folder = folder.absolute()
+    try:
+        within = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+    except OSError as error:
+        raise WorkspaceError(f"{folder}: cannot be read ({error.strerror}): choose another folder") from error
+    return {
+        "path": str(folder),
+        "above": str(folder.parent) if folder.parent != folder else None,
+        "photographs": _pictures(folder),
+        "has_project": (folder / PROJECT_FILE).is_file(),
+        "folders": _entries(within[:MOST_LISTED]),
+    }
+
+
+def _entries(folders: Sequence[Path]) -> list[FolderEntry]:
+    return [
+        {
+            "name": folder.name,
+            "path": str(folder),
+            "photographs": _pictures(folder),
+            "has_project": (folder / PROJECT_FILE).is_file(),
+        }
+        for folder in folders
+    ]
+
+
+def _pictures(folder: Path) -> int:
+    try:
+        with os.scandir(folder) as entries:
+            return sum(entry.name.lower().endswith(SUFFIXES) for entry in entries)
+    except OSError:
+        return 0  # a folder that cannot be read shows none, and says why when it is chosen

@@ -1,0 +1,163 @@
+"""Measurements of a survey that are kept with it, in `measurements.gpkg` beside the project file.
+
+Each holds for the surface that it was measured on: where that has changed since it is measured again.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from typing_extensions import TypedDict
+
+from photogram.desk.measurements import KINDS, OUTLINES, Kind, Measurement, measure
+from photogram.errors import PhotogramError, ProjectError, SettingError
+from photogram.files.maps.measurement_files import StoredMeasurement, read_measurements, write_measurements
+from photogram.result_files import result_path
+from photogram.volumes.surfaces import SURFACE
+
+FILE = "measurements.gpkg"
+MOST = 500
+LONGEST_NAME = 100
+
+
+class KeptMeasurement(TypedDict):
+    """A measurement with its name; what was measured is None where it no longer can be, and the problem says why."""
+
+    name: str
+    kind: Kind
+    corners_map_m: list[list[float]]
+    measurement: Measurement | None
+    problem: str
+
+
+class _Record(TypedDict):
+    surface: str
+    measurement: Measurement | None
+    problem: str
+
+
+@dataclass(frozen=True)
+class KeptMeasurements:
+    """The measurements of a survey in a map grid ``crs``."""
+
+    path: Path
+    results: Path
+    crs: str
+
+    def all(self) -> list[KeptMeasurement]:
+        """Return them, measured anew where the surface has changed. Raises ProjectError where their file is damaged."""
+        stored = read_measurements(self.path, self.crs) if self.path.is_file() else []
+        mark, kept, fresh = self._mark(), list[KeptMeasurement](), True
+        for item in stored:
+            record = _record_of(item.record)
+            if record is None or record["surface"] != mark:
+                fresh, kept = False, [*kept, self._measured(item.name, _kind(item.kind), item.corners_map_m.tolist())]
+            else:
+                corners = item.corners_map_m.tolist()
+                kept.append(_kept(item.name, _kind(item.kind), corners, record["measurement"], record["problem"]))
+        if not fresh:
+            self._write(kept, mark)
+        return kept
+
+    def add(self, kind: Kind, corners_map_m: Sequence[Sequence[float]]) -> list[KeptMeasurement]:
+        """Measure, keep it, and return all. Raises as ``measure``, and SettingError where there are too many."""
+        kept = self.all()
+        if len(kept) >= MOST:
+            raise SettingError("measurements", f"{MOST} are kept at most: remove some first")
+        result = measure(self.results, kind, corners_map_m)
+        number = 1 + sum(item["kind"] == kind for item in kept)
+        names = {item["name"] for item in kept}
+        name = next(
+            name for name in (f"{kind.capitalize()} {number + k}" for k in range(MOST + 1)) if name not in names
+        )
+        kept.append(_kept(name, kind, result["corners_map_m"], result, ""))
+        self._write(kept, self._mark())
+        return kept
+
+    def rename(self, number: int, name: str) -> list[KeptMeasurement]:
+        """Give one another name, and return all. Raises SettingError for a name that cannot be, or where there is no
+        such measurement."""
+        kept = self.all()
+        name = name.strip()
+        if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
+            raise SettingError("name", f"a name has up to {LONGEST_NAME} characters on one line")
+        self._check(number, kept)
+        kept[number]["name"] = name
+        self._write(kept, self._mark())
+        return kept
+
+    def remove(self, number: int) -> list[KeptMeasurement]:
+        """Remove one, and return the others. Raises SettingError where there is no such measurement."""
+        kept = self.all()
+        self._check(number, kept)
+        del kept[number]
+        self._write(kept, self._mark())
+        return kept
+
+    def _check(self, number: int, kept: Sequence[KeptMeasurement]) -> None:
+        if not 0 <= number < len(kept):
+            raise SettingError("number", f"there is no measurement {number + 1}: another page has removed it")
+
+    def _mark(self) -> str:
+        """Return what tells one surface from another."""
+        path = result_path(self.results, SURFACE)
+        if not path.is_file():
+            raise ProjectError("there is no surface to measure on: run the survey first")
+        status = path.stat()
+        return f"{status.st_size} {status.st_mtime_ns}"
+
+    def _measured(self, name: str, kind: Kind, corners: list[list[float]]) -> KeptMeasurement:
+        try:
+            return _kept(name, kind, corners, measure(self.results, kind, corners), "")
+        except PhotogramError as error:
+            return _kept(name, kind, corners, None, str(error))
+
+    def _write(self, kept: Sequence[KeptMeasurement], mark: str) -> None:
+        stored = [
+            StoredMeasurement(
+                item["name"],
+                item["kind"],
+                np.array(item["corners_map_m"], dtype=np.float64).reshape(-1, 2),
+                item["kind"] in OUTLINES,
+                _words(item["measurement"]),
+                json.dumps({"surface": mark, "measurement": item["measurement"], "problem": item["problem"]}),
+            )
+            for item in kept
+        ]
+        write_measurements(self.path, stored, self.crs)
+
+
+def _kept(
+    name: str, kind: Kind, corners: list[list[float]], measurement: Measurement | None, problem: str
+) -> KeptMeasurement:
+    return {"name": name, "kind": kind, "corners_map_m": corners, "measurement": measurement, "problem": problem}
+
+
+def _kind(text: str) -> Kind:
+    for kind in KINDS:
+        if kind == text:
+            return kind
+    raise ProjectError(
+        f"measurements: {text!r} is nothing that is measured here: move {FILE} away to begin without any"
+    )
+
+
+def _record_of(text: str) -> _Record | None:
+    try:
+        record: _Record = json.loads(text)
+    except ValueError:
+        return None
+    return record if isinstance(record, dict) and set(record) == set(_Record.__annotations__) else None
+
+
+def _words(measurement: Measurement | None) -> str:
+    if measurement is None:
+        return ""
+    parts = []
+    for figure in measurement["figures"]:
+        if figure["value"] is not None:
+            sigma = "" if figure["sigma"] is None else f" ± {figure['sigma']:.4g}"
+            parts.append(f"{figure['name']} {figure['value']:.3f}{sigma} {figure['unit']}")
+    return "; ".join(parts)

@@ -1,0 +1,188 @@
+"""Commands that work for hours, each in a process of its own: a page that is closed or a server that ends stops none.
+
+What runs is `photogram adjust --json` or `photogram deliver`, as in a terminal. Its output goes to files in the folder
+of intermediate results, from which this server, or the next one, reads what it does. Whether it still runs is told by a
+lock that the process holds as long as it lives.
+"""
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Literal
+
+from typing_extensions import TypedDict
+
+from photogram.errors import WorkspaceError
+from photogram.files.atomic import make_folder, make_folder_within, replacing
+from photogram.terminal.events import Event
+
+FOLDER, NOTE, LOCK, OUTPUT, ERRORS, END = "desk", "run.json", "run.lock", "output.txt", "errors.txt", "end.json"
+RunState = Literal["none", "running", "paused", "done", "failed", "stopped"]
+RunKind = Literal["adjust", "deliver"]
+
+MOST_EVENTS = 2000
+"""That are handed on at once."""
+
+_MOST_ERROR_CHARACTERS = 4000
+_INTERRUPTED = 130
+
+
+class RunNote(TypedDict):
+    """What is kept of a run that was started."""
+
+    pid: int
+    kind: RunKind
+    arguments: list[str]
+    began_unix_s: float
+    paused: bool
+
+
+@dataclass(frozen=True)
+class RunView:
+    """What a run does, or has done."""
+
+    state: RunState
+    kind: RunKind | None
+    began_unix_s: float | None
+    events: tuple[Event, ...]
+    """From the one that was asked for on; of `adjust` alone."""
+    next: int
+    """Number of the event that comes next."""
+    text: str
+    """What the process wrote on standard error, and where it ended without a word, how."""
+
+
+class Runs:
+    """The runs of one survey, whose intermediate results lie in the folder ``work``. May be asked from several threads
+    at once."""
+
+    def __init__(self, work: Path) -> None:
+        self._folder = work / FOLDER
+        self._one_at_a_time = Lock()
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def start(self, kind: RunKind, arguments: Sequence[str]) -> None:
+        """Start a command of photogram. Raises WorkspaceError where one runs already, or the folder cannot be
+        written."""
+        make_folder(self._folder.parent)
+        make_folder_within(self._folder)
+        with self._one_at_a_time, (self._folder / LOCK).open("w") as lock:
+            if not _taken(lock.fileno()):
+                raise WorkspaceError("a run is under way already: wait for its end, or stop it first")
+            (self._folder / END).unlink(missing_ok=True)
+            command = [sys.executable, "-m", "photogram.desk.runner", str(self._folder / END), *arguments]
+            with (self._folder / OUTPUT).open("wb") as out, (self._folder / ERRORS).open("wb") as errors:
+                self._child = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=out,
+                    stderr=errors,
+                    start_new_session=True,
+                    pass_fds=[lock.fileno()],
+                    env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                )
+            self._write(
+                {
+                    "pid": self._child.pid,
+                    "kind": kind,
+                    "arguments": list(arguments),
+                    "began_unix_s": time.time(),
+                    "paused": False,
+                }
+            )
+
+    def pause(self) -> None:
+        """Hold the run, which keeps its memory and takes no processor time."""
+        self._signal([signal.SIGSTOP], paused=True)
+
+    def resume(self) -> None:
+        """Go on with a run that is held."""
+        self._signal([signal.SIGCONT], paused=False)
+
+    def stop(self) -> None:
+        """End the run; stages that are finished, and pieces of the one under way, are kept."""
+        self._signal([signal.SIGINT, signal.SIGCONT], paused=False)
+
+    def view(self, after: int = 0) -> RunView:
+        """Return what the last run does, with its events from number ``after`` on."""
+        with self._one_at_a_time:
+            note, alive = self._note(), self._alive()
+        if note is None:
+            return RunView("none", None, None, (), 0, "")
+        lines = self._lines() if note["kind"] == "adjust" else []
+        events = tuple(json.loads(line) for line in lines[after : after + MOST_EVENTS])
+        state, text = self._outcome(note, alive)
+        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), text)
+
+    def _outcome(self, note: RunNote, alive: bool) -> tuple[RunState, str]:
+        text = self._text(ERRORS)[-_MOST_ERROR_CHARACTERS:]
+        if alive:
+            return ("paused" if note["paused"] else "running"), text
+        if self._child is not None:
+            self._child.poll()  # so that no process stays behind that has ended
+        try:
+            code = int(json.loads(self._text(END) or "{}")["exit_code"])
+        except (KeyError, ValueError):
+            return "failed", text or "It was ended from outside, or the machine was switched off: start it again."
+        if code in (_INTERRUPTED, -signal.SIGINT):
+            return "stopped", text
+        if code < 0:
+            reason = "memory ran out, most likely" if code == -signal.SIGKILL else signal.Signals(-code).name
+            return "failed", text or f"The system ended it ({reason}): close other programs and start it again."
+        return ("done" if code == 0 else "failed"), text
+
+    def output(self) -> str:
+        """Return what the command has written on standard output."""
+        return self._text(OUTPUT)
+
+    def _lines(self) -> list[str]:
+        """Return the whole lines of the events so far."""
+        return self._text(OUTPUT).split("\n")[:-1]
+
+    def _text(self, name: str) -> str:
+        try:
+            return (self._folder / name).read_text(encoding="utf-8", errors="replace")
+        except FileNotFoundError:
+            return ""
+
+    def _note(self) -> RunNote | None:
+        text = self._text(NOTE)
+        note: RunNote | None = json.loads(text) if text else None
+        return note
+
+    def _write(self, note: RunNote) -> None:
+        with replacing(self._folder / NOTE) as path:
+            path.write_text(json.dumps(note))
+
+    def _alive(self) -> bool:
+        try:
+            with (self._folder / LOCK).open() as lock:
+                return not _taken(lock.fileno())
+        except FileNotFoundError:
+            return False
+
+    def _signal(self, signals: Sequence[signal.Signals], *, paused: bool) -> None:
+        with self._one_at_a_time:
+            note = self._note()
+            if note is None or not self._alive():
+                return
+            for number in signals:
+                os.killpg(note["pid"], number)
+            self._write({**note, "paused": paused})
+
+
+def _taken(descriptor: int) -> bool:
+    """Take a lock, and return whether nobody else has it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -1,0 +1,32 @@
+// What the page asks of its server. Addresses are relative: they begin with the token of this session.
+
+export class Refused extends Error {}
+
+async function answered(response) {
+  const content = await response.json().catch(() => ({ error: `the server answered ${response.status}` }));
+  if (!response.ok) throw new Refused(content.error ?? `the server answered ${response.status}`);
+  return content;
+}
+
+async function tried(request) {
+  try {
+    return await request();
+  } catch (error) {
+    if (error instanceof TypeError) throw new Refused("photogram desk does not answer: start it again in the terminal");
+    throw error;
+  }
+}
+
+export function get(name, query = {}) {
+  const search = new URLSearchParams(query).toString();
+  return tried(async () => answered(await fetch(`api/${name}${search ? `?${search}` : ""}`)));
+}
+
+export function post(name, body = {}) {
+  const headers = { "Content-Type": "application/json" };
+  return tried(async () => answered(await fetch(`api/${name}`, { method: "POST", headers, body: JSON.stringify(body) })));
+}
+
+export function resultAddress(file) {
+  return new URL(`results/${file.split("/").map(encodeURIComponent).join("/")}`, document.baseURI).href;
+}

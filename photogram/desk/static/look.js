@@ -1,0 +1,154 @@
+// Look and measure: rasters of the results on a map, and what is drawn on them, each figure with its standard deviation.
+
+import { get, post, resultAddress } from "./api.js";
+import { features, newMap, photographStyle, pointStyle, ramp, rasterLayer, shownFully, vectorLayer } from "./maps.js";
+import { $, element, fill, figure, guarded } from "./page.js";
+
+const { ol } = window;
+const TOOLS = {
+  height: ["Height", "Point", "Click a place."],
+  distance: ["Distance", "LineString", "Click the places; a double click ends."],
+  profile: ["Profile", "LineString", "Click along the line; a double click ends."],
+  area: ["Area", "Polygon", "Click the corners; a double click closes."],
+  volume: ["Volume", "Polygon", "Click the foot of the heap all around; a double click closes."],
+};
+const NAMES = ["height", "distance", "profile", "area", "volume"];
+let map = null, known = null, drawn = null, drawing = null, current = null;
+
+export async function show() {
+  const layers = await get("layers");
+  $("no-surface").hidden = layers.length > 0;
+  $("looking").hidden = !layers.length;
+  if (!layers.length || JSON.stringify(layers) === known) return;
+  known = JSON.stringify(layers);
+  await begin(layers);
+}
+
+async function begin(layers) {
+  map?.setTarget(null);
+  const overview = await get("overview");
+  drawn = new ol.source.Vector();
+  const line = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#d9480f", width: 2.5 }), fill: new ol.style.Fill({ color: "rgba(217, 72, 15, .15)" }), image: new ol.style.Circle({ radius: 5, fill: new ol.style.Fill({ color: "#d9480f" }) }) });
+  const rasters = new Map();
+  const over = [
+    vectorLayer(features(overview.photographs), photographStyle("#0b5573")),
+    vectorLayer(features(overview.points, point => ({ role: point.role })), pointStyle),
+    new ol.layer.Vector({ source: drawn, style: line }),
+  ];
+  over[0].setVisible(false);
+  map = newMap("result-map", over);
+  map.on("pointermove", event => { $("cursor").textContent = `E ${event.coordinate[0].toFixed(2)}  N ${event.coordinate[1].toFixed(2)}`; });
+  const choose = async layer => {
+    if (!rasters.has(layer.name)) {
+      const made = rasterLayer(layer, resultAddress(layer.file));
+      rasters.set(layer.name, made);
+      map.getLayers().insertAt(0, made.layer);
+      if (rasters.size === 1) shownFully(map, (await made.source.getView()).extent);
+    }
+    for (const [name, made] of rasters) made.layer.setVisible(name === layer.name);
+    legend(layer);
+  };
+  const radios = layers.map((layer, n) => element("label", {}, element("input", { type: "radio", name: "layer", value: layer.name, checked: n === 0, onchange: guarded(() => choose(layer)) }), layer.title));
+  const boxes = [["Photographs", over[0]], ["Points", over[1]]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
+  fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes);
+  fill($("tools"), element("legend", {}, "Measure"), ...NAMES.map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, TOOLS[kind][0])));
+  await choose(layers[0]);
+  list(await get("measurements"));
+  window.desk = { map, rasters, measure: measured };
+}
+
+function use(kind) {
+  map.removeInteraction(drawing);
+  drawing = null;
+  current = current === kind ? null : kind;
+  for (const button of $("tools").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.tool === current));
+  $("hint").textContent = current ? TOOLS[current][2] : "";
+  if (!current) return;
+  drawing = new ol.interaction.Draw({ type: TOOLS[current][1] });
+  const tool = current;
+  drawing.on("drawend", event => {
+    const shape = event.feature.getGeometry().getCoordinates();
+    measured(tool, tool === "height" ? [shape] : TOOLS[tool][1] === "Polygon" ? shape[0].slice(0, -1) : shape);
+  });
+  map.addInteraction(drawing);
+}
+
+const measured = guarded(async (kind, corners) => {
+  $("hint").textContent = "Measuring …";
+  try {
+    list(await post("measure", { kind, corners_map_m: corners.map(corner => corner.slice(0, 2)) }));
+  } finally {
+    $("hint").textContent = current ? TOOLS[current][2] : "";
+  }
+});
+
+// All measurements, the last one first, and their shapes on the map.
+function list(kept) {
+  drawn.clear();
+  drawn.addFeatures(kept.map((item, number) => {
+    const type = TOOLS[item.kind][1], corners = item.corners_map_m;
+    const geometry = type === "Point" ? new ol.geom.Point(corners[0]) : type === "Polygon" ? new ol.geom.Polygon([[...corners, corners[0]]]) : new ol.geom.LineString(corners);
+    return new ol.Feature({ geometry, number });
+  }));
+  fill($("measurements"), ...kept.map(entry).toReversed());
+}
+
+function entry(item, number) {
+  const name = element("input", { type: "text", value: item.name, maxlength: 100, "aria-label": "Name of the measurement", onchange: guarded(async event => list(await post("rename", { number, name: event.target.value }))) });
+  const result = item.measurement;
+  return element("li", {}, name,
+    result ? element("dl", {}, ...result.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))])) : element("p", { class: "bad" }, item.problem),
+    result?.profile.length ? profile(result.profile) : null,
+    result?.note ? element("p", { class: "muted" }, result.note) : null,
+    element("button", { type: "button", onclick: guarded(async () => list(await post("forget", { number }))) }, "Remove"));
+}
+
+// The heights along a line, with a band of one standard deviation.
+function profile(samples) {
+  const [width, height, left, bottom] = [300, 130, 46, 18];
+  const known = samples.filter(s => s.height_m !== null), long = samples.at(-1).along_m;
+  const low = Math.min(...known.map(s => s.height_m - s.sigma_m)), high = Math.max(...known.map(s => s.height_m + s.sigma_m));
+  const x = s => left + (width - left - 4) * s.along_m / (long || 1), y = h => 6 + (height - bottom - 10) * (high - h) / (high - low || 1);
+  const runs = [];
+  for (const s of samples) {
+    if (s.height_m === null) runs.push([]);
+    else if (runs.length) runs.at(-1).push(s);
+    else runs.push([s]);
+  }
+  const path = points => points.map(([a, b], n) => `${n ? "L" : "M"}${a.toFixed(1)} ${b.toFixed(1)}`).join("");
+  const svg = (tag, attributes, text = null) => {
+    const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    if (text !== null) made.textContent = text;
+    return made;
+  };
+  const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "profile", role: "img", "aria-label": `Profile of ${long.toFixed(1)} m` });
+  for (const part of runs.filter(run => run.length)) {
+    const band = [...part.map(s => [x(s), y(s.height_m + s.sigma_m)]), ...part.toReversed().map(s => [x(s), y(s.height_m - s.sigma_m)])];
+    picture.append(svg("path", { d: `${path(band)}Z`, class: "band" }), svg("path", { d: path(part.map(s => [x(s), y(s.height_m)])), class: "line" }));
+  }
+  picture.append(svg("text", { x: left - 4, y: 12, "text-anchor": "end" }, high.toFixed(2)), svg("text", { x: left - 4, y: height - bottom, "text-anchor": "end" }, low.toFixed(2)),
+    svg("text", { x: left, y: height - 4 }, "0"), svg("text", { x: width - 4, y: height - 4, "text-anchor": "end" }, `${long.toFixed(1)} m`));
+  return picture;
+}
+
+function legend(layer) {
+  $("legend").hidden = layer.kind === "picture";
+  if (layer.kind === "picture") return;
+  const bar = element("span", { class: "bar" });
+  bar.style.background = `linear-gradient(to right, ${ramp(layer.kind).join(", ")})`;
+  fill($("legend"), element("span", {}, layer.range[0].toFixed(2)), bar, element("span", {}, `${layer.range[1].toFixed(2)} m`));
+}
+
+$("three-d").addEventListener("click", guarded(async () => {
+  const flat = $("three-d").getAttribute("aria-pressed") === "true";
+  if (!flat && !$("view").src) {
+    $("hint").textContent = "Making the 3-D view …";
+    const { file } = await post("view");
+    $("view").src = resultAddress(file);
+    $("hint").textContent = "";
+  }
+  $("three-d").setAttribute("aria-pressed", String(!flat));
+  $("view").hidden = flat;
+  $("result-map").hidden = !flat;
+}));

@@ -1,0 +1,15 @@
+// Points marked in photographs: the page of photogram mark, within this one.
+
+import { post } from "./api.js";
+import { $ } from "./page.js";
+
+let address = null;
+
+export async function show(state) {
+  $("no-points").hidden = state.survey.has_points;
+  $("no-points").textContent = "The project has no ground points: give their coordinates in project.yaml under control_points, or begin the survey again with a table of points.";
+  if (!state.survey.has_points) return;
+  const { url } = await post("mark");
+  if (url !== address || !$("marking").src) $("marking").src = address = url;
+  $("marking").hidden = false;
+}

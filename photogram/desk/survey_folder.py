@@ -1,0 +1,329 @@
+"""One survey on disk, as the page sees it: its photographs, tables, project file, runs and results."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Literal
+
+from typing_extensions import TypedDict
+
+from photogram.delivery.names import FILES, Product
+from photogram.delivery.package import PACKAGE
+from photogram.desk.kept_measurements import FILE as MEASUREMENTS
+from photogram.desk.kept_measurements import KeptMeasurements
+from photogram.desk.layers import Layer, layers
+from photogram.desk.overview import ASSUMED, Overview, Prediction, overview, prediction
+from photogram.desk.runs import Runs
+from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
+from photogram.geodesy.height_systems import HeightSystem
+from photogram.pipeline.new_project import init
+from photogram.pipeline.photograph_folder import look_into
+from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.project_file import PROJECT_FILE
+from photogram.pipeline.stages.publishing.report_files import NUMBERS, PAGE, VIEW
+from photogram.pipeline.view import write_view
+from photogram.project.draft.edits import write_value
+from photogram.project.project import Project
+from photogram.report.reading import read_report
+from photogram.result_files import ResultFolder, contents_of, rank_of, result_path
+
+TABLES = (".txt", ".csv", ".xml")
+"""Of files that may hold ground points or marks, in small letters."""
+
+PHOTOGRAPHS = "photographs"
+WORK = "work"
+
+TEXTS = ("name", "client", "author", "place", "surveyor", "instrument", "targets")
+"""What a person can say of the report on the page."""
+
+Table = Literal["control", "check", "none"]
+
+
+class TableFile(TypedDict):
+    """A file that may hold ground points."""
+
+    file: str
+    """Its name, from the folder of the survey on."""
+    use: Table
+    """What it is taken for unless a person says otherwise."""
+
+
+class ProductFile(TypedDict):
+    """A file of the results."""
+
+    file: str
+    """Its name, from the folder of results on."""
+    contents: str
+    bytes: int
+
+
+class FolderView(TypedDict):
+    """What lies in the folder of a survey."""
+
+    folder: str
+    name: str
+    photographs: int
+    """In the folder of the photographs; 0 where there are none."""
+    photographs_folder: str
+    tables: list[TableFile]
+    has_project: bool
+    has_points: bool
+    problem: str
+    """Why the project file, or the folder, cannot be read; empty where it can."""
+
+
+class Headline(TypedDict):
+    """The report in a sentence or two."""
+
+    grade: str
+    sentence: str
+    also: str
+    to_do: list[str]
+
+
+class ResultsView(TypedDict):
+    """What a survey has made."""
+
+    headline: Headline | None
+    products: list[ProductFile]
+    report: str | None
+    """The page of the report, from the folder of results on."""
+    package: str | None
+    texts: dict[str, str]
+    """What the report says that no photograph tells, see TEXTS."""
+    missing: list[str]
+    """What a report that is to be signed still lacks, in words."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What a project file is to be written with: tables by what they are taken for, and what the tags do not say."""
+
+    tables: Mapping[str, Table]
+    crs: str | None = None
+    heights: HeightSystem | None = None
+    geoid: str | None = None
+    focal_px: float | None = None
+    recursive: bool = False
+
+
+class SurveyFolder:
+    """A folder with a project file, or with photographs and none yet. May be asked from several threads at once."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+        self.project_path = self.folder / PROJECT_FILE
+        self._lock = Lock()
+        self._overview: tuple[tuple[int, int], Overview] | None = None
+
+    @property
+    def photographs(self) -> Path:
+        """The folder of the photographs before there is a project file: a folder of that name, or the folder itself."""
+        within = self.folder / PHOTOGRAPHS
+        return within if within.is_dir() else self.folder
+
+    def project(self) -> Project:
+        """Return the project as its file now stands. Raises ProjectError with every error of the file."""
+        return load_project(self.project_path)
+
+    def runs(self) -> Runs:
+        """Return the runs of the survey."""
+        try:
+            return Runs(self.project().work)
+        except ProjectError:
+            return Runs(self.folder / WORK)
+
+    def view(self) -> FolderView:
+        """Return what lies in the folder."""
+        has_project, problem, points, count, pictures = self.project_path.is_file(), "", False, 0, self.photographs
+        try:
+            if has_project:
+                project = self.project()
+                points, count = bool(project.control_points), len(project.photographs)
+                pictures = project.photographs[0].path.parent
+            else:
+                count = len(look_into(pictures, recursive=True).names)
+        except (ProjectError, ImageError) as error:
+            problem = str(error)
+        return {
+            "folder": str(self.folder),
+            "name": self.folder.name,
+            "photographs": count,
+            "photographs_folder": str(pictures),
+            "tables": [] if has_project else self._tables(),
+            "has_project": has_project,
+            "has_points": points,
+            "problem": problem,
+        }
+
+    def _tables(self) -> list[TableFile]:
+        places = dict.fromkeys([self.folder, self.photographs])
+        files = sorted(path for place in places for path in place.iterdir() if path.suffix.lower() in TABLES)
+        return [
+            {
+                "file": path.relative_to(self.folder).as_posix(),
+                "use": _use_of(path.name.lower()),
+            }
+            for path in files
+            if path.is_file() and not path.name.startswith(".")
+        ]
+
+    def begin(self, wishes: Beginning) -> None:
+        """Write the project file. Raises as ``init``, and ProjectError for a table that is not in the folder."""
+        known = {table["file"] for table in self._tables()}
+        for name in wishes.tables:
+            if name not in known:
+                raise ProjectError(f"{name}: no table of {self.folder}: choose one of those that are listed")
+        chosen = {use: [self.folder / n for n, u in wishes.tables.items() if u == use] for use in ("control", "check")}
+        init(
+            self.photographs,
+            control=chosen["control"],
+            check=chosen["check"],
+            crs=wishes.crs,
+            heights=wishes.heights,
+            geoid=wishes.geoid,
+            focal_px=wishes.focal_px,
+            recursive=wishes.recursive,
+            project=self.project_path,
+        )
+
+    def overview(self) -> Overview:
+        """Return the survey on its map, as its project file now stands."""
+        status = self.project_path.stat()
+        key = status.st_mtime_ns, status.st_size
+        with self._lock:
+            if self._overview is None or self._overview[0] != key:
+                self._overview = key, overview(self.project())
+            return self._overview[1]
+
+    def prediction(self) -> Prediction:
+        """Return what is predicted of the work that is not done yet."""
+        return prediction(self.project())
+
+    def state_accuracy(self, name: str, sigma_m: Sequence[float]) -> None:
+        """State a figure that was assumed (``ASSUMED``): standard deviations of easting, northing and height. Raises
+        SettingError for another name or what is no accuracy."""
+        if name not in ASSUMED:
+            raise SettingError("name", f"{name!r}: nothing that is assumed is called so")
+        if len(sigma_m) != 3 or not all(0.0 < value < 1e4 for value in sigma_m):
+            raise SettingError("accuracy", "three positive lengths in metres are expected: easting, northing, height")
+        block, key = ASSUMED[name]
+        write_value(self.project_path, (block, f"{key}_m"), [float(v) for v in sigma_m])
+        write_value(self.project_path, (block, f"{key}_assumed"), None)
+
+    def say(self, texts: Mapping[str, str]) -> None:
+        """Say in the project file what the report says that no photograph tells. Raises SettingError for what is none
+        of TEXTS."""
+        for key, text in texts.items():
+            if key not in TEXTS or not text.isprintable():
+                raise SettingError(key, "no line of the report that can be set here")
+        for key, text in texts.items():
+            if text:
+                write_value(self.project_path, ("report", key), text)
+
+    def results(self) -> ResultsView:
+        """Return what the survey has made. Raises ReportError where its report is damaged."""
+        project = self.project()
+        folder = project.results
+        numbers, page = result_path(folder, NUMBERS), result_path(folder, PAGE)
+        report = read_report(numbers) if numbers.is_file() else None
+        verdict = None if report is None else report["verdict"]
+        texts = {key: str(getattr(project.report, key)) for key in TEXTS}
+        return {
+            "headline": None
+            if verdict is None
+            else {
+                "grade": verdict["grade"],
+                "sentence": verdict["sentence"],
+                "also": verdict["also"],
+                "to_do": list(verdict["to_do"]),
+            },
+            "products": _products(folder),
+            "report": page.relative_to(folder).as_posix() if page.is_file() else None,
+            "package": PACKAGE if (folder / PACKAGE).is_file() else None,
+            "texts": texts,
+            "missing": _missing(texts, project),
+        }
+
+    def result(self, name: str) -> Path:
+        """Return a file of the results by its name from their folder on. Raises WorkspaceError where there is none."""
+        results = self.project().results.absolute()
+        path = (results / name).resolve()
+        if not path.is_relative_to(results.resolve()) or not path.is_file():
+            raise WorkspaceError(f"{name}: no file of the results: run the survey first")
+        return path
+
+    def layers(self) -> list[Layer]:
+        """Return the rasters that a map can draw."""
+        return layers(self.project().results)
+
+    def measurements(self) -> KeptMeasurements:
+        """Return what was measured on the surface, and is kept."""
+        project = self.project()
+        return KeptMeasurements(self.folder / MEASUREMENTS, project.results, project.crs)
+
+    def three_d(self) -> str:
+        """Return the page of the 3-D view, from the folder of results on; it is made where it is not there."""
+        results = self.project().results
+        path = result_path(results, VIEW)
+        if not path.is_file():
+            write_view(self.project_path)
+        return path.relative_to(results).as_posix()
+
+    def start(self) -> None:
+        """Start `photogram adjust`, which goes on from what is finished."""
+        self.runs().start("adjust", ["adjust", str(self.project_path), "--json"])
+
+    def hand_over(self, products: Sequence[str]) -> None:
+        """Start `photogram deliver --zip` with some products. Raises SettingError for one that there is not."""
+        known = [product.value for product in Product]
+        for name in products:
+            if name not in known:
+                raise SettingError("products", f"{name!r}: the products are {', '.join(known)}")
+        asked = [word for name in products for word in ("--to", name)]
+        self.runs().start("deliver", ["deliver", str(self.project_path), "--zip", *asked])
+
+
+def _use_of(name: str) -> Table:
+    """Return what a table is taken for by its name, in small letters."""
+    if name.startswith("check"):
+        return "check"
+    return "control" if name.startswith(("gcp", "control")) else "none"
+
+
+def product_files() -> dict[str, str]:
+    """Return the products that can be handed over, by name, with the file that is opened first."""
+    return {product.value: FILES[product][0] for product in Product}
+
+
+def _products(results: Path) -> list[ProductFile]:
+    folder = results / ResultFolder.DELIVERABLES
+    if not folder.is_dir():
+        return []
+    files = sorted((path for path in folder.iterdir() if path.is_file()), key=lambda p: (rank_of(p.name), p.name))
+    return [
+        {
+            "file": path.relative_to(results).as_posix(),
+            "contents": contents_of(path.name),
+            "bytes": path.stat().st_size,
+        }
+        for path in files
+    ]
+
+
+def _missing(texts: Mapping[str, str], project: Project) -> list[str]:
+    roles = {point.role for point in project.control_points}
+    wanted = {
+        "name": "a title",
+        "author": "who signs",
+        "client": "the client",
+        "surveyor": "who surveyed the points",
+        "targets": "how the points are marked on the ground",
+    }
+    absent = [
+        words for key, words in wanted.items() if not texts[key] and (roles or key not in ("surveyor", "targets"))
+    ]
+    if "check" not in roles:
+        absent.append("check points: without them accuracy is predicted and not tested")
+    return absent

@@ -1,0 +1,210 @@
+"""The server of the page: who is answered, and what."""
+
+import http.client
+import json
+import shutil
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="starlette is not installed")
+
+from photogram.desk.desk import Desk, listing
+from photogram.desk.guard import MOST_BODY_BYTES
+from photogram.desk.server import DeskServer
+from photogram.errors import WorkspaceError
+from photogram.result_files import result_path
+
+Answer = tuple[int, http.client.HTTPMessage, bytes]
+
+
+@pytest.fixture(scope="module")
+def folder(finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copytree(finished_survey, tmp_path_factory.mktemp("desk") / "survey"))
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    with Desk(tmp_path_factory.mktemp("state") / "desk.json") as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def server(desk: Desk, folder: Path) -> Iterator[DeskServer]:
+    desk.open(folder)
+    made = DeskServer(desk)
+    thread = Thread(target=made.serve)
+    thread.start()
+    yield made
+    made.stop()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def asked(
+    server: DeskServer,
+    path: str,
+    method: str = "GET",
+    body: bytes | None = None,
+    token: str | None = None,
+    **headers: str,
+) -> Answer:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    try:
+        secret = server.token if token is None else token
+        connection.putrequest(method, f"/{secret}/{path}", skip_host="Host" in headers)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        if body is not None and "Content_Length" not in headers:
+            connection.putheader("Content-Length", str(len(body)))
+        connection.endheaders(body)
+        response = connection.getresponse()
+        return response.status, response.headers, response.read()
+    finally:
+        connection.close()
+
+
+def told(answer: Answer) -> Any:
+    assert answer[0] == 200, answer[2]
+    return json.loads(answer[2])
+
+
+def posted(server: DeskServer, name: str, body: object, **headers: str) -> Answer:
+    return asked(
+        server, f"api/{name}", "POST", json.dumps(body).encode(), **{"Content_Type": "application/json", **headers}
+    )
+
+
+def test_only_who_has_the_token_and_names_the_loopback_is_answered(server: DeskServer) -> None:
+    assert asked(server, "api/state")[0] == 200
+    assert asked(server, "api/state", Host=f"localhost:{server.port}")[0] == 200
+    for refused in (
+        asked(server, "api/state", token="guess"),
+        asked(server, "api/state", token=""),
+        asked(server, "api/state", token=server.token[:-1]),
+        asked(server, "api/state", Host=f"survey.example:{server.port}"),
+        asked(server, "api/state", Host="127.0.0.1"),
+    ):
+        assert (refused[0], json.loads(refused[2])) == (404, {"error": "not found"})
+    with socket.socket() as outside:
+        outside.settimeout(2)
+        address = socket.gethostbyname(socket.gethostname())
+        if not address.startswith("127."):
+            with pytest.raises(ConnectionRefusedError):
+                outside.connect((address, server.port))
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://survey.example"},
+        {"Origin": "null"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"Content_Type": "text/plain"},
+        {"Content_Type": "application/x-www-form-urlencoded"},
+    ],
+)
+def test_a_page_from_elsewhere_changes_nothing(headers: dict[str, str], server: DeskServer, desk: Desk) -> None:
+    assert posted(server, "close", {}, **headers)[0] == 404
+    assert desk.has_survey
+
+
+def test_a_huge_request_is_refused_before_it_is_read(server: DeskServer) -> None:
+    answer = posted(server, "close", {}, Content_Length=str(MOST_BODY_BYTES + 1))
+    assert answer[0] == 413
+    assert posted(server, "open", {"folder": "x" * 5000})[0] == 400
+    assert asked(server, "api/close", "POST", b"{", Content_Type="application/json")[0] == 400
+
+
+def test_a_slow_client_holds_nobody_up(server: DeskServer) -> None:
+    slow = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(20)]
+    for connection in slow:
+        connection.sendall(f"POST /{server.token}/api/close HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n".encode())
+    begin = time.monotonic()
+    assert asked(server, "api/state")[0] == 200
+    assert time.monotonic() - begin < 5.0
+    for connection in slow:
+        connection.close()
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["results/../project.yaml", "results/%2e%2e/project.yaml", "results//etc/passwd", "static/../command.py",
+     "static/%2e%2e/command.py", "results/deliverables/../../project.yaml", "results/deliverables"],
+)  # fmt: skip
+def test_no_path_leads_out_of_the_results(path: str, server: DeskServer) -> None:
+    status, _, content = asked(server, path)
+    assert status in (400, 404)
+    assert b"photogram: 1" not in content
+    assert b"root:" not in content
+    assert b"typer" not in content
+
+
+def test_rasters_are_read_in_parts(server: DeskServer, folder: Path) -> None:
+    path = result_path(folder / "results", "dsm.tif")
+    whole = path.read_bytes()
+    status, headers, content = asked(server, "results/deliverables/dsm.tif", Range="bytes=100-299")
+    assert (status, content) == (206, whole[100:300])
+    assert headers["Content-Range"] == f"bytes 100-299/{len(whole)}"
+
+
+def test_pages_of_results_reach_nothing_of_the_server(server: DeskServer) -> None:
+    policy = asked(server, "results/deliverables/report.html")[1]["Content-Security-Policy"]
+    assert policy.startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in policy
+    headers = asked(server, "")[1]
+    assert "default-src 'self'" in headers["Content-Security-Policy"]
+    assert (headers["X-Content-Type-Options"], headers["Referrer-Policy"]) == ("nosniff", "no-referrer")
+
+
+def test_the_survey_is_told_as_it_lies_on_the_disk(server: DeskServer, folder: Path) -> None:
+    state = told(asked(server, "api/state"))
+    assert state["survey"]["folder"] == str(folder) == state["recent"][0]
+    overview = told(asked(server, "api/overview"))
+    assert len(overview["photographs"]) == state["survey"]["photographs"]
+    assert all(len(p["position_map_m"]) == 3 for p in overview["photographs"])
+    assert {point["role"] for point in overview["points"]} == {"control", "check"}
+    assert [layer["name"] for layer in told(asked(server, "api/layers"))][:1] in (["orthophoto"], ["surface"])
+    results = told(asked(server, "api/results"))
+    report = json.loads(result_path(folder / "results", "report.json").read_text())
+    assert results["headline"]["sentence"] == report["verdict"]["sentence"]
+    assert "deliverables/dsm.tif" in [product["file"] for product in results["products"]]
+    assert told(asked(server, "api/prediction"))["stages"] == []
+    assert told(asked(server, "api/run"))["state"] == "none"
+
+
+def test_what_is_said_of_the_report_stands_in_the_project(server: DeskServer, folder: Path) -> None:
+    told(posted(server, "texts", {"texts": {"name": "Pit 4", "client": "", "author": "A. Surveyor"}}))
+    assert told(asked(server, "api/results"))["texts"]["author"] == "A. Surveyor"
+    assert 'author: "A. Surveyor"' in (folder / "project.yaml").read_text()
+    before = (folder / "project.yaml").read_text()
+    assert posted(server, "texts", {"texts": {"crs": "EPSG:4326"}})[0] == 400
+    assert posted(server, "texts", {"texts": {"name": "two\nlines"}})[0] == 400
+    assert (folder / "project.yaml").read_text() == before
+
+
+def test_what_was_assumed_can_be_stated(server: DeskServer, folder: Path) -> None:
+    assert posted(server, "accuracy", {"name": "gnss", "sigma_m": [0.0, 1.0, 1.0]})[0] == 400
+    assert posted(server, "accuracy", {"name": "crs", "sigma_m": [1.0, 1.0, 1.0]})[0] == 400
+    told(posted(server, "accuracy", {"name": "gnss", "sigma_m": [0.5, 0.5, 1.0]}))
+    assert "gnss_sigma_m: [0.5, 0.5, 1.0]" in (folder / "project.yaml").read_text()
+
+
+def test_folders_are_listed_with_what_they_hold(folder: Path, tmp_path: Path) -> None:
+    here = listing(folder)
+    assert (here["has_project"], here["above"]) == (True, str(folder.parent))
+    photographs = next(entry for entry in here["folders"] if entry["name"] == "photographs")
+    assert photographs["photographs"] > 3
+    with pytest.raises(WorkspaceError, match="cannot be read"):
+        listing(tmp_path / "missing")
+
+
+def test_without_a_survey_everything_says_so(tmp_path: Path) -> None:
+    with Desk(tmp_path / "desk.json") as empty, pytest.raises(WorkspaceError, match="no survey is open"):
+        _ = empty.survey
+    assert not (tmp_path / "desk.json").exists()
