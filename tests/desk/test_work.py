@@ -15,7 +15,9 @@ pytest.importorskip("starlette", reason="starlette is not installed")
 
 from photogram.cli.app import app
 from photogram.desk import command, work
+from photogram.desk.desk import Desk
 from photogram.desk.server import DeskServer
+from photogram.errors import WorkspaceError
 
 
 def test_it_serves_until_it_is_interrupted(survey: Path, tmp_path: Path) -> None:
@@ -36,9 +38,9 @@ def test_it_serves_until_it_is_interrupted(survey: Path, tmp_path: Path) -> None
 
 def test_a_port_that_is_taken_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    with work.Desk(tmp_path / "desk.json") as desk:
+    with Desk(tmp_path / "desk.json") as desk:
         taken = DeskServer(desk)
-        with pytest.raises(work.WorkspaceError, match=f"port {taken.port} of 127.0.0.1 cannot be used"):
+        with pytest.raises(WorkspaceError, match=f"port {taken.port} of 127.0.0.1 cannot be used"):
             work.run(None, False, taken.port)
         taken.close()
 

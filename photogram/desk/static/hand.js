@@ -22,7 +22,7 @@ export async function show(state) {
   if (results.report) $("report").href = resultAddress(results.report);
   const said = Object.fromEntries(LINES.map(([key]) => [key, results.texts[key] ?? ""]));
   fill($("texts"), ...LINES.map(([key, title]) => element("label", {}, title, element("input", { name: key, value: said[key], maxlength: 200 }))),
-    element("button", { type: "submit" }, "Keep"));
+    element("button", { type: "submit" }, "Keep, and renew the report"));
   $("missing").textContent = results.missing.length ? `A report that is signed still lacks ${results.missing.join("; ")}.` : "";
   if (!$("products").querySelector("input")) {
     $("products").append(...Object.entries(state.products).map(([name, file]) => element("label", {}, element("input", { type: "checkbox", value: name, checked: true }), PRODUCTS[name] ?? name, element("small", {}, ` ${file}`))));

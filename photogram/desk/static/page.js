@@ -37,7 +37,8 @@ export function guarded(work) {
 }
 
 export function duration(seconds) {
-  if (seconds < 90) return `${Math.max(Math.round(seconds), 1)} s`;
+  if (seconds < 1) return "under 1 s";
+  if (seconds < 90) return `${Math.round(seconds)} s`;
   if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
   return `${(seconds / 3600).toFixed(1)} h`;
 }
