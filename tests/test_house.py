@@ -24,6 +24,7 @@ COMMANDS = (
     *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
+    "babel": ("languages",),
     "contourpy": ("surface.contours",),
     "defusedxml": ("files.xml_elements", "files.photographs"),
     "distributed": ("pipeline.store.cluster",),

@@ -27,6 +27,7 @@ from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
 from photogram.files.npz_json import file_fingerprint
 from photogram.geodesy.crs import NO_CRS
+from photogram.languages.language import Language
 from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
@@ -95,7 +96,7 @@ def deliver(
     with recorded(folder):
         written = tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
     if output is None:
-        write_readme(survey.results)
+        write_readme(survey.results, Language(survey.report.language))
     if record is None:
         return written
     with recorded(archive.parent):

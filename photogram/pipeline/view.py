@@ -11,6 +11,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
+from photogram.languages.language import Language
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE, project_file
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
@@ -123,7 +124,7 @@ def write_page(
     progress(2, 3, f"writing {VIEW}")
     with recorded(results), replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")
-    write_readme(results)
+    write_readme(results, Language(report["survey"].get("language", "en")))
     progress(3, 3, "")
     return target
 

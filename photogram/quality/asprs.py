@@ -16,8 +16,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.languages.codes import LanguageCode
+from photogram.languages.language import ENGLISH, Language
 from photogram.settings.settings import Default, Settings, Within
-from photogram.wording import some
 
 STANDARD = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2, Version 2 (2024)"
 MINIMUM_POINTS = 30
@@ -44,6 +45,9 @@ class ReportSettings(Settings):
     standard: Annotated[
         Literal["none", "asprs-2024", "pec-pcd"], "Whose classes or statements the first part of the page has."
     ] = "none"
+    language: Annotated[
+        LanguageCode, "Language of the client's part of the page, of its pictures and of README.txt."
+    ] = "en"
     target_rmse_h_m: Annotated[
         float | None,
         Within(0.0001, 1000, "m"),
@@ -195,14 +199,17 @@ def coarse_survey(accuracy: Accuracy, settings: ReportSettings) -> list[str]:
     ]
 
 
-def assumed_survey(assumed: Sequence[str], n: int) -> str:
+def assumed_survey(assumed: Sequence[str], n: int, language: Language = ENGLISH) -> str:
     """Return in words that the accuracy of the survey of the points ``assumed``, out of ``n`` check points, is only
     assumed."""
-    whole = len(assumed) == n
-    survey = (
-        "the check points' survey" if whole else f"the survey of {len(assumed)} of {n} check points ({some(assumed)})"
+    if len(assumed) == n:
+        return language.gettext("the accuracy of the check points' survey is only assumed")
+    return language.gettext(
+        "the accuracy of the survey of {some} of {n} check points ({names}) is only assumed",
+        some=len(assumed),
+        n=n,
+        names=language.some(assumed),
     )
-    return f"the accuracy of {survey} is only assumed"
 
 
 def _centimetres(length_m: float) -> str:

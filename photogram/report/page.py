@@ -5,15 +5,17 @@ No script, no request to anywhere: style and pictures stand within the file.
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 
 from jinja2 import ChainableUndefined, Environment, PackageLoader, Undefined
 from markupsafe import Markup
 
+from photogram.languages.language import Language
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.asprs import AXES
 from photogram.report.client.contents import client_part
+from photogram.report.client.volumes import reason_in, volume_rows, volume_sentences
 from photogram.report.figures.mark_patches import figure_key
 from photogram.report.identity import grouped
 from photogram.report.marks import point_marks
@@ -81,6 +83,8 @@ def _environment() -> Environment:
         sigma_titles=SIGMA_TITLES,
         library_titles=LIBRARY_TITLES,
         page_font=PAGE_FONT,
+        reason_in=reason_in,
+        sigma_length=length,
     )
     return environment
 
@@ -92,10 +96,16 @@ def report_page(
     name where it has no title."""
     template = _environment().get_template("report.html.jinja")
     control = _ground_rows(report, "control", "left out")
+    language = Language(report["survey"].get("language", "en"))
     residuals = [figure for figure in figures if figure["key"].startswith("residuals")]
     return template.render(
         report=report,
-        client=client_part(report),
+        language=language,
+        gettext=partial(_said, language),
+        ngettext=partial(_counted, language),
+        client=client_part(report, language),
+        volume_rows=volume_rows(report),
+        volume_sentences=volume_sentences(report),
         figures={figure["key"]: figure for figure in figures},
         residual_figures=residuals,
         datum=_datum(report),
@@ -113,6 +123,16 @@ def report_page(
         lights=_lights(report),
         deliverables=_deliverables(report),
     )
+
+
+def _said(language: Language, message: str, **values: object) -> Markup:
+    """Return a message for a template; values that hold marks of HTML are shown, not obeyed."""
+    return Markup(language.message(message)).format(**values)
+
+
+def _counted(language: Language, one: str, several: str, count: int, **values: object) -> Markup:
+    """Return a message for a template in the form that goes with a count, which is its placeholder ``n``."""
+    return Markup(language.counted_message(one, several, count)).format(n=count, **values)
 
 
 # ---- what the tables hold ------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from photogram.files.atomic import replacing
+from photogram.languages.language import ENGLISH
 from photogram.pipeline.store.readme import README, write_readme
 from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded, remove_made
 from photogram.result_files import within_results
@@ -37,19 +38,19 @@ def test_what_is_added_and_removed_is_followed_and_the_same_files_give_the_same_
     (tmp_path / "deliverables").mkdir()
     with recorded(tmp_path), replacing(tmp_path / "deliverables/survey.dxf") as partial:
         partial.write_text("of a command")
-    write_readme(tmp_path)
+    write_readme(tmp_path, ENGLISH)
     first = (tmp_path / within_results(README)).read_bytes()
     assert listed(tmp_path) == [within_results(README), "deliverables/survey.dxf"]
     assert "quality" not in first.decode()
-    write_readme(tmp_path)
+    write_readme(tmp_path, ENGLISH)
     assert (tmp_path / within_results(README)).read_bytes() == first
     remove_made(tmp_path, ["deliverables/survey.dxf"])
-    write_readme(tmp_path)
+    write_readme(tmp_path, ENGLISH)
     assert listed(tmp_path) == [within_results(README)]
     assert f"{within_results(README).split('/')[1]}\n" in (tmp_path / "deliverables" / CHECKSUMS).read_text()
 
 
 def test_results_of_earlier_versions_are_left_as_they_are(tmp_path: Path) -> None:
     (tmp_path / "dsm.tif").touch()
-    write_readme(tmp_path)
+    write_readme(tmp_path, ENGLISH)
     assert [path.name for path in tmp_path.iterdir()] == ["dsm.tif"]

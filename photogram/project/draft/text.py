@@ -273,6 +273,7 @@ REPORT_EXAMPLE = (
     "#   targets: black and white boards, 40 cm # that they are marked by on the ground",
     "#   target_rmse_h_m: 0.05 # accuracy that was agreed on, in plan",
     "#   target_rmse_v_m: 0.08 # and in height",
+    "#   language: en # or de, es, pt, fr: of the first four pages, their pictures and README.txt",
     "#   standard: asprs-2024 # or pec-pcd: whose classes or statements the report has",
 )
 """The block of the report, as a comment to fill in."""

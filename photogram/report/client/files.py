@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from photogram.languages.language import ENGLISH, Language
 from photogram.report.record.verdict import DeliverableRecord
 from photogram.result_files import PURPOSES, ResultFolder, contents_of, is_picture, rank_of
-from photogram.wording import things
 
 PAGE = "report.html"
 
@@ -18,14 +18,21 @@ class HandedOver:
     contents: str
 
 
-def handed_over(listed: Sequence[DeliverableRecord]) -> list[HandedOver]:
+def handed_over(listed: Sequence[DeliverableRecord], language: Language = ENGLISH) -> list[HandedOver]:
     """Return this report and the deliverables, those that a reader looks for first, and the other folders of results;
     of results that earlier versions sorted into no folders, every file."""
     names = sorted((entry["file"] for entry in listed), key=lambda name: (rank_of(name), name))
     own = [name for name in names if "/" not in name or name.startswith(f"{ResultFolder.DELIVERABLES}/")]
-    rows = [HandedOver(name.rpartition("/")[2], contents_of(name)) for name in own if not is_picture(name)]
+    rows = [HandedOver(name.rpartition("/")[2], _contents(name, language)) for name in own if not is_picture(name)]
     for folder in (ResultFolder.QUALITY, ResultFolder.TECHNICAL):
         count = sum(name.startswith(f"{folder}/") for name in names)
         if count:
-            rows.append(HandedOver(f"{folder}/", f"{PURPOSES[folder]} ({things(count, 'file')})"))
-    return [HandedOver(PAGE, contents_of(PAGE)), *rows]
+            purpose = language.gettext(PURPOSES[folder])
+            held = language.ngettext("{purpose} ({n} file)", "{purpose} ({n} files)", count, purpose=purpose)
+            rows.append(HandedOver(f"{folder}/", held))
+    return [HandedOver(PAGE, _contents(PAGE, language)), *rows]
+
+
+def _contents(name: str, language: Language) -> str:
+    contents = contents_of(name)
+    return language.gettext(contents) if contents else ""

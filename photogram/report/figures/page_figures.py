@@ -19,6 +19,8 @@ from scipy.stats import binned_statistic_2d, norm
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, LensField
+from photogram.languages.codes import LanguageCode
+from photogram.languages.language import ENGLISH, Language
 from photogram.measures.round_lengths import round_down
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.residual_patterns import ResidualPattern, residual_patterns
@@ -54,12 +56,14 @@ IMAGE_DPI = 170
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A picture of the page: its ``key``, a ``caption``, what stands for it where it is not seen, and its data URI."""
+    """A picture of the page: its ``key``, a ``caption``, what stands for it where it is not seen, its data URI, and the
+    language of its labels and ``alternative``."""
 
     key: str
     caption: str
     alternative: str
     uri: str
+    language: LanguageCode = "en"
 
     def to_json(self) -> dict[str, str]:
         """Return the figure as JSON."""
@@ -83,23 +87,33 @@ def page_figures(
     comparisons: Mapping[str, Comparison],
     *,
     upright: bool,
+    language: Language = ENGLISH,
 ) -> list[PageFigure]:
-    """Draw every figure of the page for which there are data; ``surface`` is that of the tie points, in plan or on an
-    ``upright`` plane, None where a dense one takes its place."""
-    figures = [_plan(result, overlap), _ellipses(result), *_residuals(result), _histograms(result)]
-    figures += [_height_sigma(cloud), None if surface is None else _surface(surface, upright), _comparison(comparisons)]
+    """Draw every figure of the page for which there are data, those of the client's part in a language; ``surface`` is
+    that of the tie points, in plan or on an ``upright`` plane, None where a dense one takes its place."""
+    figures = [_plan(result, overlap, language), _ellipses(result), *_residuals(result), _histograms(result)]
+    figures += [
+        _height_sigma(cloud),
+        None if surface is None else _surface(surface, upright, language),
+        _comparison(comparisons),
+    ]
     return [figure for figure in figures if figure is not None]
 
 
-def _plan(result: Adjustment, overlap: Overlap | None) -> PageFigure:
+def _plan(result: Adjustment, overlap: Overlap | None, language: Language) -> PageFigure:
     contents = plan_contents(result, overlap)
     caption = (
         "Photographs by flight, control and check points, and how many photographs see the ground: warm colours up to "
         "two, whose heights are unchecked, blue from three. Arrows are residuals in plan, adjusted minus measured or "
         "surveyed, enlarged as written above the map; Δh is the residual in height."
     )
-    alternative = f"Plan of {len(contents.photograph_names)} photographs and {len(contents.ground_names)} ground points"
-    return PageFigure("plan", caption, alternative, embedded(plan_figure(contents, widest_in=PLAN_IN)))
+    alternative = language.gettext(
+        "Plan of {photographs} photographs and {points} ground points",
+        photographs=len(contents.photograph_names),
+        points=len(contents.ground_names),
+    )
+    figure = plan_figure(contents, widest_in=PLAN_IN, language=language)
+    return PageFigure("plan", caption, alternative, embedded(figure), language.code)
 
 
 def volumes_figure(picture: DifferencePicture) -> PageFigure:
@@ -365,15 +379,16 @@ def _height_sigma(cloud: PointCloud) -> PageFigure | None:
     return PageFigure("height sigma", caption, "Map of the predicted standard deviation of heights", embedded(figure))
 
 
-def _surface(surface: Raster, upright: bool) -> PageFigure:
+def _surface(surface: Raster, upright: bool, language: Language) -> PageFigure:
     rows, columns = surface.values.shape
     light = "upper left, on the plane as the photographs see it," if upright else "north-west"
     caption = (
         f"Digital surface model of {columns} × {rows} cells of {surface.cell_m:g} m, lit from the {light} "
         f"({percent(np.isfinite(surface.values).mean())} of the cells hold a height)."
     )
-    figure = surface_figure(surface, widest_in=WIDTH_IN, upright=upright)
-    return PageFigure("surface", caption, "Digital surface model, shaded and tinted by height", embedded(figure))
+    figure = surface_figure(surface, widest_in=WIDTH_IN, upright=upright, language=language)
+    alternative = language.gettext("Digital surface model, shaded and tinted by height")
+    return PageFigure("surface", caption, alternative, embedded(figure), language.code)
 
 
 def _comparison(comparisons: Mapping[str, Comparison]) -> PageFigure | None:

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from photogram.arrays import BoolArray, FloatArray, check_shape
 from photogram.grid import MapGrid
+from photogram.languages.language import ENGLISH, Language
 from photogram.measures.round_lengths import round_down
 from photogram.report.figures.style import (
     BLUE,
@@ -129,7 +130,9 @@ class _Sheet:
         return np.asarray(np.all((places_m[:, :2] > self.low) & (places_m[:, :2] < self.high), axis=1))
 
 
-def plan_figure(contents: PlanContents, title: str = "", widest_in: float = 9.0) -> Figure:
+def plan_figure(
+    contents: PlanContents, title: str = "", widest_in: float = 9.0, language: Language = ENGLISH
+) -> Figure:
     """Draw the survey in plan: photographs by flight, ground points, residuals as enlarged arrows, and the overlap.
 
     GNSS residuals and ground residuals have a scale each; the height residual stands beside the name of a ground
@@ -145,19 +148,19 @@ def plan_figure(contents: PlanContents, title: str = "", widest_in: float = 9.0)
     figure = new_figure(width_in + 1.6, height_in + 1.8)
     axes = figure.add_subplot(facecolor="#fafafa")
     axes.set(xlim=(sheet.low[0], sheet.high[0]), ylim=(sheet.low[1], sheet.high[1]))
-    map_axes(axes)
+    map_axes(axes, language)
     axes.grid(visible=True, color="#bbbbbb", linewidth=0.5, alpha=0.7)
     axes.set_axisbelow(True)
     if contents.overlap is not None and np.isfinite(contents.overlap.values).any():
-        _draw_overlap(figure, axes, contents.overlap)
-    _draw_photographs(axes, contents, sheet)
-    _draw_ground(axes, contents)
-    tips = _draw_residuals(axes, contents, sheet, 1 + 14 / (72 * height_in))
+        _draw_overlap(figure, axes, contents.overlap, language)
+    _draw_photographs(axes, contents, sheet, language)
+    _draw_ground(axes, contents, language)
+    tips = _draw_residuals(axes, contents, sheet, 1 + 14 / (72 * height_in), language)
     if title:
         figure.suptitle(title, fontsize=12)
     axes.set_title(" ", fontsize=14)  # room for the scales of the arrows
     figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=9)
-    _annotate(figure, axes, contents, sheet, tips)
+    _annotate(figure, axes, contents, sheet, tips, language)
     return figure
 
 
@@ -191,7 +194,7 @@ def overlap_levels(most: int) -> list[int]:
     return [int(step) for step in steps if step <= most]
 
 
-def _draw_overlap(figure: Figure, axes: Axes, overlap: Raster) -> None:
+def _draw_overlap(figure: Figure, axes: Axes, overlap: Raster, language: Language) -> None:
     most = int(np.nanmax(overlap.values))
     levels = overlap_levels(most)
     enough = max(len(levels) - len(FEW), 0)
@@ -208,40 +211,47 @@ def _draw_overlap(figure: Figure, axes: Axes, overlap: Raster) -> None:
     bar.set_ticklabels([f"{a}" if a == b else f"{a}–{b}" for a, b in zip(levels, last, strict=True)])
     bar.ax.minorticks_off()
     bar.ax.tick_params(labelsize=8, length=0)
-    bar.set_label("photographs that see the ground", fontsize=9)
+    bar.set_label(language.gettext("photographs that see the ground"), fontsize=9)
 
 
-def _draw_photographs(axes: Axes, contents: PlanContents, sheet: _Sheet) -> None:
+def _draw_photographs(axes: Axes, contents: PlanContents, sheet: _Sheet, language: Language) -> None:
     flights = np.asarray(contents.flights, dtype=str)
     names = list(dict.fromkeys(flights[contents.registered].tolist()))
     shared = len(FLIGHT_SYMBOLS) - 1 if len(names) > len(FLIGHT_SYMBOLS) else len(names)
     size = float(np.clip(0.4 * sheet.spacing_m * sheet.points_per_m, 2.2, 6.0))
-    groups = [([name], f"flight {name}") for name in names[:shared]]
-    if names[shared:]:
-        groups.append((names[shared:], f"{len(names) - shared} more flights"))
-    for (members, title), (marker, colour) in zip(groups, FLIGHT_SYMBOLS, strict=False):
+    groups = [[name] for name in names[:shared]] + ([names[shared:]] if names[shared:] else [])
+    for members, (marker, colour) in zip(groups, FLIGHT_SYMBOLS, strict=False):
         chosen = contents.registered & np.isin(flights, members)
-        label = f"{'photographs' if len(groups) == 1 else title} ({np.count_nonzero(chosen)})"
+        count = int(np.count_nonzero(chosen))
+        if len(groups) == 1:
+            label = language.gettext("photographs ({n})", n=count)
+        elif len(members) == 1:
+            label = language.gettext("flight {name} ({n})", name=members[0], n=count)
+        else:
+            label = language.gettext("{flights} more flights ({n})", flights=len(members), n=count)
         places = contents.photograph_map_m[chosen, :2].T
         axes.plot(*places, marker, color=colour, markersize=size, mec="white", mew=0.1 * size, label=label, zorder=4)
     outside = ~contents.registered
     if outside.any():
         places = contents.photograph_map_m[outside, :2].T
-        label, size = f"not registered ({np.count_nonzero(outside)})", max(size, 4.0)
+        label = language.gettext("not registered ({n})", n=int(np.count_nonzero(outside)))
+        size = max(size, 4.0)
         axes.plot(*places, "s", color="none", markersize=size, mec=GREY, mew=0.9, zorder=4.4)
         axes.plot(*places, "x", color=BLACK, markersize=1.5 * size, mew=1.5, label=label, zorder=4.5)
 
 
-def _draw_ground(axes: Axes, contents: PlanContents) -> None:
+def _draw_ground(axes: Axes, contents: PlanContents, language: Language) -> None:
     roles = np.asarray(contents.ground_roles, dtype=str)
     for role, colour, marker, size in (("control", VERMILION, "^", 8.0), ("check", GREEN, "o", 7.0)):
         chosen = roles == role
         if chosen.any():
-            places, label = contents.ground_map_m[chosen, :2].T, f"{role} points ({np.count_nonzero(chosen)})"
+            places, count = contents.ground_map_m[chosen, :2].T, int(np.count_nonzero(chosen))
+            control = language.gettext("control points ({n})", n=count)
+            label = control if role == "control" else language.gettext("check points ({n})", n=count)
             axes.plot(*places, marker, color=colour, markersize=size, mec="white", mew=0.7, label=label, zorder=5)
 
 
-def _draw_residuals(axes: Axes, contents: PlanContents, sheet: _Sheet, above: float) -> FloatArray:
+def _draw_residuals(axes: Axes, contents: PlanContents, sheet: _Sheet, above: float, language: Language) -> FloatArray:
     """Draw the arrows and, at the height ``above`` in the axes' own units, their scales; return places (V, 2) along the
     arrows.
     """
@@ -252,9 +262,22 @@ def _draw_residuals(axes: Axes, contents: PlanContents, sheet: _Sheet, above: fl
     ground_scale = enlargement(contents.ground_residual_m, ground_m)
     ground = contents.ground_map_m, contents.ground_residual_m
     layers = (
-        ("GNSS", contents.photograph_map_m, contents.gnss_residual_m, gnss_scale, gnss_m, BLACK),
-        ("control", *(a[roles == "control"] for a in ground), ground_scale, ground_m, VERMILION),
-        ("check", *(a[roles == "check"] for a in ground), ground_scale, ground_m, GREEN),
+        (
+            language.gettext("GNSS residuals"),
+            contents.photograph_map_m,
+            contents.gnss_residual_m,
+            gnss_scale,
+            gnss_m,
+            BLACK,
+        ),
+        (
+            language.gettext("control residuals"),
+            *(a[roles == "control"] for a in ground),
+            ground_scale,
+            ground_m,
+            VERMILION,
+        ),
+        (language.gettext("check residuals"), *(a[roles == "check"] for a in ground), ground_scale, ground_m, GREEN),
     )
     along, place = [np.zeros((0, 2))], 0.0
     for name, root, vector, scale, length_m, colour in layers:
@@ -266,7 +289,7 @@ def _draw_residuals(axes: Axes, contents: PlanContents, sheet: _Sheet, above: fl
         style |= {"angles": "xy", "scale_units": "xy", "scale": 1 / scale, "color": colour}
         arrows = axes.quiver(*root[known, :2].T, *vector[known, :2].T, **style)
         key_m = round_down(0.95 * length_m / scale)
-        text = f"{name} residuals, {length_label(key_m)} (× {scale:g})"
+        text = f"{name}, {length_label(key_m, language)} (× {language.figure(f'{scale:g}')})"
         shift = key_m * scale / sheet.span_m[0]
         axes.quiverkey(
             arrows, place + shift, above, key_m, text, labelpos="E", labelsep=0.06, fontproperties={"size": 8}
@@ -287,7 +310,9 @@ def enlargement(vectors_m: FloatArray, typical_m: float) -> float | None:
     return round_down(typical_m / float(np.percentile(length_m, TYPICAL_PERCENTILE))) if len(length_m) else None
 
 
-def _annotate(figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet, tips: FloatArray) -> None:
+def _annotate(
+    figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet, tips: FloatArray, language: Language
+) -> None:
     """Name ground points and, when they are few, photographs; say what is not shown."""
     places = contents.photograph_map_m[:, :2]
     inside = sheet.holds(places)
@@ -296,7 +321,9 @@ def _annotate(figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet,
         outsiders = np.flatnonzero(inside & ~contents.registered)
         named = outsiders if len(outsiders) <= MAXIMUM_OUTSIDER_NAMES else outsiders[:0]
     ground = min(len(contents.ground_names), MAXIMUM_GROUND_NAMES)
-    texts = [f"{contents.ground_names[g]}{_height_label(contents.ground_residual_m[g])}" for g in range(ground)]
+    texts = [
+        f"{contents.ground_names[g]}{_height_label(contents.ground_residual_m[g], language)}" for g in range(ground)
+    ]
     texts += [Path(contents.photograph_names[i]).stem for i in named.tolist()]
     anchors = np.vstack([contents.ground_map_m[:ground, :2], places[named]])
     # among hundreds of photographs no name would find a free place: there it may cover some
@@ -307,24 +334,24 @@ def _annotate(figure: Figure, axes: Axes, contents: PlanContents, sheet: _Sheet,
     left_out = len(texts) - place_labels(figure, axes, anchors, texts, obstacles)
     notes = []
     if left_out:
-        notes.append(f"{left_out} of {len(texts)} names omitted for lack of space")
+        notes.append(language.gettext("{some} of {all} names omitted for lack of space", some=left_out, all=len(texts)))
     nowhere = int(np.count_nonzero(np.isnan(places[:, 0])))
     far = int(np.count_nonzero(~inside)) - nowhere
     if far:
-        notes.append(f"{far} not registered, outside the plan")
+        notes.append(language.gettext("{n} not registered, outside the plan", n=far))
     if nowhere:
-        notes.append(f"{nowhere} not registered, without a position")
+        notes.append(language.gettext("{n} not registered, without a position", n=nowhere))
     if notes:
         text = "\n".join(notes)
         place: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "bottom", "zorder": 7}
         axes.annotate(text, (0.99, 0.01), fontsize=8, color=GREY, path_effects=HALO, **place)
 
 
-def _height_label(residual_m: FloatArray) -> str:
+def _height_label(residual_m: FloatArray, language: Language) -> str:
     if not np.isfinite(residual_m[2]):
         return ""
     sign = "−" if residual_m[2] < 0 else "+"
-    return f"\nΔh {sign}{abs(residual_m[2]) * 100:.1f} cm"
+    return f"\nΔh {sign}{language.figure(f'{abs(residual_m[2]) * 100:.1f}')} cm"
 
 
 def place_labels(figure: Figure, axes: Axes, anchors: FloatArray, texts: Sequence[str], obstacles: FloatArray) -> int:

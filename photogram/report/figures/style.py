@@ -23,13 +23,14 @@ from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnchoredOffsetbox, AnchoredText, AuxTransformBox, TextArea, VPacker
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, ScalarFormatter
 from scipy.ndimage import distance_transform_edt
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.camera import Camera, LensField
 from photogram.files.atomic import make_folder, replacing
 from photogram.grid import MapGrid, decimated
+from photogram.languages.language import ENGLISH, Language
 from photogram.measures.round_lengths import round_down, round_up
 from photogram.quality.cloud_comparison import Comparison
 from photogram.survey import Raster
@@ -110,19 +111,30 @@ def data_uri(kind: Literal["jpeg", "svg+xml"], picture: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(picture).decode('ascii')}"
 
 
-def length_label(length_m: float) -> str:
+def length_label(length_m: float, language: Language = ENGLISH) -> str:
     """Return a length with a unit that suits it: 2 mm, 5 cm, 20 m, 1 km."""
     for unit, size in (("km", 1000.0), ("m", 1.0), ("cm", 0.01)):
         if length_m >= size * (1 - 1e-9):
-            return f"{length_m / size:.3g} {unit}"
-    return f"{length_m * 1000:.3g} mm"
+            return f"{language.figure(f'{length_m / size:.3g}')} {unit}"
+    return f"{language.figure(f'{length_m * 1000:.3g}')} mm"
+
+
+class _TickFigures(ScalarFormatter):
+    """Figures of ticks as a language writes them."""
+
+    def __init__(self, language: Language) -> None:
+        super().__init__()
+        self.language = language
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return self.language.figure(super().__call__(x, pos))
 
 
 EASTING, NORTH, NORTH_UP, HEIGHTS = "easting, m", "N", "N ↑", "height, m (grey: no data)"
 """Texts of maps that mean nothing on a plane that is not level."""
 
 
-def map_axes(axes: Axes) -> None:
+def map_axes(axes: Axes, language: Language = ENGLISH) -> None:
     """Make axes a map: metres without an offset, equal scales, few ticks, a north arrow and a scale bar."""
     axes.set_aspect("equal", adjustable="box")
     label = FuncFormatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
@@ -134,12 +146,14 @@ def map_axes(axes: Axes) -> None:
     axes.tick_params(axis="y", labelrotation=90)
     for tick in axes.get_yticklabels():
         tick.set_verticalalignment("center")
-    axes.set_xlabel(EASTING, fontsize=9)
-    axes.set_ylabel("northing, m", fontsize=9)
+    axes.set_xlabel(language.gettext(EASTING), fontsize=9)
+    axes.set_ylabel(language.gettext("northing, m"), fontsize=9)
     bar_m = round_down(width / 4)
     bar = AuxTransformBox(axes.transData)
     bar.add_artist(Rectangle((0, 0), bar_m, 0.006 * height, facecolor="black"))
-    packed = VPacker(children=[bar, TextArea(length_label(bar_m), textprops={"size": 8})], align="center", pad=0, sep=3)
+    packed = VPacker(
+        children=[bar, TextArea(length_label(bar_m, language), textprops={"size": 8})], align="center", pad=0, sep=3
+    )
     axes.add_artist(AnchoredOffsetbox("lower left", child=packed, pad=0.4, borderpad=0.6))
     arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
     axes.annotate(
@@ -163,15 +177,15 @@ def map_figure(shape: tuple[int, ...], widest_in: float, beside_in: float) -> Fi
     return new_figure(width + beside_in, max(width * rows / columns, 2.0) + 0.9)
 
 
-def relabel_plane(figure: Figure) -> None:
+def relabel_plane(figure: Figure, language: Language = ENGLISH) -> None:
     """Turn the maps of a figure into views of a plane that is not level: x and y in place of easting and northing, no
     north arrow, distances in place of heights."""
     for axes in figure.axes:
-        if axes.get_xlabel() == EASTING:
-            axes.set_xlabel("x, to the right along the plane, m", fontsize=9)
-            axes.set_ylabel("y, up the plane, m", fontsize=9)
-        if axes.get_ylabel() == HEIGHTS:
-            axes.set_ylabel("in front of the plane, m (grey: no data)", fontsize=9)
+        if axes.get_xlabel() == language.gettext(EASTING):
+            axes.set_xlabel(language.gettext("x, to the right along the plane, m"), fontsize=9)
+            axes.set_ylabel(language.gettext("y, up the plane, m"), fontsize=9)
+        if axes.get_ylabel() == language.gettext(HEIGHTS):
+            axes.set_ylabel(language.gettext("in front of the plane, m (grey: no data)"), fontsize=9)
         for text in [text for text in axes.texts if text.get_text() in (NORTH, NORTH_UP)]:
             text.remove()
 
@@ -254,7 +268,9 @@ def shaded_relief(raster: Raster) -> tuple[FloatArray, ScalarMappable, float]:
     return np.dstack([shaded, known.astype(np.float64)]), tint, cell_m
 
 
-def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5, *, upright: bool = False) -> Figure:
+def surface_figure(
+    raster: Raster, title: str = "", widest_in: float = 8.5, *, upright: bool = False, language: Language = ENGLISH
+) -> Figure:
     """Draw a surface, in plan or on an ``upright`` plane, lit from the north-west, tinted by height, with a colour bar;
     cells without data stay grey.
 
@@ -265,13 +281,13 @@ def surface_figure(raster: Raster, title: str = "", widest_in: float = 8.5, *, u
     axes = figure.add_subplot(facecolor="#dddddd")
     grid = MapGrid(raster.west_map_m, raster.north_map_m, cell_m, *picture.shape[:2])
     axes.imshow(picture, extent=grid.extent_map_m, interpolation="nearest")
-    map_axes(axes)
+    map_axes(axes, language)
     axes.set_title(title, fontsize=12)
-    bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02)
-    bar.set_label(HEIGHTS, fontsize=9)
+    bar = figure.colorbar(tint, ax=axes, shrink=0.8, extend="both", pad=0.02, format=_TickFigures(language))
+    bar.set_label(language.gettext(HEIGHTS), fontsize=9)
     bar.ax.tick_params(labelsize=8)
     if upright:
-        relabel_plane(figure)
+        relabel_plane(figure, language)
     return figure
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
+from photogram.languages.language import ENGLISH, Language
 from photogram.report.figures.page_figures import PLAN_IN, WIDTH_IN, PageFigure, embedded
 from photogram.report.figures.profile_figure import profile_figure, sigma_histogram_figure
 from photogram.report.figures.profiles import Profile, surface_profiles
@@ -34,13 +35,15 @@ SVG_PICTURE = re.compile(rb"data:image/png;base64,([^\"]*)")
 @dataclass(frozen=True, eq=False)
 class DrawnFigure:
     """A figure, its key on the page, caption, and what stands for it where it is not seen; ``tones`` tells that it is a
-    picture of many tones, which JPEG holds in a quarter of the bytes."""
+    picture of many tones, which JPEG holds in a quarter of the bytes; its labels and ``alternative`` are in a
+    ``language``."""
 
     key: str
     figure: Figure
     caption: str
     alternative: str
     tones: bool = False
+    language: Language = ENGLISH
 
     @property
     def file_name(self) -> str:
@@ -54,13 +57,15 @@ def drawn_surface(
     numbers: DenseRecord,
     target_rmse_v_m: float | None = None,
     datum_sigma_m: float | None = None,
+    language: Language = ENGLISH,
 ) -> list[DrawnFigure]:
-    """Draw all figures of a dense surface; ``numbers`` is what `dense_numbers` made of the same.
+    """Draw all figures of a dense surface, the relief in a language; ``numbers`` is what `dense_numbers` made of the
+    same.
 
     ``target_rmse_v_m`` is what the project asks of heights, None where it asks nothing; ``datum_sigma_m`` the datum's
     standard deviation in height where the sigmas of ``dense`` are relative, None where they contain it.
     """
-    drawn = [_relief(dense, ground, numbers)]
+    drawn = [_relief(dense, ground, numbers, language)]
     sigma = numbers["sigma_m"]
     if sigma is not None:
         drawn += [_sigma(dense, sigma, target_rmse_v_m, datum_sigma_m), _rays(dense, numbers)]
@@ -73,7 +78,7 @@ def drawn_surface(
 
 def on_plane(drawn: DrawnFigure) -> DrawnFigure:
     """Return a figure of a surface whose heights count from a plane that is not level, with the words for that."""
-    relabel_plane(drawn.figure)
+    relabel_plane(drawn.figure, drawn.language)
     caption = drawn.caption.replace("lit from the north-west", "lit from the upper left")
     on_it = "On the plane, as the photographs see it; heights are distances in front of it."
     return replace(drawn, caption=f"{caption} {on_it}")
@@ -81,7 +86,7 @@ def on_plane(drawn: DrawnFigure) -> DrawnFigure:
 
 def surface_figures(drawn: Sequence[DrawnFigure]) -> list[PageFigure]:
     """Return drawn figures as those of the report page."""
-    return [PageFigure(d.key, d.caption, d.alternative, _uri(d)) for d in drawn]
+    return [PageFigure(d.key, d.caption, d.alternative, _uri(d), d.language.code) for d in drawn]
 
 
 def write_surface_pictures(folder: Path, drawn: Sequence[DrawnFigure]) -> list[str]:
@@ -118,8 +123,8 @@ def _length(length_m: float) -> str:
     return f"{length_m * 100:.3g} cm" if length_m < 1 else f"{length_m:.3g} m"
 
 
-def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> DrawnFigure:
-    """Draw an orthophoto with the ground points at their surveyed places."""
+def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks, language: Language = ENGLISH) -> DrawnFigure:
+    """Draw an orthophoto with the ground points at their surveyed places, in a language."""
     rows, columns = orthophoto.source_shape
     caption = (
         f"Orthophoto, {columns} × {rows} cells of {_length(orthophoto.source_cell_m)} in orthophoto.tif, shown in "
@@ -128,11 +133,12 @@ def drawn_orthophoto(orthophoto: OrthophotoPicture, ground: GroundMarks) -> Draw
         "beyond the rim, masked, or hidden from all photographs. "
         "Symbols mark the surveyed coordinates of the ground points: their targets must lie under them."
     )
-    alternative = f"Orthophoto with {len(ground.name)} ground points"
-    return DrawnFigure("orthophoto", orthophoto_figure(orthophoto, ground, WIDTH_IN), caption, alternative, tones=True)
+    alternative = language.gettext("Orthophoto with {n} ground points", n=len(ground.name))
+    figure = orthophoto_figure(orthophoto, ground, WIDTH_IN, language)
+    return DrawnFigure("orthophoto", figure, caption, alternative, tones=True, language=language)
 
 
-def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> DrawnFigure:
+def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord, language: Language) -> DrawnFigure:
     rows, columns = dense.heights.values.shape
     tested = {p["name"]: p["difference_m"] for p in numbers["check_points"]["points"]}
     cells, mapped = numbers["cells"], max(numbers["cells"]["mapped"], 1)
@@ -149,8 +155,9 @@ def _relief(dense: DenseSurface, ground: GroundMarks, numbers: DenseRecord) -> D
         f"dsm_filled.tif).{filled}"
         f"{differences}"
     )
-    figure = relief_figure(dense, ground, tested, WIDTH_IN)
-    return DrawnFigure("dense surface", figure, caption, "Dense surface model, shaded and tinted by height", tones=True)
+    figure = relief_figure(dense, ground, tested, WIDTH_IN, language)
+    alternative = language.gettext("Dense surface model, shaded and tinted by height")
+    return DrawnFigure("dense surface", figure, caption, alternative, tones=True, language=language)
 
 
 def _of_datum(datum_sigma_m: float | None) -> str:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.grid import MapGrid, bands, block_means, block_of, decimated
+from photogram.languages.language import ENGLISH, Language
 from photogram.report.figures.plan_view import ENOUGH, FEW, HALO, overlap_levels, place_labels
 from photogram.report.figures.style import GREEN, VERMILION, map_axes, map_figure, new_figure, surface_figure
 from photogram.report.numbers.dense_surface import DenseSurface, GroundMarks, OrthophotoPicture
@@ -40,7 +41,9 @@ def _halo(axes: Axes) -> None:
             arrow.set_path_effects([*HALO])
 
 
-def draw_ground(figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence[str]) -> None:
+def draw_ground(
+    figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence[str], language: Language = ENGLISH
+) -> None:
     """Draw control points as triangles and check points as discs, each with its text where there is room.
 
     The layout stands still afterwards: to be called last. Points off the map are left out.
@@ -51,7 +54,7 @@ def draw_ground(figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence
     for checks, colour, marker, size in ((False, VERMILION, "^", 7.5), (True, GREEN, "o", 6.5)):
         chosen = inside & (ground.checks_height == checks)
         if chosen.any():
-            label = f"{'check' if checks else 'control'} points in height ({np.count_nonzero(chosen)})"
+            label = _ground_label(int(np.count_nonzero(chosen)), language, checks=checks)
             axes.plot(x[chosen], y[chosen], marker, ls="", color=colour, ms=size, mec="white", mew=1.0, label=label,
                       zorder=5)  # fmt: skip
     if inside.any():
@@ -60,31 +63,43 @@ def draw_ground(figure: Figure, axes: Axes, ground: GroundMarks, texts: Sequence
     place_labels(figure, axes, ground.place_map_m[named, :2], [texts[i] for i in named], ground.place_map_m[inside, :2])
 
 
-def orthophoto_figure(orthophoto: OrthophotoPicture, ground: GroundMarks, widest_in: float) -> Figure:
+def _ground_label(count: int, language: Language, *, checks: bool) -> str:
+    if checks:
+        return language.gettext("check points in height ({n})", n=count)
+    return language.gettext("control points in height ({n})", n=count)
+
+
+def orthophoto_figure(
+    orthophoto: OrthophotoPicture, ground: GroundMarks, widest_in: float, language: Language = ENGLISH
+) -> Figure:
     """Draw an orthophoto with coordinates, scale bar and north arrow, and the ground points on it by name."""
     shape = orthophoto.rgba.shape[:2]
     figure = map_figure(shape, widest_in, 0.8)
     axes = figure.add_subplot(facecolor=NO_DATA)
     grid = MapGrid(orthophoto.west_map_m, orthophoto.north_map_m, orthophoto.cell_m, *shape)
     axes.imshow(orthophoto.rgba, extent=grid.extent_map_m, interpolation="antialiased")
-    map_axes(axes)
+    map_axes(axes, language)
     _halo(axes)
-    draw_ground(figure, axes, ground, ground.name)
+    draw_ground(figure, axes, ground, ground.name, language)
     return figure
 
 
-def _signed_cm(metres: float | None) -> str:
-    return "" if metres is None else f"\nΔh {100 * metres:+.1f} cm".replace("-", "−")
+def _signed_cm(metres: float | None, language: Language) -> str:
+    return "" if metres is None else f"\nΔh {language.figure(f'{100 * metres:+.1f}')} cm".replace("-", "−")
 
 
 def relief_figure(
-    dense: DenseSurface, ground: GroundMarks, differences_m: dict[str, float], widest_in: float
+    dense: DenseSurface,
+    ground: GroundMarks,
+    differences_m: dict[str, float],
+    widest_in: float,
+    language: Language = ENGLISH,
 ) -> Figure:
     """Draw the surface lit from the north-west and tinted by height, holes grey, filled cells washed out, with the
     ground points; ``differences_m`` (surface minus survey) stand beside those that they name."""
     small, share = decimated(dense.heights, MAP_CELLS)
     known = replace(small, values=np.where(share >= KNOWN_SHARE, small.values, np.nan))
-    figure = surface_figure(known, "", widest_in)
+    figure = surface_figure(known, "", widest_in, language=language)
     axes = figure.axes[0]
     axes.set_facecolor(NO_DATA)
     washed = _filled_share(dense, MAP_CELLS) >= FILLED_SHARE
@@ -93,7 +108,8 @@ def relief_figure(
         veil[..., 3] = 0.6 * (washed & np.isfinite(known.values))
         axes.imshow(veil, extent=MapGrid.of(small).extent_map_m, interpolation="nearest")
     _halo(axes)
-    draw_ground(figure, axes, ground, [f"{n}{_signed_cm(differences_m.get(n))}" for n in ground.name])
+    texts = [f"{name}{_signed_cm(differences_m.get(name), language)}" for name in ground.name]
+    draw_ground(figure, axes, ground, texts, language)
     return figure
 
 

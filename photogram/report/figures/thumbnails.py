@@ -15,18 +15,20 @@ LONGER_SIDE_PX = 560
 JPEG_QUALITY = 82
 NO_DATA_RGB = (0xE4, 0xE8, 0xEA)
 ORTHOPHOTO, SURFACE = "thumbnail orthophoto", "thumbnail surface"
+_OF_ORTHOPHOTO = "Orthophoto", "The orthophoto, small"
+_OF_SURFACE = "Surface model", "The surface model, shaded and tinted by height"
+THUMBNAIL_TEXTS = (*_OF_ORTHOPHOTO, *_OF_SURFACE)
+"""What stands under them and for them, which the page says in its language."""
 
 
 def thumbnails(orthophoto: OrthophotoPicture | None, surface: Raster | None) -> list[PageFigure]:
     """Return orthophoto and surface (heights in m, NaN in holes) as small pictures, where there are such."""
     figures = []
     if orthophoto is not None:
-        figures.append(PageFigure(ORTHOPHOTO, "Orthophoto", "The orthophoto, small", _uri(orthophoto.rgba)))
+        figures.append(PageFigure(ORTHOPHOTO, *_OF_ORTHOPHOTO, _uri(orthophoto.rgba)))
     if surface is not None and np.isfinite(surface.values).any():
         relief = (255.0 * shaded_relief(surface)[0] + 0.5).astype(np.uint8)
-        figures.append(
-            PageFigure(SURFACE, "Surface model", "The surface model, shaded and tinted by height", _uri(relief))
-        )
+        figures.append(PageFigure(SURFACE, *_OF_SURFACE, _uri(relief)))
     return figures
 
 

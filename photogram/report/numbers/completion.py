@@ -4,17 +4,16 @@ All of it follows from the other figures of report.json and from what the projec
 made anew whenever that changes.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.languages.language import ENGLISH, Language
 from photogram.quality.asprs import (
     AXES,
     STANDARD,
-    Accuracy,
     ReportSettings,
     asprs_accuracy,
     assumed_survey,
@@ -38,7 +37,9 @@ from photogram.report.record.verdict import (
     DiscardedRecord,
     NamesRecord,
     ProductAccuracyRecord,
+    SurveyRecord,
 )
+from photogram.report.standards.asprs_statements import asprs_statements
 from photogram.report.standards.authorities import standard_record
 from photogram.report.titles import CLOUD_TITLES
 from photogram.report.values import finite, record_of
@@ -62,7 +63,7 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     whole: Report = {
         **numbers,
         "diagnosis": diagnosis,
-        "survey": {**numbers["survey"], **survey_names(settings)},
+        "survey": _survey(numbers["survey"], settings),
         "asprs": asprs,
         "discarded": discarded(numbers),
         "warnings": warnings,
@@ -75,9 +76,16 @@ def complete(numbers: SurveyNumbers | Report, settings: ReportSettings) -> Repor
     return whole
 
 
+def _survey(survey: SurveyRecord, settings: ReportSettings) -> SurveyRecord:
+    former: SurveyRecord = {**survey}
+    former.pop("language", None)
+    return {**former, **survey_names(settings)}
+
+
 def survey_names(settings: ReportSettings) -> NamesRecord:
-    """Return what the project calls the survey, whose it is, and how its ground points were surveyed."""
-    return {
+    """Return what the project calls the survey, whose it is, how its ground points were surveyed, and the language of
+    the client's part where it is not English."""
+    names: NamesRecord = {
         "name": settings.name or None,
         "client": settings.client or None,
         "author": settings.author or None,
@@ -86,6 +94,9 @@ def survey_names(settings: ReportSettings) -> NamesRecord:
         "targets": settings.targets or None,
         "place": settings.place or None,
     }
+    if settings.language != "en":
+        names["language"] = settings.language
+    return names
 
 
 def _without_metres(value: ValueT) -> ValueT:
@@ -102,9 +113,11 @@ def _without_metres(value: ValueT) -> ValueT:
 # ---- accuracy by the standard --------------------------------------------------------------------------------------
 
 
-def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings) -> AsprsRecord:
+def asprs_numbers(
+    points: Sequence[GroundPointRecord], settings: ReportSettings, language: Language = ENGLISH
+) -> AsprsRecord:
     """Return accuracy and statements of the ASPRS standard from the check points of a report; control points never
-    enter here."""
+    enter here. Why there is no statement, and whose survey is only assumed, is said in a language."""
     rows = [p for p in points if "check" in p["axis_roles"] and p["residual_m"]]
     checked = np.array([[role == "check" for role in p["axis_roles"]] for p in rows], dtype=bool).reshape(-1, 3)
     # None, where an axis has no figure, becomes NaN
@@ -113,8 +126,8 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
     sigma_m = np.array([p["surveyed_sigma_m"] for p in rows], dtype=np.float64).reshape(-1, 3)
     sigma_m[is_assumed(rows)] = np.nan
     accuracy, names = asprs_accuracy(difference_m, sigma_m), [p["name"] for p in rows]
-    assumed = _assumed_survey(rows, difference_m)
-    statements, not_stated = _stated(accuracy, assumed, settings)
+    assumed = _assumed_survey(rows, difference_m, language)
+    statements, not_stated = asprs_statements(accuracy, assumed, settings, language)
     east, north, height = (record_of(AxisAccuracyRecord, axis) for axis in accuracy.axes)
     return {
         "standard": STANDARD,
@@ -142,12 +155,12 @@ def asprs_numbers(points: Sequence[GroundPointRecord], settings: ReportSettings)
     }
 
 
-def _assumed_survey(points: Sequence[GroundPointRecord], difference_m: FloatArray) -> str | None:
+def _assumed_survey(points: Sequence[GroundPointRecord], difference_m: FloatArray, language: Language) -> str | None:
     """Return in words of which points (N), that check by their differences (N, 3), the accuracy of the survey is only
     assumed; None where it is stated of all."""
     tells = np.isfinite(difference_m[:, :2]).all(axis=1) | np.isfinite(difference_m[:, 2])
     names = [points[i]["name"] for i in np.flatnonzero(tells & is_assumed(points)).tolist()]
-    return assumed_survey(names, int(tells.sum())) if names else None
+    return assumed_survey(names, int(tells.sum()), language) if names else None
 
 
 def product_accuracies(numbers: SurveyNumbers | Report, settings: ReportSettings) -> list[ProductAccuracyRecord]:
@@ -210,39 +223,6 @@ def _product(
         "statement": statement,
         "not_stated": not_stated,
     }
-
-
-def _stated(accuracy: Accuracy, assumed: str | None, settings: ReportSettings) -> tuple[list[str], list[str]]:
-    """Return the standard's statements, and a sentence for each that cannot be made that says why, or for both;
-    ``assumed`` says of which points the accuracy of the survey is only assumed."""
-    statements, missing = list[str](), list[str]()
-    rows = (
-        ("horizontal", "h", accuracy.n_h, accuracy.rmse_h_m, settings.target_rmse_h_m, statement_h),
-        ("vertical", "v", accuracy.n_v, accuracy.rmse_v_m, settings.target_rmse_v_m, statement_v),
-    )
-    unknown = [name for name, _, n, rmse_m, *_ in rows if n and math.isnan(rmse_m)]
-    if unknown:
-        of_what = "" if len(unknown) == 2 else f"{unknown[0]} "
-        missing.append(f"No statement of {of_what}accuracy: {assumed}; enter it as sigma_m, and remove sigma_assumed.")
-    for name, letter, n, rmse_m, target_m, statement in rows:
-        if name in unknown:
-            continue
-        text = None if target_m is None else statement(n, rmse_m, target_m)
-        if text is not None:
-            statements.append(text)
-        elif not n:
-            missing.append(f"No statement of {name} accuracy: no check points, the accuracy is not tested.")
-        elif target_m is None:
-            missing.append(
-                f"No statement of {name} accuracy: it needs an accuracy class, and the project gives none; "
-                f"set report.target_rmse_{letter}_m."
-            )
-        else:
-            missing.append(
-                f"No statement of {name} accuracy: the tested RMSE of {rmse_m:.3f} m (n = {n}) does not meet the class "
-                f"of {target_m:.3f} m."
-            )
-    return statements, missing
 
 
 # ---- what was discarded --------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from photogram.adjustment.reliability import CRITICAL
 from photogram.adjustment.solvability import ROTATION_WEAK, ROUGHLY_PLACED
+from photogram.languages.language import ENGLISH, Language
 from photogram.quality.asprs import MINIMUM_POINTS, STATE_SURVEY
 from photogram.quality.datum_precision import WHOLE_BLOCK
 from photogram.report.numbers.statistics import GROUPS
@@ -36,34 +37,34 @@ GROUP_TITLES: Mapping[str, str] = MappingProxyType(
 """What a list calls groups of observations; a report of another version may have groups that are not among them."""
 
 
-def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord) -> list[WarningRecord]:
+def ranked_warnings(report: SurveyNumbers, asprs: AsprsRecord, language: Language = ENGLISH) -> list[WarningRecord]:
     """Return what a reader of these numbers, and of the accuracy by the standard, must not overlook, the gravest
-    first."""
+    first; its sentences in English, the remedies in a language."""
     dense = report.get("dense")
     warnings = [
-        *_adjustment(report),
-        *_focal_lengths(report),
-        *_blunders(report),
-        *_check_points(asprs),
-        *_prediction(report),
-        *_heights(report),
-        *_geometry(report),
+        *_adjustment(report, language),
+        *_focal_lengths(report, language),
+        *_blunders(report, language),
+        *_check_points(asprs, language),
+        *_prediction(report, language),
+        *_heights(report, language),
+        *_geometry(report, language),
         *_several("surface", [] if dense is None else dense["warnings"]),
         *_several("GNSS", report["gnss"]["warnings"]),
-        *_masks(report),
-        *_block(report["block"]),
-        *_stated_sigmas(report["variance_components"]),
-        *_too_few(asprs),
+        *_masks(report, language),
+        *_block(report["block"], language),
+        *_stated_sigmas(report["variance_components"], language),
+        *_too_few(asprs, language),
     ]
     local = report.get("local_frame")
     if local is not None:
         # of a network without a datum nothing can be said of heights, and nothing is surveyed that could test it
-        pointless = [*_heights(report), *_too_few(asprs)]
+        pointless = [*_heights(report, language), *_too_few(asprs, language)]
         severity: Severity = "note" if local["scale_known"] and local["vertical_sure"] else "attention"
-        remedy = "" if local["scale_known"] else "give a distance between two marked points or two photographs"
-        frame = _warning("local frame", severity, local["sentence"], remedy)
+        remedy = language.gettext("give a distance between two marked points or two photographs")
+        frame = _warning("local frame", severity, local["sentence"], "" if local["scale_known"] else remedy)
         warnings = [frame, *(w for w in warnings if w not in pointless)]
-    warnings += _constraints(report)
+    warnings += _constraints(report, language)
     return sorted(warnings, key=lambda w: SEVERITIES.index(w["severity"]))
 
 
@@ -80,13 +81,14 @@ def _several(
     return [*warnings, _warning(part, severity, f"and {more} more of this kind")] if more > 0 else warnings
 
 
-def _masks(report: SurveyNumbers) -> list[WarningRecord]:
+def _masks(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     masks = report.get("masks")
     sentences = [] if masks is None else [f"the mark of {mark} lies in masked pixels" for mark in masks["marks"]]
-    return _several("marks", sentences, remedy="check the marks that lie in masks, and whether the masks fit")
+    remedy = language.gettext("check the marks that lie in masks, and whether the masks fit")
+    return _several("marks", sentences, remedy=remedy)
 
 
-def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
+def _constraints(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     """Warn of constraints between points that the rest contradicts, those that are checks too; rejected ones are
     blunders, and said there."""
     distances, others = report.get("distances", []), report.get("constraints", [])
@@ -103,35 +105,38 @@ def _constraints(report: SurveyNumbers) -> list[WarningRecord]:
                 f"{name} differs by {number(d['residual_m']):+.4f} m from {against}, {abs(tested):.1f} times its "
                 "standard deviation"
             )
-    return _several(
-        "constraints",
-        sentences,
-        "bad",
-        "measure the distances and height differences named in the warnings again, or check the marks of their points",
+    remedy = language.gettext(
+        "measure the distances and height differences named in the warnings again, or check the marks of their points"
     )
+    return _several("constraints", sentences, "bad", remedy)
 
 
-def _adjustment(report: SurveyNumbers) -> list[WarningRecord]:
+def _adjustment(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     if report["adjustment"]["converged"]:
         return []
     sentence = "the adjustment did not converge: do not use this result"
-    return [_warning("adjustment", "bad", sentence, "correct what the other warnings name, and run photogram check")]
+    remedy = language.gettext("correct what the other warnings name, and run photogram check")
+    return [_warning("adjustment", "bad", sentence, remedy)]
 
 
-def _focal_lengths(report: SurveyNumbers) -> list[WarningRecord]:
+def _focal_lengths(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     warnings = list[WarningRecord]()
     for name, camera in report["cameras"].items():
         sentence, calibrate, more = (camera["focal_length"] or "").partition(CALIBRATE)
-        remedy = f"{calibrate}{more}".removeprefix(": ") or "correct focal_px in the project file"
+        remedy = f"{calibrate}{more}".removeprefix(": ")
+        if not remedy:
+            remedy = language.gettext("correct focal_px in the project file")
+        elif not language.is_english:
+            remedy = language.gettext("calibrate the camera: its focal length is doubtful, as the technical part says")
         warnings += [_warning("calibration", "bad", f"focal length of {name}: {sentence}", remedy)] if sentence else []
     return warnings
 
 
-def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
+def _blunders(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     decided = any(camera["focal_length"] for camera in report["cameras"].values())
     named = [b for b in report["blunders"] if not (decided and b["kind"] == "focal length")]
     warnings = list[WarningRecord]()
-    remedy = "check the measurements that were rejected as blunders"
+    remedy = language.gettext("check the measurements that were rejected as blunders")
     harmless = ("GNSS position", "attitude")
     warnings += _several("blunders", [b["sentence"] for b in named if b["kind"] not in harmless], "bad", remedy)
     warnings += _several("blunders", [b["sentence"] for b in named if b["kind"] in harmless], "attention", remedy)
@@ -145,42 +150,51 @@ def _blunders(report: SurveyNumbers) -> list[WarningRecord]:
         severity: Severity = "attention" if all(s["kind"] == "GNSS position" for s in suspects) else "bad"
         first = suspects[0]
         remedy = f"check {first['kind']} {first['name']}, and remove that measurement if it is wrong"
+        if not language.is_english:
+            remedy = language.gettext(
+                "check the measurement of {name}, and remove it if it is wrong", name=first["name"]
+            )
         warnings.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
     return warnings
 
 
-def _heights(report: SurveyNumbers) -> list[WarningRecord]:
+def _heights(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     heights = report["heights"]
     difference = heights.get("difference")
     if heights["output"] is not None and (difference is None or difference["same"]):
         return []
-    return [_warning("heights", "attention", heights["sentence"], "write heights: … in the project file")]
+    remedy = language.gettext("write heights: … in the project file")
+    return [_warning("heights", "attention", heights["sentence"], remedy)]
 
 
-def _check_points(asprs: AsprsRecord) -> list[WarningRecord]:
+def _check_points(asprs: AsprsRecord, language: Language) -> list[WarningRecord]:
     part, warnings = "check points", list[WarningRecord]()
     if asprs["blunders"]:
         first, count = asprs["blunders"][0], len(asprs["blunders"])
         more = f"; so are {count - 1} more coordinates" if count > 1 else ""
-        remedy = "check coordinates and marks of these check points, the height system and the control points"
+        remedy = language.gettext(
+            "check coordinates and marks of these check points, the height system and the control points"
+        )
         warnings.append(_warning(part, "bad", f"{first}{more}", remedy))
     if asprs["systematic"]:
         sentence = "; ".join(asprs["systematic"])
-        warnings.append(_warning(part, "attention", sentence, "check datum, height system and control points"))
+        remedy = language.gettext("check datum, height system and control points")
+        warnings.append(_warning(part, "attention", sentence, remedy))
     if asprs["survey_assumed"]:
         sentence = f"{asprs['survey_assumed']}: no accuracy by the ASPRS standards is stated"
-        warnings.append(_warning(part, "attention", sentence, STATE_SURVEY))
-    return warnings + _several(part, asprs["survey"], remedy="resurvey the check points more accurately")
+        warnings.append(_warning(part, "attention", sentence, language.gettext(STATE_SURVEY)))
+    remedy = language.gettext("resurvey the check points more accurately")
+    return warnings + _several(part, asprs["survey"], remedy=remedy)
 
 
-def _prediction(report: SurveyNumbers) -> list[WarningRecord]:
+def _prediction(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     test = report["predicted_against_achieved"]
     if test is None or test["consistent"]:
         return []
     larger = test["chi2"]["p"] < 0.5
-    remedy = "rely on the check points, not the predicted sigmas" if larger else ""
+    remedy = language.gettext("rely on the check points, not the predicted sigmas") if larger else ""
     if any(point["suspect"] for point in report["control_points"] if point["role"] == "check"):
-        remedy = "check the suspect check points before relying on the accuracy at check points"
+        remedy = language.gettext("check the suspect check points before relying on the accuracy at check points")
     return [_warning("prediction", "bad" if larger else "note", test["sentence"], remedy)]
 
 
@@ -196,7 +210,7 @@ def best_remedy(diagnosis: DiagnosisRecord) -> str:
     )
 
 
-def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
+def _geometry(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     diagnosis, cameras = report["diagnosis"], report["cameras"]
     decided = tuple(
         f"The focal length of {name} is known" for name, camera in cameras.items() if camera["focal_length"]
@@ -206,33 +220,30 @@ def _geometry(report: SurveyNumbers) -> list[WarningRecord]:
     sentences.sort(key=lambda s: not s.startswith((ROUGHLY_PLACED, WHOLE_BLOCK, ROTATION_WEAK)))
     warnings = _several("geometry", sentences)
     if warnings:
-        warnings[0]["remedy"] = best_remedy(diagnosis)
+        remedy = best_remedy(diagnosis)
+        if remedy and not language.is_english:
+            remedy = language.gettext("measure more, as the technical part predicts what it does for the heights")
+        warnings[0]["remedy"] = remedy
     return warnings
 
 
-def _block(block: BlockRecord) -> list[WarningRecord]:
+def _block(block: BlockRecord, language: Language) -> list[WarningRecord]:
     warnings, missing = list[WarningRecord](), block["photographs"] - block["registered"]
     if missing:
         sentence = f"{missing} of {block['photographs']} photographs are not in the result"
-        warnings.append(
-            _warning("photographs", "attention", sentence, "see under Discarded why photographs are not in the result")
-        )
+        remedy = language.gettext("see under Discarded why photographs are not in the result")
+        warnings.append(_warning("photographs", "attention", sentence, remedy))
     sizes = block["component_sizes"]
     if len(sizes) > 1:
         sentence = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
-        warnings.append(_warning("photographs", "attention", sentence, "fly with more overlap between the components"))
+        remedy = language.gettext("fly with more overlap between the components")
+        warnings.append(_warning("photographs", "attention", sentence, remedy))
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
         once = percent(1 - overlap["share_2_or_more"])
         sentence = f"{once} of the ground amid the tie points is seen by fewer than two photographs"
-        warnings.append(
-            _warning(
-                "photographs",
-                "attention",
-                sentence,
-                "fly with more overlap where fewer than two photographs see the ground",
-            )
-        )
+        remedy = language.gettext("fly with more overlap where fewer than two photographs see the ground")
+        warnings.append(_warning("photographs", "attention", sentence, remedy))
     return warnings
 
 
@@ -245,7 +256,7 @@ def _stated(group: VarianceComponentRecord, title: str) -> str:
     return f"{title} (stated {stated:.2g} {unit}, found {factor * stated:.2g} {unit})"
 
 
-def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[WarningRecord]:
+def _stated_sigmas(components: dict[str, VarianceComponentRecord], language: Language) -> list[WarningRecord]:
     low, high = WRONGLY_STATED
     small, large = list[str](), list[str]()
     for name, group in components.items():
@@ -257,25 +268,22 @@ def _stated_sigmas(components: dict[str, VarianceComponentRecord]) -> list[Warni
     part, warnings = "stated sigmas", list[WarningRecord]()
     if small:
         sentence = f"sigmas stated too small, so predicted ones are too small as well: {', '.join(small)}"
-        warnings.append(
-            _warning(
-                part,
-                "attention",
-                sentence,
-                "look for blunders among the measurements whose sigmas are stated too small, or state larger sigmas",
-            )
+        remedy = language.gettext(
+            "look for blunders among the measurements whose sigmas are stated too small, or state larger sigmas"
         )
+        warnings.append(_warning(part, "attention", sentence, remedy))
     if large:
         sentence = f"sigmas stated too large, so predicted ones are on the safe side: {', '.join(large)}"
         warnings.append(_warning(part, "note", sentence))
     return warnings
 
 
-def _too_few(asprs: AsprsRecord) -> list[WarningRecord]:
+def _too_few(asprs: AsprsRecord, language: Language) -> list[WarningRecord]:
     n_h, n_v = asprs["n_h"], asprs["n_v"]
     if n_h == n_v == 0:
         sentence = "no check points: the accuracy is predicted, not tested"
-        return [_warning("check points", "attention", sentence, "survey at least five check points, ideally thirty")]
+        remedy = language.gettext("survey at least five check points, ideally thirty")
+        return [_warning("check points", "attention", sentence, remedy)]
     few = [f"{n} {where}" for n, where in ((n_h, "in plan"), (n_v, "in height")) if n < MINIMUM_POINTS]
     sentence = f"{' and '.join(few)}: the standard requires at least {MINIMUM_POINTS} check points"
     return [_warning("check points", "note", sentence)] if few else []

@@ -98,6 +98,17 @@ def css_string(text: object, most: int) -> Markup:
     """Write a text of at most so many characters as a string of CSS that no character can end or leave."""
     words = " ".join(str(text or "").split())
     words = words if len(words) <= most else words[: most - 1].rstrip() + "…"
+    return _css_quoted(words)
+
+
+def css_page_number(text: str) -> Markup:
+    """Write a text with the number of the page for its first | and that of all pages for its second, for CSS."""
+    before, between, after = text.split("|")
+    ending = [_css_quoted(after)] if after else []
+    return Markup(" ").join([_css_quoted(before), "counter(page)", _css_quoted(between), "counter(pages)", *ending])
+
+
+def _css_quoted(words: str) -> Markup:
     plain_letters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,-"
     return Markup('"' + "".join(c if c in plain_letters else f"\\{ord(c):06x}" for c in words) + '"')
 
@@ -116,7 +127,7 @@ FILTERS: Mapping[str, Callable[..., str]] = {
     filter_.__name__: filter_
     for filter_ in (
         fixed, signed, small, whole, share, probability, memory, rich, plain, capitalised, css_string,
-        matching_settings,
+        css_page_number, matching_settings,
     )
 }  # fmt: skip
 """What templates of pages write their figures and sentences with."""

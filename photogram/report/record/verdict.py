@@ -4,6 +4,7 @@ from typing import Literal, NotRequired
 
 from typing_extensions import TypedDict
 
+from photogram.languages.codes import LanguageCode
 from photogram.report.record.units import Count, Metres
 
 Grade = Literal["good", "few", "attention", "bad", "unknown"]
@@ -128,8 +129,8 @@ class VerdictRecord(TypedDict):
 
 
 class NamesRecord(TypedDict):
-    """What the project calls the survey, whose it is, and how its ground points were surveyed; null where it does not
-    say."""
+    """What the project calls the survey, whose it is, and how its ground points were surveyed, null where it does not
+    say; the language of the client's part of the page where it is not English, as report.json itself always is."""
 
     name: str | None
     client: str | None
@@ -138,6 +139,7 @@ class NamesRecord(TypedDict):
     instrument: NotRequired[str | None]
     targets: NotRequired[str | None]
     place: NotRequired[str | None]
+    language: NotRequired[LanguageCode]
 
 
 class SurveyRecord(NamesRecord):

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from photogram.arrays import FloatArray
+from photogram.languages.language import ENGLISH, Language
 from photogram.quality.asprs import MINIMUM_POINTS, STANDARD, ReportSettings
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.verdict import AsprsRecord, ScaleClassRecord, StandardFigureRecord, StandardRecord
@@ -12,14 +13,17 @@ from photogram.report.standards import pec_pcd
 
 
 def standard_record(
-    settings: ReportSettings, points: Sequence[GroundPointRecord], asprs: AsprsRecord
+    settings: ReportSettings,
+    points: Sequence[GroundPointRecord],
+    asprs: AsprsRecord,
+    language: Language = ENGLISH,
 ) -> StandardRecord | None:
-    """Return the profile that the project asks for, from the ground points of a report and its accuracy; None where it
-    asks for none."""
+    """Return the profile that the project asks for, from the ground points of a report and its accuracy, in a language
+    but for what an authority has its own words for; None where it asks for none."""
     if settings.standard == "asprs-2024":
         return _asprs(asprs)
     if settings.standard == "pec-pcd":
-        return _pec_pcd(points, asprs)
+        return _pec_pcd(points, asprs, language)
     return None
 
 
@@ -39,25 +43,21 @@ def _asprs(asprs: AsprsRecord) -> StandardRecord:
     }
 
 
-def _pec_pcd(points: Sequence[GroundPointRecord], asprs: AsprsRecord) -> StandardRecord:
+def _pec_pcd(points: Sequence[GroundPointRecord], asprs: AsprsRecord, language: Language) -> StandardRecord:
     plan_m, height_m = _discrepancies(points)
+    in_plan, in_height = language.gettext("RMS in plan"), language.gettext("RMS in height")
     figures: list[StandardFigureRecord] = [
-        {"name": "RMS in plan", "value_m": asprs["fit_rmse_h_m"], "n": asprs["n_h"], "key": "asprs.fit_rmse_h_m"},
-        {"name": "RMS in height", "value_m": asprs["fit_rmse_v_m"], "n": asprs["n_v"], "key": "asprs.fit_rmse_v_m"},
+        {"name": in_plan, "value_m": asprs["fit_rmse_h_m"], "n": asprs["n_h"], "key": "asprs.fit_rmse_h_m"},
+        {"name": in_height, "value_m": asprs["fit_rmse_v_m"], "n": asprs["n_v"], "key": "asprs.fit_rmse_v_m"},
     ]
-    statements, not_stated = [], []
-    for where, discrepancy_m in (("in plan", plan_m), ("in height", height_m)):
-        n = len(discrepancy_m)
-        if n < pec_pcd.LEAST_POINTS:
-            not_stated.append(
-                f"No class {where}: {n or 'no'} check point{'' if n == 1 else 's'}, and whether 90 % are within a "
-                f"limit takes {pec_pcd.LEAST_POINTS} at least."
-            )
     scales = _scale_classes(plan_m, height_m)
-    for where, kind in (("in plan", "plan"), ("in height", "height")):
-        first = next((row for row in scales if row[kind] == "A"), None)  # type: ignore[literal-required]
-        if first is not None:
-            statements.append(f"Class A {where} at 1:{first['scale']} and smaller scales.")
+    first_plan = next((row["scale"] for row in scales if row["plan"] == "A"), None)
+    first_height = next((row["scale"] for row in scales if row["height"] == "A"), None)
+    statements = list[str]()
+    if first_plan is not None:
+        statements.append(language.gettext("Class A in plan at 1:{scale} and smaller scales.", scale=first_plan))
+    if first_height is not None:
+        statements.append(language.gettext("Class A in height at 1:{scale} and smaller scales.", scale=first_height))
     return {
         "profile": "pec-pcd",
         "standard": pec_pcd.NAME,
@@ -65,8 +65,46 @@ def _pec_pcd(points: Sequence[GroundPointRecord], asprs: AsprsRecord) -> Standar
         "figures": figures,
         "scales": scales,
         "statements": statements,
-        "not_stated": not_stated,
+        "not_stated": _too_few(len(plan_m), len(height_m), language),
     }
+
+
+def _too_few(n_plan: int, n_height: int, language: Language) -> list[str]:
+    """Return why there is no class in plan, and none in height, of so many check points."""
+    least, sentences = pec_pcd.LEAST_POINTS, list[str]()
+    if not n_plan:
+        sentences.append(
+            language.gettext(
+                "No class in plan: no check points, and whether 90 % are within a limit takes {least} at least.",
+                least=least,
+            )
+        )
+    elif n_plan < least:
+        sentences.append(
+            language.ngettext(
+                "No class in plan: {n} check point, and whether 90 % are within a limit takes {least} at least.",
+                "No class in plan: {n} check points, and whether 90 % are within a limit takes {least} at least.",
+                n_plan,
+                least=least,
+            )
+        )
+    if not n_height:
+        sentences.append(
+            language.gettext(
+                "No class in height: no check points, and whether 90 % are within a limit takes {least} at least.",
+                least=least,
+            )
+        )
+    elif n_height < least:
+        sentences.append(
+            language.ngettext(
+                "No class in height: {n} check point, and whether 90 % are within a limit takes {least} at least.",
+                "No class in height: {n} check points, and whether 90 % are within a limit takes {least} at least.",
+                n_height,
+                least=least,
+            )
+        )
+    return sentences
 
 
 def _scale_classes(plan_m: FloatArray, height_m: FloatArray) -> list[ScaleClassRecord]:

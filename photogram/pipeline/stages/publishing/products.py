@@ -28,6 +28,7 @@ from photogram.files.maps.cogs import CATEGORY_SUFFIX
 from photogram.files.maps.rasters import picture_on_grid, read_codes
 from photogram.files.npz_json import read_json
 from photogram.grid import MapGrid, Window
+from photogram.languages.language import Language
 from photogram.machine import cores
 from photogram.pipeline.stages.dense import DenseSummary
 from photogram.pipeline.stages.order import BEFORE_RESULTS
@@ -298,7 +299,7 @@ def report_surface(
     none of."""
     run = stored.run
     site = made_frame(run)
-    upright = site.plane is not None
+    upright, language = site.plane is not None, Language(run.project.report.language)
     points = site.ground_points(control_points)
     drawn, ground = list[DrawnFigure](), ground_marks(points)
     picture, dense = orthophoto_picture(run), dense_surface(run, stored)
@@ -309,7 +310,7 @@ def report_surface(
         if checks:
             targets = targets_in_orthophoto(run, site, checks)
             orthophoto["check_points"] = orthophoto_check_numbers(checks, targets, upright=upright)
-        drawn.append(drawn_orthophoto(picture, ground))
+        drawn.append(drawn_orthophoto(picture, ground, language))
     elif reason := reason_left_out(run, "orthophoto"):
         orthophoto = {"left_out": reason}
     numbers: DenseRecord | None = None
@@ -321,7 +322,7 @@ def report_surface(
             numbers["water"] = water_numbers(areas, numbers["cells"])
         target_m = None if upright else run.project.report.target_rmse_v_m
         surface, numbers_drawn, datum_sigma_m = _as_drawn(stored, dense, numbers)
-        drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m)
+        drawn += drawn_surface(surface, ground, numbers_drawn, target_m, datum_sigma_m, language)
     if upright:
         drawn = [on_plane(figure) for figure in drawn]
     names = write_surface_pictures(results / PICTURES, drawn)

@@ -8,6 +8,7 @@ from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.geodesy.crs import crs_title
+from photogram.languages.language import Language
 from photogram.pipeline.stages.adjustment import AdjustmentSummary
 from photogram.pipeline.stages.features import MASKED
 from photogram.pipeline.stages.order import BEFORE_RESULTS
@@ -153,7 +154,7 @@ def remake_report(project: Project) -> Path:
             discard_prints(project.results)
         with recorded(project.results):
             _write(project, completed, drawn)
-    write_readme(project.results)
+    write_readme(project.results, Language(project.report.language))
     return result_path(project.results, PAGE)
 
 
@@ -163,5 +164,5 @@ def print_report(project: Project) -> Path:
     target = page.with_name(PRINTED)
     with recorded(project.results), replacing(target) as temporary:
         print_pdf(page, temporary)
-    write_readme(project.results)
+    write_readme(project.results, Language(project.report.language))
     return target

@@ -26,6 +26,7 @@ from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.records import write_record
 from photogram.geodesy.crs import NO_CRS, crs_in_words
 from photogram.geodesy.height_systems import HeightSystem
+from photogram.languages.language import Language
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import (
     ADJUSTED_BYTES,
@@ -143,7 +144,7 @@ def publish(run: Run, folder: Path, progress: Progress) -> ResultsSummary:
     with recorded(results):
         products = _written(run, folder, progress)
     remove_outdated(results, [*products, within_results(README)])
-    write_readme(results)
+    write_readme(results, Language(run.project.report.language))
     return {"products": [*products, within_results(README), *records(results)]}
 
 
@@ -371,7 +372,13 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["volumes"] = volumes
     sparse = outcome.surface.heights() if surface.dense is None and outcome.surface.is_there else None
     figures = page_figures(
-        outcome.result, outcome.overlap, clouds["adjusted"], sparse, stored_comparisons(run), upright=upright
+        outcome.result,
+        outcome.overlap,
+        clouds["adjusted"],
+        sparse,
+        stored_comparisons(run),
+        upright=upright,
+        language=Language(run.project.report.language),
     )
     figures += surface.figures + marks.figures
     if picture is not None:
