@@ -4,8 +4,15 @@ from collections.abc import Collection
 from pathlib import Path
 
 from photogram.errors import PhotogramError
+from photogram.languages.language import Language
 from photogram.pipeline.pipeline import load_project
-from photogram.pipeline.stages.publishing.report_files import PRINTED, VIEW, print_report, remake_report
+from photogram.pipeline.stages.publishing.report_files import (
+    PRINTED,
+    VIEW,
+    picture_languages,
+    print_report,
+    remake_report,
+)
 from photogram.pipeline.store.results_record import read_record
 from photogram.pipeline.view import write_view
 from photogram.project.project import Project
@@ -55,6 +62,20 @@ def write_report(project: Path | str, *, photographs: Path | str | None = None, 
     ``photographs`` is the folder of the photographs in place of the project's. Raises ReportError where there are no
     results yet or no browser can print, ProjectError where the project file is wrong.
     """
-    survey = load_project(Path(project), None if photographs is None else Path(photographs))
-    page = remake_report(survey)
-    return (page, print_report(survey)) if pdf else (page,)
+    return report_of(load_project(Path(project), None if photographs is None else Path(photographs)), pdf=pdf)
+
+
+def report_of(project: Project, *, pdf: bool) -> tuple[Path, ...]:
+    """Write the report of a project that is loaded, as `write_report` does."""
+    page = remake_report(project)
+    return (page, print_report(project)) if pdf else (page,)
+
+
+def labels_of_before(project: Project) -> list[str]:
+    """Return a sentence where pictures of the client's part were drawn in another language than it now has."""
+    asked = Language(project.report.language)
+    drawn = {Language(code) for code in picture_languages(project)} - {asked}
+    return [
+        f"The labels of the pictures are still in {language.name}: photogram adjust draws them in {asked.name}."
+        for language in sorted(drawn, key=lambda language: language.name)
+    ]

@@ -1,7 +1,10 @@
 """Pages beside the results of before: made anew where they were, or said why not."""
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +15,9 @@ from photogram.pipeline.finished_report import prints_of, products_of, removed_p
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.store.results_record import recorded, remove_outdated
 from photogram.project.project import Project
+
+Run = Callable[..., Any]
+Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
 
 @pytest.fixture
@@ -70,3 +76,30 @@ def test_products_that_new_results_remove_are_said(project: Project) -> None:
     assert removed_products(project, before) == []
     remove_outdated(results, ["deliverables/dsm.tif", "deliverables/view.html"])
     assert removed_products(project, before) == [f"{results}: removed survey.dxf, made from earlier results."]
+
+
+def test_a_language_turns_the_texts_at_once_and_the_pictures_with_the_results(
+    adjusted_survey: Path, photogram: Run, edit: Edit
+) -> None:
+    project, handed_over = adjusted_survey / "project.yaml", adjusted_survey / "results/deliverables"
+    english = (handed_over / "report.html").read_text(encoding="utf-8")
+    edit(project, lambda values: values.setdefault("report", {}).update(language="de"))
+    said = photogram("report", project)
+    assert "pictures are still in English: photogram adjust draws them in German." in said.out
+    page = (handed_over / "report.html").read_text(encoding="utf-8")
+    assert '<html lang="de">' in page
+    assert page.count('" lang="en">') == 3  # of orthophoto, surface and plan
+    assert (handed_over / "README.txt").read_text(encoding="utf-8").startswith("Ergebnisse einer photogrammetrischen")
+    assert photogram("adjust", project).code == 0
+    assert "pictures are still" not in photogram("report", project).out
+    drawn = (handed_over / "report.html").read_text(encoding="utf-8")
+    assert '" lang="en">' not in drawn
+    assert 'alt="Lageplan mit ' in drawn
+    edit(project, lambda values: values["report"].pop("language"))
+    assert photogram("adjust", project).code == 0
+    assert without_times((handed_over / "report.html").read_text(encoding="utf-8")) == without_times(english)
+
+
+def without_times(page: str) -> str:
+    """Return a page without the table of times and memory, which differ from run to run."""
+    return re.sub(r'(?s)<section id="computation">.*?</section>|processed \d{4}-\d\d-\d\d', "", page)

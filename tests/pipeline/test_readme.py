@@ -1,10 +1,14 @@
 """README.txt names every file of the results, and nothing else."""
 
 import re
+import shutil
 from pathlib import Path
 
+import pytest
+
 from photogram.files.atomic import replacing
-from photogram.languages.language import ENGLISH
+from photogram.languages.codes import CODES, LanguageCode
+from photogram.languages.language import ENGLISH, Language
 from photogram.pipeline.store.readme import README, write_readme
 from photogram.pipeline.store.results_record import CHECKSUMS, read_record, recorded, remove_made
 from photogram.result_files import within_results
@@ -54,3 +58,17 @@ def test_results_of_earlier_versions_are_left_as_they_are(tmp_path: Path) -> Non
     (tmp_path / "dsm.tif").touch()
     write_readme(tmp_path, ENGLISH)
     assert [path.name for path in tmp_path.iterdir()] == ["dsm.tif"]
+
+
+@pytest.mark.parametrize("code", [code for code in CODES if code != "en"])
+def test_in_another_language_the_same_files_are_listed_and_no_word_stays_english(
+    finished_survey: Path, tmp_path: Path, code: LanguageCode
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(finished_survey / "results", results)
+    english = (results / within_results(README)).read_text(encoding="utf-8")
+    write_readme(results, Language(code))
+    text = (results / within_results(README)).read_text(encoding="utf-8")
+    assert listed(results) == listed(finished_survey / "results")
+    assert not [line for line in text.splitlines() if line in english.splitlines() and " " in line]
+    assert max(map(len, text.splitlines())) < 150

@@ -492,6 +492,11 @@ FAULTS: dict[str, tuple[Change, str, str]] = {
         "feather_cells: 9000",
         "orthophoto.feather_cells: must be from 0 to 8 cells, found 9000",
     ),
+    "language that there is not": (
+        ("maximum_rounds: 3}", "maximum_rounds: 3}\nreport: {language: it}"),
+        "language: it",
+        "report.language: must be en, de, es, pt or fr, found the text 'it'",
+    ),
     "role": (
         ("role: check", "role: chek"),
         "role: chek",

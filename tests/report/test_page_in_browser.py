@@ -14,6 +14,8 @@ import pytest
 from makers import Json, read_json
 
 from photogram.errors import ReportError
+from photogram.languages.codes import CODES, LanguageCode
+from photogram.languages.language import Language
 from photogram.report.identity import grouped
 from photogram.report.page import report_page
 from photogram.report.printing import print_pdf
@@ -266,15 +268,19 @@ def test_the_clients_part_is_four_printed_pages(pages: dict[str, Path], tmp_path
     assert compact("Signature") in texts[CLIENT_PAGES - 1]
 
 
+@pytest.mark.parametrize("code", CODES)
 def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
-    full_report: Json, finished_survey: Path, tmp_path: Path
+    full_report: Json, finished_survey: Path, tmp_path: Path, code: LanguageCode
 ) -> None:
     report = deepcopy(full_report)
     model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
     report["control_points"] += [{**model, "name": f"Boundary stone {n} by the old mill"} for n in range(60)]
     names = [f"{file.folder}/{file.pattern}" for file in RESULT_FILES if file.pattern != "report.html"]
     report["deliverables"] = [{"file": name, "bytes": 1, "sha256": "0" * 64} for name in names]
-    report["survey"] |= {"client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2}
+    report["survey"] |= {
+        "client": "The Regional Office for Roads and Bridges of the Upper Valley " * 2,
+        "language": code,
+    }
     volumes = report["volumes"]
     volumes["polygons"] = [{**volumes["polygons"][0], "name": f"Heap of gravel {n}"} for n in range(60)]
     page, target = tmp_path / "long.html", tmp_path / "long.pdf"
@@ -283,6 +289,7 @@ def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
     print_pdf(page, target)
     texts = [compact(p.extract_text()) for p in pypdf.PdfReader(target).pages]
     assert compact("How the figures were found") in texts[CLIENT_PAGES]
+    assert compact(Language(code).gettext("Place and date")) in texts[CLIENT_PAGES - 1]
 
 
 def test_every_printed_page_says_what_it_belongs_to(full_report: Json, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Pictures: what is drawn where, the same bytes for the same data, and whole or not at all."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver, QuiverKey
+from matplotlib.text import Text
 from PIL import Image
 from PIL.PngImagePlugin import PngImageFile
 
 from photogram.camera import Camera, LensField
 from photogram.errors import WorkspaceError
 from photogram.grid import decimated
+from photogram.languages.language import Language
 from photogram.lens.fields import free_field
 from photogram.quality.cloud_comparison import Comparison, statistics
 from photogram.report.figures.plan_view import (
@@ -268,6 +271,16 @@ def test_plans_of_every_size(tmp_path: Path, photographs: int, ground: int, unre
     saved_plan(tmp_path / "plan.png", contents(photographs, ground, unregistered, flights))
     assert (pixels_near(tmp_path / "plan.png", VERMILION) > 30) == (ground > 0)
     assert (pixels_near(tmp_path / "plan.png", GREEN) > 30) == (ground > 0)
+
+
+def test_a_plan_is_in_its_language() -> None:
+    figure = plan_figure(contents(photographs=6, unregistered=1, flights=2), language=Language("de"))
+    texts = {text.get_text() for text in figure.findobj(Text) if isinstance(text, Text)}
+    assert {"Ostwert, m", "Nordwert, m", "nicht orientiert (1)", "Aufnahmen, die das Gelände zeigen"} <= texts
+    assert any(text.startswith("Flug 1 (") for text in texts)
+    keys = [key.text.get_text() for key in figure.findobj(QuiverKey) if isinstance(key, QuiverKey)]
+    assert re.match(r"Abweichung GNSS, [\d,]+ (cm|m|mm) \(× ", keys[0])
+    assert not [text for text in texts if re.search(r"\d\.\d|flight|points|residuals", text)]
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from photogram.arrays import FloatArray
+from photogram.languages.language import Language
 from photogram.report.figures.profile_figure import gaps, hillshade, quantiles, sigma_counts
 from photogram.report.figures.profiles import ProfileLine, profile, site_lines, step_line, surface_profiles
 from photogram.report.figures.surface_figures import (
     DrawnFigure,
     drawn_orthophoto,
     drawn_surface,
+    on_plane,
     surface_figures,
     write_surface_pictures,
 )
@@ -98,6 +102,38 @@ def test_captions_say_the_datum_once_where_sigmas_are_without_it() -> None:
     for key in ("dense sigma", "dense profiles"):
         assert "the datum, ± 9.7 m, is common to all heights and excluded here" in captions[key]
     assert not any("datum, ±" in d.caption for d in drawn_surface(dense, POINTS, numbers))
+
+
+def texts_of(figure: Figure) -> set[str]:
+    return {text.get_text() for text in figure.findobj(Text) if isinstance(text, Text)}
+
+
+def test_pictures_of_the_client_are_in_the_language_and_the_others_in_english(drawn: list[DrawnFigure]) -> None:
+    dense, german = scene(), Language("de")
+    made = [drawn_orthophoto(an_orthophoto(), POINTS, german)]
+    made += drawn_surface(dense, POINTS, dense_numbers(dense, POINTS), 0.05, None, german)
+    own = [figure for figure in surface_figures(made) if figure.language == "de"]
+    assert [figure.key for figure in own] == ["orthophoto", "dense surface"]
+    for now, before in zip(made, drawn, strict=True):
+        assert now.caption == before.caption
+        if now.language != german:
+            assert [a.get_xlabel() for a in now.figure.axes] == [a.get_xlabel() for a in before.figure.axes]
+            assert now.alternative == before.alternative
+            continue
+        assert {"Ostwert, m", "Nordwert, m", "Prüfpunkte in der Höhe (3)", "Passpunkte in der Höhe (1)"} <= texts_of(
+            now.figure
+        )
+        assert now.alternative != before.alternative
+        assert not {text for text in texts_of(now.figure) if re.search(r"\d\.\d|easting|height|points", text)}
+    assert {"P0\nΔh +3,0 cm", "Höhe, m (grau: keine Daten)"} <= texts_of(made[1].figure)
+
+
+def test_on_a_plane_the_labels_are_in_the_language_too() -> None:
+    dense = scene()
+    relief = drawn_surface(dense, NO_POINTS, dense_numbers(dense, NO_POINTS), language=Language("fr"))[0]
+    said = texts_of(on_plane(relief).figure)
+    assert {"x, vers la droite dans le plan, m", "en avant du plan, m (gris\u202f: pas de données)"} <= said
+    assert "est, m" not in said
 
 
 # ---- profiles ------------------------------------------------------------------------------------------------------

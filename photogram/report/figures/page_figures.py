@@ -54,6 +54,10 @@ MAXIMUM_ELLIPSE_NAMES = 40
 IMAGE_DPI = 170
 
 
+CLIENTS = frozenset({"plan", "surface", "dense surface", "orthophoto"})
+"""Figures of the client's part, by their keys: drawn in its language."""
+
+
 @dataclass(frozen=True)
 class PageFigure:
     """A picture of the page: its ``key``, a ``caption``, what stands for it where it is not seen, its data URI, and the

@@ -8,6 +8,7 @@ from photogram.errors import ReportError
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, read_json, write_json
 from photogram.geodesy.crs import crs_title
+from photogram.languages.codes import CODES, LanguageCode
 from photogram.languages.language import Language
 from photogram.pipeline.stages.adjustment import AdjustmentSummary
 from photogram.pipeline.stages.features import MASKED
@@ -19,7 +20,7 @@ from photogram.pipeline.store.run import Run
 from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
-from photogram.report.figures.page_figures import PageFigure
+from photogram.report.figures.page_figures import CLIENTS, PageFigure
 from photogram.report.numbers.completion import complete, survey_names
 from photogram.report.numbers.numbers import RejectedAttitudes
 from photogram.report.numbers.verdicts import RejectedBlunders
@@ -145,7 +146,7 @@ def remake_report(project: Project) -> Path:
     path, workspace = result_path(project.results, NUMBERS), Workspace(project.work)
     if not path.is_file():
         raise ReportError(f"{path}: no results yet: run photogram adjust {project.path} first")
-    drawn = read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else []
+    drawn = _drawn(workspace)
     numbers = read_report(path)
     former = numbers["report_id"]
     with making_of(path):
@@ -156,6 +157,24 @@ def remake_report(project: Project) -> Path:
             _write(project, completed, drawn)
     write_readme(project.results, Language(project.report.language))
     return result_path(project.results, PAGE)
+
+
+def _drawn(workspace: Workspace) -> list[dict[str, str]]:
+    """Return the figures as they were kept with the results, none without their folder."""
+    kept: list[dict[str, str]] = []
+    return read_json(workspace.file("results", FIGURES)) if workspace.stage("results").is_dir() else kept
+
+
+def picture_languages(project: Project) -> set[LanguageCode]:
+    """Return the languages in which the pictures of the client's part are drawn, none where they are left out. Raises
+    WorkspaceError where they are damaged."""
+    figures = _drawn(Workspace(project.work))
+    return {
+        code
+        for figure in figures
+        for code in CODES
+        if figure["key"] in CLIENTS and figure.get("language", "en") == code
+    }
 
 
 def print_report(project: Project) -> Path:
