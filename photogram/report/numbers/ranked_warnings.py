@@ -127,7 +127,9 @@ def _focal_lengths(report: SurveyNumbers, language: Language) -> list[WarningRec
         if not remedy:
             remedy = language.gettext("correct focal_px in the project file")
         elif not language.is_english:
-            remedy = language.gettext("calibrate the camera: its focal length is doubtful, as the technical part says")
+            remedy = language.gettext(
+                "calibrate the camera, whose focal length is doubtful, as the technical part says"
+            )
         warnings += [_warning("calibration", "bad", f"focal length of {name}: {sentence}", remedy)] if sentence else []
     return warnings
 
@@ -152,7 +154,7 @@ def _blunders(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
         remedy = f"check {first['kind']} {first['name']}, and remove that measurement if it is wrong"
         if not language.is_english:
             remedy = language.gettext(
-                "check the measurement of {name}, and remove it if it is wrong", name=first["name"]
+                "check the measurement of {name}, and remove that measurement if it is wrong", name=first["name"]
             )
         warnings.append(_warning("suspects", severity, f"{first['sentence']}{others}", remedy))
     return warnings
@@ -222,7 +224,7 @@ def _geometry(report: SurveyNumbers, language: Language) -> list[WarningRecord]:
     if warnings:
         remedy = best_remedy(diagnosis)
         if remedy and not language.is_english:
-            remedy = language.gettext("measure more, as the technical part predicts what it does for the heights")
+            remedy = language.gettext("measure more: the technical part predicts the gain for the heights")
         warnings[0]["remedy"] = remedy
     return warnings
 
