@@ -11,19 +11,24 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.clouds.described_points import read_described
 from photogram.files.photographs.depth import Stretch
 from photogram.files.photographs.previews import previews
+from photogram.geodesy.crs import NO_CRS
 from photogram.languages.language import Language
 from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE, project_file
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, VIEW
+from photogram.pipeline.stages.stored_surface import PLANE
 from photogram.pipeline.store.readme import write_readme
 from photogram.pipeline.store.results_record import recorded
 from photogram.report.reading import read_report
 from photogram.report.record.report import Report, oriented
-from photogram.report.viewer import view_page
+from photogram.report.view.drawn_surface import DrawnSurface, drawn_surface
+from photogram.report.view.viewer import view_page
 from photogram.result_files import ResultFolder, result_path
 from photogram.wording import Progress, silent
 
 CLOUDS = ("dense.laz", "points_adjusted.laz")
+SURFACE = ("dsm_filled.tif", "orthophoto.tif", "dsm_source.tif")
+"""Heights, their colours, and which of them are measured."""
 POINTS = 1_500_000
 """As many points are shown at most unless others are asked for."""
 
@@ -105,6 +110,15 @@ def read_pictures(results: Path, report: Report, folder: Path | None, progress: 
     return Pictures(made, notes)
 
 
+def read_surface(results: Path, report: Report) -> DrawnSurface | None:
+    """Return the surface of a folder of results as the page draws it, None where there is no surface on the map or no
+    orthophoto. Raises ProjectError where one of their files cannot be read."""
+    heights, orthophoto, sources, plane = (result_path(results, name) for name in (*SURFACE, PLANE))
+    if plane.is_file() or not orthophoto.is_file() or not heights.is_file():
+        return None
+    return drawn_surface(heights, orthophoto, sources if sources.is_file() else None, local=report["crs"] == NO_CRS)
+
+
 def write_page(
     results: Path,
     report: Report,
@@ -113,19 +127,22 @@ def write_page(
     points: int,
     progress: Progress = silent,
 ) -> Path:
-    """Write view.html to the results, with at most ``points`` points of a cloud; returns its path. Raises
-    ProjectError where the cloud cannot be read, WorkspaceError where the page cannot be written."""
+    """Write view.html to the results, with at most ``points`` points of a cloud, and the surface where there is one;
+    returns its path. Raises ProjectError where cloud or surface cannot be read, WorkspaceError where the page cannot be
+    written."""
     target = result_path(results, VIEW)
     make_folder(target.parent)
-    progress(0, 3, f"reading {cloud.name}")
+    progress(0, 4, "reading the surface")
+    surface = read_surface(results, report)
+    progress(1, 4, f"reading {cloud.name}")
     described = read_described(cloud)
-    progress(1, 3, f"thinning and packing {cloud.name}")
-    page = view_page(described, report, cloud.name, points, pictures.jpeg)
-    progress(2, 3, f"writing {VIEW}")
+    progress(2, 4, f"thinning and packing {cloud.name}")
+    page = view_page(described, report, cloud.name, points, pictures.jpeg, surface)
+    progress(3, 4, f"writing {VIEW}")
     with recorded(results), replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8")
     write_readme(results, Language(report["survey"].get("language", "en")))
-    progress(3, 3, "")
+    progress(4, 4, "")
     return target
 
 

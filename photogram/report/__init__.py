@@ -1,5 +1,5 @@
 """The report of a survey: report.json, its page, its figures, the 3-D page.
 
 Reads results and the block; estimates nothing, and draws only what report.json and the products hold.
-`page`, `viewer`; rooms `numbers` and `figures`.
+`page`; rooms `view`, `numbers` and `figures`.
 """

@@ -30,7 +30,7 @@ from photogram.quality.asprs import ReportSettings
 from photogram.report.numbers.completion import complete
 from photogram.report.page import report_page
 from photogram.report.reading import making_of, read_report
-from photogram.report.viewer import view_page
+from photogram.report.view.viewer import view_page
 from photogram.simulation.planning.flight_file import flight_plan
 
 

@@ -13,10 +13,10 @@ from photogram.factors.covariance import covariances
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.quality.deformation import places_of
 from photogram.quality.ground_errors import ground_errors
-from photogram.report.distances import NODES, ErrorGrid, error_grid
 from photogram.report.numbers.diagnosis import ground_error_numbers
 from photogram.report.record.diagnosis import GroundErrorsRecord
 from photogram.report.record.report import Report
+from photogram.report.view.distances import NODES, ErrorGrid, error_grid
 from photogram.results import Deformation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 

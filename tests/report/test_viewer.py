@@ -20,11 +20,11 @@ from photogram.camera import Pose, project_points
 from photogram.errors import ProjectError, ReportError
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
-from photogram.report.packing import UNKNOWN, as_text, pack_figures, pack_positions
 from photogram.report.reading import report_of
 from photogram.report.record.report import Report
-from photogram.report.thinning import even_choice
-from photogram.report.viewer import reported_camera, view_page
+from photogram.report.view.packing import UNKNOWN, as_text, pack_figures, pack_positions
+from photogram.report.view.thinning import even_choice
+from photogram.report.view.viewer import reported_camera, view_page
 from photogram.result_files import result_path
 
 PLACES = hnp.arrays(

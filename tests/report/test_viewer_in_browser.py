@@ -14,13 +14,16 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
+from surface_files import CELL_M, COLOUR, COLUMNS, FILLED, HOUSE, HOUSE_M, ROWS, surface_on, write_surface
 
 from photogram.arrays import ByteArray, FloatArray
 from photogram.files.clouds.described_points import DescribedCloud, read_described
 from photogram.files.photographs.previews import previews
 from photogram.report.printing import find_browser
 from photogram.report.reading import report_of
-from photogram.report.viewer import view_page
+from photogram.report.view.drawn_surface import drawn_surface
+from photogram.report.view.viewer import view_page
+from photogram.survey import Raster
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 
@@ -573,3 +576,160 @@ def test_fingers_turn_and_pinch(browser: Chrome, page: Path) -> None:
         assert cloud_share(browser, NARROW) > 0.05
     finally:
         browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+
+
+EVERY = 2
+"""Cells of the raster from a corner of the mesh to the next."""
+
+
+@pytest.fixture(scope="module")
+def raster(cloud: DescribedCloud) -> Raster:
+    east, north, height = np.median(cloud.position_map_m, axis=0).round()
+    return surface_on(east - COLUMNS * CELL_M / 2, north + ROWS * CELL_M / 2, height)
+
+
+@pytest.fixture(scope="module")
+def surface_page(
+    full_report: Json, cloud: DescribedCloud, raster: Raster, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A page with a surface of which every second cell is a corner."""
+    folder = tmp_path_factory.mktemp("surface")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("photogram.report.view.drawn_surface.MOST_CORNERS", ROWS * COLUMNS // EVERY**2 + 1)
+        surface = drawn_surface(*write_surface(folder, raster, full_report["crs"]))
+    assert surface is not None
+    assert surface.every == EVERY
+    text = view_page(cloud, report_of(json.dumps(full_report)), "dense.laz", 100_000, surface=surface)
+    (folder / "view.html").write_text(text, encoding="utf-8")
+    return folder / "view.html"
+
+
+def cell_place(raster: Raster, row: int, column: int) -> FloatArray:
+    east, north = raster.west_map_m + (column + 0.5) * CELL_M, raster.north_map_m - (row + 0.5) * CELL_M
+    return np.array([east, north, raster.values[row, column]], dtype=np.float64)
+
+
+def looking_at(place_map_m: FloatArray, **more: object) -> Json:
+    return {"at": ",".join(f"{v:.3f}" for v in place_map_m), "azimuth": 0, "tilt": 0, "distance": 20} | more
+
+
+def hide_signs(browser: Chrome) -> None:
+    for name in ("photographs", "control", "check", "errors"):
+        browser.execute_script(f"document.getElementById('show-{name}').click()")
+
+
+def around_the_middle(image: ByteArray, pixels: int = 12) -> ByteArray:
+    row, column = (length // 2 for length in image.shape[:2])
+    return image[row - pixels : row + pixels, column - pixels : column + pixels].reshape(-1, 3)
+
+
+def test_a_page_without_a_surface_has_no_control_for_one(browser: Chrome, page: Path) -> None:
+    show(browser, page)
+    assert browser.execute_script("return ['show-surface', 'faces'].map(id => document.getElementById(id))") == [
+        None,
+        None,
+    ]
+    press(browser, "s")
+    press(browser, "T")
+    wait_until(browser, "location.hash.includes('tilt=0&')")
+    assert "drawn" not in address(browser)
+    assert browser.get_log("browser") == []
+
+
+def test_the_surface_takes_the_place_of_the_cloud_and_is_kept_in_the_address(
+    browser: Chrome, surface_page: Path, raster: Raster
+) -> None:
+    browser.get_log("browser")
+    browser.get_log("performance")
+    show(browser, surface_page, **looking_at(cell_place(raster, 90, 40)))
+    assert address(browser)["drawn"] == "cloud"
+    assert browser.execute_script("return document.getElementById('faces').hidden")
+    before = picture(browser)
+    press(browser, "s")
+    wait_until(browser, "picture.dataset.surface === 'drawn' && location.hash.endsWith('drawn=surface')")
+    hide_signs(browser)
+    time.sleep(0.5)
+    shown = picture(browser)
+    assert np.mean(np.any(shown != before, axis=2)) > 0.3
+    middle = np.abs(around_the_middle(shown).astype(int) - COLOUR).max(axis=1)
+    assert np.mean(middle < 30) > 0.8, "the orthophoto, hardly shaded, behind the cross of the keys"
+    legend = browser.execute_script("return document.getElementById('faces').innerText")
+    assert "one cell of 2 × 2 of dsm_filled.tif" in legend
+    assert legend.count("not measured") == 2
+    kept = address(browser)
+    show(browser, surface_page, WIDE, "light", **kept)
+    wait_until(browser, "picture.dataset.surface === 'drawn'")
+    assert browser.execute_script(
+        "return ['cloud', 'surface'].map(n => document.getElementById('show-' + n).checked)"
+    ) == [
+        False,
+        True,
+    ]
+    press(browser, "2")  # heights are colours of the surface too
+    wait_until(browser, "location.hash.includes('colour=height')")
+    assert np.mean(np.any(picture(browser) != shown, axis=2)) > 0.3
+    press(browser, "s")
+    wait_until(browser, "location.hash.endsWith('drawn=cloud')")
+    assert browser.get_log("browser") == []
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    sent = [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    assert [u for u in sent if not u.startswith((surface_page.as_uri(), "data:", "about:", "chrome:"))] == []
+
+
+@pytest.mark.parametrize(("row", "column"), [(90, 40), (56, 70), (20, 100)])
+def test_a_pixel_of_the_surface_tells_the_height_of_the_raster(
+    browser: Chrome, surface_page: Path, raster: Raster, row: int, column: int
+) -> None:
+    """From above in the middle of the page, and obliquely at a pixel beside it, in perspective and parallel."""
+    place = cell_place(raster, row, column)
+    show(browser, surface_page, **looking_at(place, drawn="surface"))
+    wait_until(browser, "picture.dataset.surface === 'drawn'")
+    hide_signs(browser)
+    press(browser, "Enter")
+    card = said(browser)
+    assert card["title"] == "Point of the surface"
+    assert coordinates(card) == pytest.approx(place.tolist(), abs=1.1e-3)
+    for parallel in (0, 1):
+        aside = place + np.array([1.0, -1.0, 0.5])
+        show(browser, surface_page, **looking_at(aside, drawn="surface", azimuth=160, tilt=40, parallel=parallel))
+        wait_until(browser, "picture.dataset.surface === 'drawn'")
+        hide_signs(browser)
+        # whole pixels are clicked on, and the ground leans
+        x, y = expected_pixel(place, address(browser), WIDE).round()
+        click(browser, x, y)
+        told = np.array(coordinates(said(browser)))
+        assert np.abs(told - place).max() < 0.06
+        assert expected_pixel(told, address(browser), WIDE) == pytest.approx([x, y], abs=0.1)
+
+
+def test_walls_and_what_is_interpolated_look_so_and_say_so(browser: Chrome, surface_page: Path, raster: Raster) -> None:
+    show(browser, surface_page)
+    tone = {name: browser.execute_script(f"return colourOf('--{name}')") for name in ("wall", "unmeasured")}
+    at_the_wall = cell_place(raster, 55, HOUSE[1].start) - np.array([CELL_M, 0.0, HOUSE_M / 2])
+    for place, tilt, words, name in (
+        (cell_place(raster, 90, FILLED[1].start + 10), 0, "Interpolated: not measured.", "unmeasured"),
+        (at_the_wall, 60, "A wall, interpolated", "wall"),
+    ):
+        show(browser, surface_page, **looking_at(place, drawn="surface", distance=12, azimuth=90, tilt=tilt))
+        wait_until(browser, "picture.dataset.surface === 'drawn'")
+        hide_signs(browser)
+        time.sleep(0.5)
+        pixels = around_the_middle(picture(browser), 6).astype(int)
+        near = np.abs(pixels - tone[name]).max(axis=1) < 40
+        assert near.mean() > 0.25
+        assert not (np.abs(pixels - COLOUR).max(axis=1) < 30).any(), "nothing of the orthophoto's colours"
+        press(browser, "Enter")
+        said(browser)
+        assert words in browser.execute_script("return said.innerText")
+
+
+def test_a_distance_to_what_nobody_has_measured_has_no_sigma(browser: Chrome, surface_page: Path) -> None:
+    show(browser, surface_page)
+    measured, mixed = browser.execute_script(
+        """const scene = JSON.parse(document.getElementById('scene').textContent), errors = new Errors(scene);
+        const end = (surface, east) => ({ surface, cloud: NO_FIGURES, place: [east, 0, 0] });
+        return [MEASURED, WALL].map(kind => errors.distance(end(MEASURED, 0), end(kind, 9)));"""
+    )
+    assert measured["kind"] == "shape"
+    assert measured["sigma"][1] > 0
+    assert mixed is None

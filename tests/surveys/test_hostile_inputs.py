@@ -45,7 +45,7 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.document import Document, read_entry, read_settings
 from photogram.project.project import SECTIONS
 from photogram.project.schema import ProjectFile
-from photogram.report import viewer
+from photogram.report import page
 from photogram.report.figures.style import new_figure
 from photogram.report.reading import making_of, read_report
 from photogram.settings.settings import Within
@@ -605,7 +605,7 @@ def test_a_dollar_in_a_name_is_no_formula(tmp_path: Path, name: str) -> None:
 
 
 def test_every_figure_is_made_by_new_figure() -> None:
-    folder = Path(viewer.__file__).parent
+    folder = Path(page.__file__).parent
     made = [p.name for p in folder.rglob("*.py") if re.search(r"[ (=.](?:Figure|subplots)\(figsize", p.read_text())]
     assert made == []
     assert re.search(r" _PlainFigure\(figsize", (folder / "figures/style.py").read_text())

@@ -1,6 +1,8 @@
 // The page itself: what is shown, what is chosen, what is said of it.
 
 const $ = id => document.getElementById(id);
+const DRAWN = ["cloud", "surface"]; // what of the ground is drawn
+const NO_FIGURES = { sigma_m: null, plan_m: null, confidence: null };
 const HOME_TILTS = [0.87, 0.78, 0.69, 0.6]; // from straight down, rad
 
 class View {
@@ -8,6 +10,7 @@ class View {
     this.canvas = canvas;
     this.scene = JSON.parse($("scene").textContent);
     this.cloud = new Cloud(this.scene);
+    this.surface = this.scene.surface ? new Surface(this.scene) : null;
     this.drawing = new Drawing(gl, this.scene, this.cloud.steps, this.cloud.looks);
     this.eye = new Eye();
     this.modes = [...document.querySelectorAll("#modes input")].map(input => input.value);
@@ -39,6 +42,7 @@ class View {
     const { scene } = this, centres = scene.photographs.map(p => p.centre_m);
     const points = scene.points.map(p => local(scene, p.surveyed_map_m));
     const ends = [scene.low_m, scene.high_m, ...centres, ...points];
+    if (this.surface) ends.push(this.surface.low, this.surface.high);
     const low = [0, 1, 2].map(k => Math.min(...ends.map(p => p[k])));
     const high = [0, 1, 2].map(k => Math.max(...ends.map(p => p[k])));
     this.middle = low.map((value, k) => (value + high[k]) / 2);
@@ -79,16 +83,25 @@ class View {
 
   // What the hand comes nearer to: the ground under the pixel; over the sky what is in the middle, or nearest to it.
   ground(x, y) {
-    const { eye, cloud } = this, middle = [eye.width / 2, eye.height / 2], now = performance.now();
+    const { eye } = this, middle = [eye.width / 2, eye.height / 2], now = performance.now();
     const kept = this.kept;
     const still = kept && now - kept.time < 600 && Math.hypot(x - kept.x, y - kept.y) < 8;
     if (kept && (still || this.hands.held.size === 2)) {
       kept.time = now;
       return kept;
     }
-    const under = cloud.under(eye, x, y, this.size()), hit = under || cloud.under(eye, ...middle, this.size());
-    const place = hit ? cloud.place(hit.index) : cloud.nearestTo(eye, ...middle);
+    const under = this.under(x, y), hit = under || this.under(...middle);
+    const place = hit ? hit.place : this.cloud.nearestTo(eye, ...middle);
     return this.kept = { x, y, time: now, place, under: Boolean(under) };
+  }
+
+  // What is seen at a pixel, of the surface and of the cloud the one in front; where neither is shown, of the cloud.
+  under(x, y) {
+    const { eye, cloud } = this, shown = this.panel.shown();
+    const face = shown.surface ? this.surface.under(eye, x, y) : null;
+    const point = shown.cloud || !shown.surface ? cloud.under(eye, x, y, this.size()) : null;
+    if (!point || (face && face.depth < point.depth - 3 * this.scene.spacing_m)) return face;
+    return { ...point, place: cloud.place(point.index) };
   }
 
   zoom(factor, x = this.eye.width / 2, y = this.eye.height / 2) {
@@ -113,10 +126,10 @@ class View {
   stop() { this.flight = null; }
 
   centre(x, y) {
-    const hit = this.cloud.under(this.eye, x, y, this.size());
+    const hit = this.under(x, y);
     if (!hit) return;
-    const from = this.eye.state(), place = this.cloud.place(hit.index);
-    this.fly(from, { ...from, target: place });
+    const from = this.eye.state();
+    this.fly(from, { ...from, target: hit.place });
   }
 
   goTo(place) {
@@ -200,7 +213,7 @@ class View {
     this.timer = setTimeout(() => {
       if (this.flight) return;
       this.draw(1);
-      const hit = this.cloud.under(this.eye, this.eye.width / 2, this.eye.height / 2, this.size());
+      const hit = this.under(this.eye.width / 2, this.eye.height / 2);
       if (hit && hit.depth > 0) this.eye.rest(hit.depth);
       this.hover(this.hands.pointer);
       this.toAddress();
@@ -215,13 +228,15 @@ class View {
       drawing.show(name, shown[name]);
       for (const kind of ["casing", "errors"]) drawing.show(`${name} ${kind}`, shown[name] && shown.errors);
     }
+    if (shown.surface) drawing.mesh ||= new Mesh(drawing, this.surface, () => this.still(0));
     drawing.draw(eye, {
-      cloud: shown.cloud, mode: this.mode, range: this.range(), size: this.size(), pointScale: this.pointScale,
+      cloud: shown.cloud, surface: shown.surface, mode: this.mode, range: this.range(), size: this.size(), pointScale: this.pointScale,
       background: colourOf("--sky").map(value => value / 255), depths: [near, Math.max(at + radius, near * 2)],
       tolerance: Math.max(3 * this.scene.spacing_m, 6 * eye.metresPerPixel),
     }, share);
     panel.follow();
     this.canvas.dataset.drawn = share < 1 ? "part" : "all";
+    this.canvas.dataset.surface = shown.surface && drawing.mesh.loaded ? "drawn" : "";
   }
 
   // ---- what is under the pointer ----
@@ -259,9 +274,11 @@ class View {
 
   pick(x, y, reach = 1) {
     let thing = this.signAt(x, y, reach);
-    if (!thing && this.panel.shown().cloud) {
-      const hit = this.cloud.under(this.eye, x, y, this.size());
-      if (hit) thing = { cloud: this.cloud.figures(hit.index), place: this.cloud.place(hit.index) };
+    const shown = this.panel.shown();
+    if (!thing && (shown.cloud || shown.surface)) {
+      const hit = this.under(x, y);
+      if (hit && hit.kind) thing = { surface: hit.kind, cloud: NO_FIGURES, place: hit.place };
+      else if (hit) thing = { cloud: this.cloud.figures(hit.index), place: hit.place };
     }
     this.choose(thing);
   }
@@ -291,6 +308,12 @@ class View {
     if (this.measuring) this.measure(false); else this.choose(null);
   }
 
+  // From the cloud to the surface, and back.
+  switchDrawn() {
+    if (!this.surface) return;
+    this.panel.setDrawn(this.panel.shown().surface ? ["cloud"] : ["surface"]);
+  }
+
   colourBy(index) {
     if (index < this.modes.length) this.panel.setMode(this.modes[index]);
   }
@@ -304,6 +327,7 @@ class View {
       azimuth: round(eye.azimuth * 180 / Math.PI, 3), tilt: round(eye.tilt * 180 / Math.PI, 3), distance: round(eye.distance, 3),
       colour: this.mode, parallel: eye.parallel ? 1 : 0,
     };
+    if (this.surface) facts.drawn = DRAWN.filter(name => this.panel.shown()[name]).join(",");
     const text = Object.entries(facts).map(([name, value]) => `${name}=${value}`).join("&");
     history.replaceState(null, "", `#${text}`);
   }
@@ -316,6 +340,7 @@ class View {
     if (Number.isFinite(number("tilt"))) eye.tilt = clamp(number("tilt") * Math.PI / 180, 0, Math.PI / 2);
     if (number("distance") > 0) eye.distance = clamp(number("distance"), eye.nearest, eye.farthest);
     this.panel.setParallel(facts.get("parallel") === "1");
+    if (this.surface && facts.has("drawn")) this.panel.setDrawn(facts.get("drawn").split(","));
     this.panel.setMode(this.modes.includes(facts.get("colour")) ? facts.get("colour") : this.mode);
   }
 }

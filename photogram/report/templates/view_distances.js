@@ -47,6 +47,7 @@ class Errors {
     const level = plan > 0 ? [step[0] / plan, step[1] / plan, 0] : [Math.SQRT1_2, Math.SQRT1_2, 0];
     const length = Math.hypot(...step), slope = length > 0 ? step.map(value => value / length) : [0, 0, 1];
     const directions = [level, [0, 0, 1], slope];
+    if ([from, to].some(end => end.surface > MEASURED)) return null; // nobody has measured it
     if (from.cloud && to.cloud && this.grid) {
       const [a, b] = [this.at(from.place), this.at(to.place)], [one, other] = [this.own(from, a), this.own(to, b)];
       const error = [0, 1, 2].map(k => a.factor[k].map((value, n) => b.factor[k][n] - value));

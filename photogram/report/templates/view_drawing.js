@@ -182,6 +182,7 @@ class Drawing {
     this.nothing = gl.createVertexArray();
     this.groups = new Map();
     this.ramps = Object.fromEntries(Object.entries(scene.maps).map(([name, colours]) => [name, this.ramp(colours)]));
+    this.mesh = null; // of the surface, once it is shown
     this.frame = null;
     this.largest = gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1];
   }
@@ -316,6 +317,7 @@ class Drawing {
     gl.viewport(0, 0, width, height);
     gl.clearColor(...look.background, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    if (look.surface) this.mesh.draw(look, view);
     if (look.cloud) this.drawPoints(eye, look, view, share);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);

@@ -108,7 +108,7 @@ class Hands {
       Enter: () => view.pick(eye.width / 2, eye.height / 2), " ": () => view.pick(eye.width / 2, eye.height / 2),
       h: () => view.go("home"), Home: () => view.go("home"), "?": () => view.panel.help(),
       o: () => view.go("oblique"), t: () => view.go("top"), w: () => view.go("whole"), n: () => view.go("north"),
-      m: () => view.measure(!view.measuring), Escape: () => view.dismiss(),
+      s: () => view.switchDrawn(), m: () => view.measure(!view.measuring), Escape: () => view.dismiss(),
     };
     ["1", "2", "3", "4"].forEach((name, k) => { acts[name] = () => view.colourBy(k); });
     const arrow = arrows[event.key], act = acts[event.key.length === 1 ? event.key.toLowerCase() : event.key];

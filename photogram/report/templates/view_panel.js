@@ -2,10 +2,15 @@
 
 const SIGMA_NOTES = {
   joint: "± 1 sigma, predicted: matching of both points, and errors of exterior orientation and calibration, as far as they are not common to both. The datum cancels.",
-  shape: "± 1 sigma, predicted: errors of exterior orientation and calibration, as far as they are not common to both. The cloud has no sigmas, so matching is not included.",
+  shape: "± 1 sigma, predicted: errors of exterior orientation and calibration, as far as they are not common to both. The points have no sigmas of their own, so matching is not included.",
   surveyed: "± 1 sigma, from the stated sigmas of both points, assumed independent.",
   alone: "± 1 sigma, from the sigmas of both ends including the datum, assumed independent: too large where errors are common.",
   none: "No sigma: the files give none for one of the ends.",
+};
+const SURFACE_NOTES = {
+  [MEASURED]: "Measured: between the corners of the mesh.",
+  [WALL]: "A wall, interpolated between the heights beside it: not measured.",
+  [INTERPOLATED]: "Interpolated: not measured.",
 };
 const MODE_TITLES = { height: "Height, m", sigma: "Sigma of the height, m", confidence: "Confidence, 0 to 1" };
 
@@ -22,7 +27,7 @@ class Panel {
     $("size").oninput = () => this.setSize();
     $("parallel").onchange = () => { this.setParallel($("parallel").checked); view.moved(); view.still(); };
     document.querySelectorAll("#modes input").forEach(input => { input.onchange = () => this.setMode(input.value); });
-    document.querySelectorAll(".ticks input").forEach(input => input.addEventListener("change", () => view.still(0)));
+    document.querySelectorAll(".ticks input").forEach(input => input.addEventListener("change", () => { this.legend(); view.still(0); }));
     this.enlargements();
     this.places();
     this.setSize();
@@ -37,7 +42,7 @@ class Panel {
 
   shown() {
     const ticked = name => ($(`show-${name}`) ? $(`show-${name}`).checked : false);
-    return Object.fromEntries(["cloud", "photographs", "control", "check", "names", "errors"].map(n => [n, ticked(n)]));
+    return Object.fromEntries(["cloud", "surface", "photographs", "control", "check", "names", "errors"].map(n => [n, ticked(n)]));
   }
 
   setSize() {
@@ -52,6 +57,12 @@ class Panel {
     document.querySelectorAll("#modes input").forEach(input => { input.checked = input.value === mode; });
     this.legend();
     view.still(0);
+  }
+
+  setDrawn(names) {
+    for (const name of DRAWN) $(`show-${name}`).checked = names.includes(name);
+    this.legend();
+    this.view.still(0);
   }
 
   setParallel(on) {
@@ -132,7 +143,8 @@ class Panel {
   }
 
   legend() {
-    const { view } = this, title = MODE_TITLES[view.mode];
+    const { view } = this, title = MODE_TITLES[view.mode], { surface } = this.shown();
+    if ($("faces")) $("faces").hidden = !surface;
     $("ramp").hidden = !title;
     if (!title) return;
     const [low, high] = view.range(), colours = view.scene.maps[view.mode];
@@ -143,7 +155,8 @@ class Panel {
     const more = view.mode !== "confidence";
     $("ramp-low").textContent = `${more && view.mode === "height" ? "≤ " : ""}${minus(low.toFixed(digits))}`;
     $("ramp-high").textContent = `${more ? "≥ " : ""}${minus(high.toFixed(digits))}`;
-    $("ramp-note").textContent = { height: "", sigma: "predicted standard deviation; grey: not known", confidence: "of the matching; grey: not known" }[view.mode];
+    $("ramp-note").textContent = { height: "", sigma: "predicted standard deviation; grey: not known", confidence: "of the matching; grey: not known" }[view.mode]
+      + (surface && view.mode !== "height" ? "; of points, the surface has the orthophoto’s colours" : "");
   }
 
   tip(thing) {
@@ -199,7 +212,10 @@ class Panel {
   sayChosen(thing) {
     if (!thing) { this.card(null); return; }
     const { scene } = this.view, map = thing.place.map((value, k) => value + scene.origin_map_m[k]);
-    if (thing.cloud) {
+    if (thing.surface) {
+      this.card("Point of the surface", this.coordinates(map), [SURFACE_NOTES[thing.surface]]);
+      this.pictureOf(thing.place);
+    } else if (thing.cloud) {
       const { sigma_m: sigma, plan_m: plan, confidence } = thing.cloud, rows = this.coordinates(map);
       if (plan !== null) rows.push(["Sigma in plan", this.metres(plan)]);
       if (sigma !== null) rows.push(["Sigma of height", this.metres(sigma)]);
@@ -261,7 +277,7 @@ class Panel {
   sayMeasured(ends) {
     if (ends === null) { this.card(null); return; }
     if (ends.length < 2) {
-      this.card("Measure a distance", [], [ends.length ? "Click the second point." : "Click two points of the cloud, or symbols."]);
+      this.card("Measure a distance", [], [ends.length ? "Click the second point." : "Click two places of the ground, or symbols."]);
       return;
     }
     const [e, n, h] = [0, 1, 2].map(k => ends[1].place[k] - ends[0].place[k]), plan = Math.hypot(e, n);
@@ -270,7 +286,7 @@ class Panel {
     const said = values.map((value, k) => (found ? `${minus(value.toFixed(this.digits))} ± ${found.sigma[k].toFixed(this.digits)} m` : this.metres(value)));
     const rows = [["In plan", said[0]], ["Height difference", said[1]], ["Slope distance", said[2]],
       ["Grid bearing", `${bearing.toFixed(3)}°`], ["Slope", `${minus((Math.atan2(h, plan) * 180 / Math.PI).toFixed(2))}°`]];
-    const clouds = ends.filter(end => end.cloud), cells = clouds.length && clouds.every(end => end.cloud.plan_m === null);
+    const clouds = ends.filter(end => end.cloud && !end.surface), cells = clouds.length && clouds.every(end => end.cloud.plan_m === null);
     const notes = [SIGMA_NOTES[found ? found.kind : "none"], "In the map grid, its scale factor not taken off. Click two more, or Esc."];
     if (found && cells) notes.splice(1, 0, `Points are at cell centres, ${this.view.scene.spacing_m.toPrecision(2)} m apart: ± does not include the pointing error in plan.`);
     else if (found) notes.splice(1, 0, "± does not include the pointing error.");

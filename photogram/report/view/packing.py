@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photogram.arrays import ByteArray, FloatArray, IntArray
+from photogram.arrays import ByteArray, Float32Array, FloatArray, IntArray
 
 STEPS = 2**16
 """Steps along each side of a block: what 16 bits count."""
@@ -73,3 +73,22 @@ def pack_figures(values: FloatArray | None, count: int) -> tuple[NDArray[np.uint
 def as_text(values: NDArray[np.uint16] | ByteArray) -> str:
     """Return the bytes of an array, the lowest of each number first, in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()).decode()
+
+
+def pack_heights(values_m: Float32Array) -> tuple[NDArray[np.uint16], float, float]:
+    """Return heights as whole steps uint16 above the first of them, that first one and the step; what is not finite is
+    UNKNOWN.
+
+    The step is a millimetre, or of 2, 5, 10, 20 … the least in which they fit. Raises ValueError where no height is
+    known.
+    """
+    known = np.isfinite(values_m)
+    heights = values_m[known].astype(np.float64)
+    if not len(heights):
+        raise ValueError("no height is known")
+    low_m = float(np.floor(heights.min()))
+    series = (_FINEST_STEP_M * digit * 10.0**power for power in range(9) for digit in (1, 2, 5))
+    step_m = next(step for step in series if (heights.max() - low_m) / step < UNKNOWN - 1)
+    packed = np.full(values_m.shape, UNKNOWN, dtype=np.uint16)
+    packed[known] = np.rint((heights - low_m) / step_m).astype(np.uint16)
+    return packed, low_m, step_m

@@ -12,7 +12,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, StrictUndefined
-from scipy.spatial import cKDTree
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, image_plane_or_nan
@@ -20,25 +19,23 @@ from photogram.errors import ReportError
 from photogram.files.clouds.described_points import DescribedCloud
 from photogram.measures.round_lengths import round_down
 from photogram.projection import RADIAL_TERMS
-from photogram.report.distances import error_grid
 from photogram.report.identity import grouped
 from photogram.report.numbers.wording import fixed
-from photogram.report.packing import UNKNOWN, pack_figures, pack_positions
-from photogram.report.packing import as_text as packed_text
 from photogram.report.page import templates
 from photogram.report.record.block import CameraRecord
 from photogram.report.record.report import Report, oriented
-from photogram.report.thinning import even_choice
+from photogram.report.view.cloud_scene import cloud_scene, spacing_m
+from photogram.report.view.distances import error_grid
+from photogram.report.view.drawn_surface import DrawnSurface
+from photogram.report.view.surface_scene import surface_scene
+from photogram.report.view.thinning import even_choice
 from photogram.wording import printable, shortened
 
 Json = dict[str, Any]
 
 COLOUR_MAPS = {"height": "viridis", "sigma": "cividis_r", "confidence": "magma"}
-UNKNOWN_CONFIDENCE = 255
 
-_SPACING_SAMPLE = 4000  # points whose nearest neighbour is looked for, about
 _METRES = {"plan": "metre", "plan_m": 1.0, "height": "metre", "height_m": 1.0}  # of a local frame
-_DIRECTIONS = 48  # in which the outline of the ground is sought
 _FARTHEST_M = 20_000.0  # of a cloud from the photographs that it is said to come from
 _WIDEST_TANGENT = 1.5  # of the angle off the axis that a frustum is drawn to
 
@@ -49,8 +46,10 @@ def view_page(
     cloud_name: str,
     maximum_points: int,
     pictures: Mapping[str, bytes] = MappingProxyType({}),
+    surface: DrawnSurface | None = None,
 ) -> str:
-    """Return the page of a cloud and of what report.json says of photographs and ground points.
+    """Return the page of a cloud, of the surface where there is one, and of what report.json says of photographs and
+    ground points.
 
     Shows at most ``maximum_points`` of the cloud, evenly thinned. ``cloud_name`` is the file that the cloud came from,
     ``pictures`` small JPEGs of photographs by name. Raises ReportError where cloud and report are far apart.
@@ -58,12 +57,14 @@ def view_page(
     _check_together(cloud.position_map_m, report, cloud_name)
     total = len(cloud)
     thinned = cloud.chosen(even_choice(cloud.position_map_m, maximum_points))
-    scene, arrays = _cloud(thinned)
+    scene, arrays = cloud_scene(thinned)
     origin = np.array(scene["origin_map_m"])
+    mesh, mesh_arrays = surface_scene(surface)
     photographs = _photographs(report, origin)
     in_plan = scene["sigma_plan_step_m"] is not None
     scene |= {
         "file": cloud_name,
+        "surface": mesh,
         "total": total,
         "units": report["world"].get("units", _METRES),
         "photographs": photographs,
@@ -80,7 +81,7 @@ def view_page(
         version=report["photogram"],
         system=_system(report),
         scene=scene,
-        arrays=arrays,
+        arrays=arrays | mesh_arrays,
         pictures=encoded,
         identity=f"report {grouped(report['report_id'])}, processed {report['processed']}",
     )
@@ -89,7 +90,7 @@ def view_page(
 @cache
 def _environment() -> Environment:
     environment = templates(StrictUndefined)
-    environment.filters.update(whole=lambda n: fixed(n, 0))
+    environment.filters.update(fixed=fixed, whole=lambda n: fixed(n, 0))
     return environment
 
 
@@ -116,89 +117,6 @@ def _system(report: Report) -> str:
     kind = {"ellipsoidal": "heights above the ellipsoid", "orthometric": "heights above the geoid"}
     output = report["heights"]["output"]
     return f"{grid}, {kind.get(str(output), 'heights in the undeclared system of the project')}"
-
-
-# ---- the cloud -----------------------------------------------------------------------------------------------------
-
-
-def _cloud(cloud: DescribedCloud) -> tuple[Json, dict[str, str]]:
-    """Return what the page must know of the points, and their bytes as text.
-
-    ``points``: step east, north, up, and sigma of the height, 16 bits each. ``looks``: red, green, blue, confidence, 8
-    bits each. ``plan``: sigma in plan, 16 bits, where there is one.
-    """
-    packed = pack_positions(cloud.position_map_m)
-    cloud = cloud.chosen(packed.order)
-    n, position = len(cloud), cloud.position_map_m
-    sigma, sigma_plan = cloud.figures.get("sigma z"), cloud.figures.get("sigma xy")
-    confidence = cloud.figures.get("confidence")
-    height_steps, height_step_m = pack_figures(sigma, n)
-    looks = np.zeros((n, 4), dtype=np.uint8)
-    looks[:, 3] = UNKNOWN_CONFIDENCE
-    if cloud.colour is not None:
-        looks[:, :3] = cloud.colour
-    if confidence is not None:
-        known = np.isfinite(confidence)
-        looks[known, 3] = np.rint(254 * np.clip(confidence[known], 0.0, 1.0)).astype(np.uint8)
-    arrays = {"points": packed_text(np.column_stack([packed.step, height_steps])), "looks": packed_text(looks)}
-    plan_step_m = None
-    if sigma_plan is not None:
-        plan_steps, plan_step_m = pack_figures(sigma_plan, n)
-        arrays["plan"] = packed_text(plan_steps)
-    height = position[:, 2]
-    core_low_m, core_high_m = np.percentile(position, [0.5, 99.5], axis=0)
-    scene = {
-        "shown": n,
-        "origin_map_m": packed.origin_map_m.tolist(),
-        "step_m": packed.step_m,
-        "blocks": packed.blocks.tolist(),
-        "low_m": (position.min(axis=0) - packed.origin_map_m).tolist(),
-        "high_m": (position.max(axis=0) - packed.origin_map_m).tolist(),
-        "core_low_m": (core_low_m - packed.origin_map_m).tolist(),
-        "core_high_m": (core_high_m - packed.origin_map_m).tolist(),
-        "outline_m": _outline(position - packed.origin_map_m).tolist(),
-        "ground_m": float(np.median(height) - packed.origin_map_m[2]),
-        "extent_m": max(float(np.linalg.norm((core_high_m - core_low_m)[:2])), 1e-3),
-        "spacing_m": _spacing_m(position),
-        "colour": cloud.colour is not None,
-        "height": _range(height, 1, 99),
-        "sigma": None if sigma is None else _range(sigma, 0, 98),
-        "sigma_step_m": height_step_m,
-        "sigma_plan_step_m": plan_step_m,
-        "unknown": UNKNOWN,
-        "confidence": confidence is not None,
-    }
-    return scene, arrays
-
-
-def _outline(place_m: FloatArray) -> FloatArray:
-    """Return points (K, 3) of the cloud (N, 3) around what a first look should show: its hull in plan without the
-    outermost points, and the highest and lowest of the others."""
-    low, high = np.percentile(place_m, [0.5, 99.5], axis=0)
-    core = place_m[np.all((place_m >= low) & (place_m <= high), axis=1)]
-    core = core if len(core) else place_m
-    angle = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
-    ends = np.argmax(core[:, :2] @ np.vstack([np.cos(angle), np.sin(angle)]), axis=0)
-    index = np.unique([*ends, np.argmin(core[:, 2]), np.argmax(core[:, 2])])
-    return np.asarray(core[index])
-
-
-def _range(values: FloatArray, low: float, high: float) -> list[float] | None:
-    """Return the percentiles between which colours are spread, apart; None where nothing is known."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return None
-    bottom, top = (float(np.percentile(known, end)) for end in (low, high))
-    return [bottom, max(top, bottom + 1e-3)]
-
-
-def _spacing_m(position_map_m: FloatArray) -> float:
-    """Return the median distance of a sample of points to their nearest neighbours."""
-    if len(position_map_m) < 2:
-        return 1.0
-    sample = position_map_m[:: max(len(position_map_m) // _SPACING_SAMPLE, 1)]
-    distance = np.asarray(cKDTree(position_map_m).query(sample, k=2)[0])
-    return float(max(np.median(distance[:, 1]), 1e-4))
 
 
 def _colour_map(name: str) -> list[list[int]]:
@@ -262,7 +180,7 @@ def _photographs(report: Report, origin_map_m: FloatArray) -> list[Json]:
 def _frustum_m(photographs: list[Json], extent_m: float) -> float:
     """Return how deep frusta are drawn: a part of the way to the next photograph."""
     centres = np.array([photograph["centre_m"] for photograph in photographs]).reshape(-1, 3)
-    apart = _spacing_m(centres) if len(centres) > 1 else extent_m / 8
+    apart = spacing_m(centres) if len(centres) > 1 else extent_m / 8
     return float(np.clip(0.4 * apart, 0.008 * extent_m, 0.05 * extent_m))
 
 
