@@ -21,7 +21,10 @@ PURPOSES = {
     ResultFolder.TECHNICAL: "What it was calculated from: measured points, orientations, pictures of single steps",
 }
 PICTURES, MASKS, STUDY = (f"{ResultFolder.TECHNICAL}/{name}" for name in ("pictures", "masks", "study"))
-WRITTEN_IN_RESULTS = (*ResultFolder, PICTURES, MASKS, STUDY)
+TILES_FOLDER = "tiles3d"
+"""Folder within that of the deliverables for the surface in levels of detail."""
+TILES = f"{ResultFolder.DELIVERABLES}/{TILES_FOLDER}"
+WRITTEN_IN_RESULTS = (*ResultFolder, PICTURES, MASKS, STUDY, TILES)
 """Folders within that of the results which photogram writes to."""
 
 BESIDE = ".aux.xml"
@@ -135,6 +138,7 @@ LATER_FILES: tuple[ResultFile, ...] = tuple(
             "survey_shp.zip": "Contour lines, outline, points and footprints (Shapefiles)",
             "survey.kmz": "Orthophoto, points and outline (Google Earth)",
             "model.glb": "The surface with the orthophoto on it, in 3-D (glTF)",
+            f"{TILES_FOLDER}/tileset.json": "The same in levels of detail, for globes (3D Tiles)",
         },
     )
 )
@@ -174,7 +178,7 @@ def contents_of(name: str) -> str:
     """Return in a line what a file of the results holds, empty for one that is not known; ``name`` may have the
     folder that it lies in."""
     own = name.rpartition("/")[2]
-    file = _file_called(own)
+    file = _file_called(own) or _file_called(name.removeprefix(f"{ResultFolder.DELIVERABLES}/"))
     if file is None:
         return ""
     return _GRID if own.endswith(BESIDE) and not file.pattern.endswith(BESIDE) else file.contents

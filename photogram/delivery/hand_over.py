@@ -23,6 +23,7 @@ from photogram.delivery.thinned_tin import (
     reduced_raster,
     thinned_tin,
 )
+from photogram.delivery.tiles.tileset import write_tileset
 from photogram.errors import ExchangeError
 from photogram.files.atomic import make_folder
 from photogram.files.npz_json import file_fingerprint
@@ -32,8 +33,8 @@ from photogram.pipeline.pipeline import is_up_to_date, load_project, open_run
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.store.readme import write_readme
-from photogram.pipeline.store.results_record import read_record, recorded
-from photogram.result_files import ResultFolder
+from photogram.pipeline.store.results_record import read_record, recorded, remove_made
+from photogram.result_files import TILES_FOLDER, ResultFolder
 
 _NO_DEGREES = "and Google Earth needs longitude and latitude"
 
@@ -78,8 +79,13 @@ def deliver(
     folder = survey.results / ResultFolder.DELIVERABLES if output is None else Path(output)
     chosen = _known(products)
     archive = (survey.results if output is None else folder) / PACKAGE
-    for path in (*(folder / name for product in chosen for name in FILES[product]), *([archive] if package else [])):
-        _check_replaceable(path)
+    names = [name for product in chosen for name in FILES[product]]
+    if Product.TILES in chosen:
+        names += [f"{TILES_FOLDER}/{path.name}" for path in sorted((folder / TILES_FOLDER).glob("*.glb"))]
+    for name in names:
+        _check_replaceable(folder, name)
+    if package:
+        _check_replaceable(archive.parent, archive.name)
     with open_run(survey) as run:
         # not the results, which may lack a file: what is handed over comes from stages before
         last = BEFORE_RESULTS[-1].name
@@ -93,6 +99,8 @@ def deliver(
     if contents.crs == NO_CRS and Product.KMZ in chosen and len(chosen) < len(Product):
         raise ExchangeError(f"{survey.path}: crs: none, {_NO_DEGREES}: give the CRS of the map, or other products")
     make_folder(folder)
+    if Product.TILES in chosen:  # another surface may have fewer of them
+        remove_made(folder, [name for name in read_record(folder) if name.startswith(f"{TILES_FOLDER}/")])
     with recorded(folder):
         written = tuple(_written(product, folder / FILES[product][0], contents, asked) for product in chosen)
     if output is None:
@@ -118,6 +126,8 @@ def _written(product: Product, path: Path, contents: SurveyContents, asked: _Ask
         return _land_xml(path, contents, asked.surface_error_m)
     if product is Product.GLB:
         return Delivered(path, *write_model(path, contents, asked.surface_error_m))
+    if product is Product.TILES:
+        return Delivered(path, *write_tileset(path, contents, asked.surface_error_m))
     if product is Product.COPC:
         return Delivered(path, *write_copc_cloud(path, contents))
     if product is Product.KMZ and contents.crs == NO_CRS:
@@ -165,11 +175,12 @@ def _known(products: Sequence[str]) -> tuple[Product, ...]:
     return tuple(dict.fromkeys(Product(name) for name in products))
 
 
-def _check_replaceable(path: Path) -> None:
-    """Raise ExchangeError where a file is not photogram's own, or was changed since it was written."""
+def _check_replaceable(folder: Path, name: str) -> None:
+    """Raise ExchangeError where a file in a folder is not photogram's own, or was changed since it was written."""
+    path = folder / name
     if not path.exists() and not path.is_symlink():
         return
-    known = read_record(path.parent).get(path.name)
+    known = read_record(folder).get(name)
     if known is None or not path.is_file() or file_fingerprint(path) != known:
         what = "was not written by photogram" if known is None else "was changed since photogram wrote it"
         raise ExchangeError(f"{path}: {what}, and would be overwritten: rename it, or give another folder as --output")

@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+from photogram.result_files import TILES_FOLDER
+
 
 class Product(StrEnum):
     """What is handed over."""
@@ -13,6 +15,7 @@ class Product(StrEnum):
     SHAPEFILE = "shapefile"
     KMZ = "kmz"
     COPC = "copc"
+    TILES = "3dtiles"
 
 
 FILES = {
@@ -23,5 +26,6 @@ FILES = {
     Product.SHAPEFILE: ("survey_shp.zip",),
     Product.KMZ: ("survey.kmz",),
     Product.COPC: ("dense.copc.laz",),
+    Product.TILES: (f"{TILES_FOLDER}/tileset.json",),
 }
 """The files of each product, the one that is opened first."""

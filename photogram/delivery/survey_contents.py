@@ -15,6 +15,8 @@ from photogram.files.maps.contour_files import read_contours
 from photogram.files.maps.seam_files import read_rim
 from photogram.files.poses import footprint_world_m
 from photogram.geodesy.crs import crs_in_words, plan_of
+from photogram.geodesy.frames import LocalFrame
+from photogram.geodesy.height_systems import HeightSystem
 from photogram.pipeline.stage_names import StageName
 from photogram.pipeline.stages.publishing.products import flight_date, write_dense_cloud
 from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
@@ -95,6 +97,10 @@ class SurveyContents:
     """Photographs that are oriented, and where they were taken (3,)."""
     write_cloud: Callable[[Path], bool] | None = None
     """Writes the dense cloud as LAZ; None where nothing was matched."""
+    frame: LocalFrame | None = None
+    """That the survey was adjusted in, with the geoid of its heights."""
+    height_system: HeightSystem | None = None
+    """Of all heights, None where it is not declared."""
 
     @property
     def extent_map_m(self) -> FloatArray:
@@ -158,6 +164,8 @@ def survey_contents(run: Run) -> SurveyContents:
             if pose is not None
         ),
         partial(write_dense_cloud, run, ended=Event()) if matched(run) else None,
+        block.frame,
+        project.heights.output,
     )
 
 

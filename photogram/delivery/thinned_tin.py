@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 
-from photogram.arrays import Float32Array, FloatArray, IntArray
+from photogram.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.errors import SurfaceError
 from photogram.files.maps.rasters import open_raster
-from photogram.grid import Window, block_means
+from photogram.grid import MapGrid, Window, block_means
 from photogram.surface.contours import interval_for
 from photogram.survey import Raster
 
@@ -81,14 +81,19 @@ def interval_of(raster: Raster) -> float:
     return interval_for(float(high - low))
 
 
-def thinned_tin(raster: Raster, error_m: float, most: int = MOST_VERTICES) -> ThinnedTin:
+def thinned_tin(
+    raster: Raster, error_m: float, most: int = MOST_VERTICES, fixed: BoolArray | None = None
+) -> ThinnedTin:
     """Return a triangulation of the cells of a raster that is off by ``error_m`` at most, or has ``most`` vertices.
 
-    Beside the raster some 300 bytes for each vertex, and a raster of the same size. Raises SurfaceError where fewer
-    than three cells have a height, or all lie on one line.
+    Cells (R, C) that are ``fixed`` are vertices in any case, where they have a height. Beside the raster some 300 bytes
+    for each vertex, and a raster of the same size. Raises SurfaceError where fewer than three cells have a height, or
+    all lie on one line.
     """
     heights = np.ascontiguousarray(raster.values, dtype=np.float32)
     chosen = _first_cells(heights)
+    if fixed is not None:
+        chosen = np.union1d(chosen, np.flatnonzero(fixed & np.isfinite(heights)))
     while True:
         place, triangle = _triangulated(heights, chosen)
         off_m, off, known, empty, edge, edge_cells2 = _looked_over(heights, place, triangle)
@@ -163,6 +168,16 @@ def _judged(raster: Raster, heights: Float32Array, place: FloatArray, triangle: 
         float(off.max(initial=0.0)),
         float(np.sqrt(np.mean(off**2))) if len(off) else 0.0,
     )
+
+
+def heights_of(tin: ThinnedTin, grid: MapGrid) -> Float32Array:
+    """Return the heights (R, C) of a triangulation, whose vertices are cells of a grid, at all cells of it; NaN
+    beyond."""
+    column = (tin.vertex_map_m[:, 0] - grid.west_map_m) / grid.cell_m - 0.5
+    row = (grid.north_map_m - tin.vertex_map_m[:, 1]) / grid.cell_m - 0.5
+    out = np.full((grid.rows, grid.columns), np.nan, dtype=np.float32)
+    _fill(np.column_stack([np.rint(column), np.rint(row), tin.vertex_map_m[:, 2]]), tin.triangle, out)
+    return out
 
 
 @njit(inline="always")

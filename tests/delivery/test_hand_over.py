@@ -11,8 +11,9 @@ from photogram.delivery.hand_over import deliver
 from photogram.delivery.names import FILES, Product
 from photogram.delivery.survey_contents import survey_contents
 from photogram.errors import ExchangeError
+from photogram.files.atomic import write_whole
 from photogram.pipeline.pipeline import load_project, open_run
-from photogram.pipeline.store.results_record import read_record
+from photogram.pipeline.store.results_record import read_record, recorded
 
 Photogram = Callable[..., Any]
 
@@ -24,7 +25,8 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
     assert [delivered.path for delivered in first] == [folder / FILES[product][0] for product in Product]
     record = read_record(results)
     for delivered in first:
-        assert record[f"deliverables/{delivered.path.name}"] == hashlib.sha256(delivered.path.read_bytes()).hexdigest()
+        checksum = hashlib.sha256(delivered.path.read_bytes()).hexdigest()
+        assert record[delivered.path.relative_to(results).as_posix()] == checksum
     assert "deliverables/dsm.tif" in record, "what a run has recorded stays recorded"
     again = deliver(adjusted_survey)
     assert read_record(results) == record, "the same survey gives the same bytes"
@@ -40,6 +42,28 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
     (adjusted_survey / "elsewhere" / own.name).write_text("mine\n")
     with pytest.raises(ExchangeError, match="was not written by photogram"):
         deliver(adjusted_survey, ["dxf"], adjusted_survey / "elsewhere")
+
+
+def test_tiles_of_before_are_removed_and_changed_ones_kept(adjusted_survey: Path) -> None:
+    results = adjusted_survey / "results"
+    tiles, root = results / "deliverables/tiles3d", "deliverables/tiles3d/0_0_0.glb"
+    deliver(adjusted_survey, ["3dtiles"])
+    assert root in read_record(results)
+    assert "  tiles3d/" in (results / "deliverables/README.txt").read_text(encoding="utf-8")
+    with recorded(results / "deliverables"):
+        write_whole(tiles / "7_0_0.glb", b"of another surface")
+    assert "deliverables/tiles3d/7_0_0.glb" in read_record(results)
+    deliver(adjusted_survey, ["3dtiles"])
+    assert not (tiles / "7_0_0.glb").exists()
+    assert "deliverables/tiles3d/7_0_0.glb" not in read_record(results)
+    (tiles / "0_0_0.glb").write_bytes(b"edited")
+    with pytest.raises(ExchangeError, match=r"0_0_0\.glb: was changed since photogram wrote it"):
+        deliver(adjusted_survey, ["3dtiles"])
+    assert (tiles / "0_0_0.glb").read_bytes() == b"edited"
+    (tiles / "0_0_0.glb").unlink()
+    (tiles / "mine.glb").write_bytes(b"mine")
+    with pytest.raises(ExchangeError, match=r"mine\.glb: was not written by photogram"):
+        deliver(adjusted_survey, ["3dtiles"])
 
 
 def test_the_contents_are_those_of_the_survey(finished_survey: Path) -> None:

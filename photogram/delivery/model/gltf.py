@@ -26,7 +26,7 @@ class Material:
     """What it reflects, linear, 0 to 1; 1 under a picture."""
     textured: bool = False
     """Whether it has the picture."""
-    extras: Mapping[str, Any] | None = None
+    extras: Mapping[str, object] | None = None
     """What is said of it."""
 
 
@@ -48,7 +48,7 @@ class Part:
 def glb(
     parts: Sequence[Part],
     jpeg: bytes | None,
-    extras: Mapping[str, Any],
+    extras: Mapping[str, object],
     translation_m: tuple[float, float, float] | None = None,
 ) -> bytes:
     """Return parts as one GLB, with a picture (JPEG) for those that have it, and ``extras`` of the asset. All lies

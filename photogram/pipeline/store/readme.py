@@ -42,8 +42,10 @@ def _listed(names: dict[str, None], language: Language) -> Iterator[str]:
         files = sorted((name for name in own if "/" not in name), key=lambda name: (rank_of(name), name))
         further = sorted({name.partition("/")[0] for name in own if "/" in name})
         lines = [(name, language.gettext(contents) if (contents := contents_of(name)) else "") for name in files]
-        for name in further:
-            pictures = sum(picture.startswith(f"{name}/") for picture in own)
-            lines.append((f"{name}/", language.ngettext("{n} picture", "{n} pictures", pictures)))
+        for within in further:
+            inner = [name for name in own if name.startswith(f"{within}/")]
+            known = next(filter(None, map(contents_of, inner)), None)
+            said = language.ngettext("{n} picture", "{n} pictures", len(inner))
+            lines.append((f"{within}/", said if known is None else language.gettext(known)))
         width = max(len(name) for name, _ in lines)
         yield from (f"  {name:<{width}}  {contents}".rstrip() + "\n" for name, contents in lines)

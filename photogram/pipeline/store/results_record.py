@@ -15,13 +15,16 @@ from photogram.files.npz_json import file_fingerprint
 from photogram.files.stage_folders import errors_of
 from photogram.result_files import (
     FORMER_FOLDERS,
+    TILES,
+    TILES_FOLDER,
     WRITTEN_IN_RESULTS,
     ResultFolder,
     is_written_by_a_run,
 )
 
 CHECKSUMS = "checksums.sha256"
-_PLACES = tuple(map(Path, ("", *WRITTEN_IN_RESULTS, *FORMER_FOLDERS)))
+_PLACES = tuple(map(Path, ("", *WRITTEN_IN_RESULTS, *FORMER_FOLDERS, TILES_FOLDER)))
+"""Those of the folder of results and of the folder that deliverables are written to, which may be another one."""
 
 FOREIGN = "not written by photogram, and would be overwritten"
 FOREIGN_REMEDY = "move such files elsewhere, or give another folder under results"
@@ -105,7 +108,8 @@ def remove_made(results: Path, names: Iterable[str]) -> list[str]:
             removed.append(name)
     for place in sorted(places):
         _write_record(results, files, place)
-    for folder in (results / name for name in FORMER_FOLDERS if f"{name}/" in "".join(removed)):
+    emptied = (*FORMER_FOLDERS, TILES, TILES_FOLDER)
+    for folder in (results / name for name in emptied if f"{name}/" in "".join(removed)):
         with suppress(OSError):  # somebody else's files are in it
             folder.rmdir()
     return removed
