@@ -138,7 +138,7 @@ LATER_FILES: tuple[ResultFile, ...] = tuple(
             "survey_shp.zip": "Contour lines, outline, points and footprints (Shapefiles)",
             "survey.kmz": "Orthophoto, points and outline (Google Earth)",
             "model.glb": "The surface with the orthophoto on it, in 3-D (glTF)",
-            f"{TILES_FOLDER}/tileset.json": "The same in levels of detail, for globes (3D Tiles)",
+            f"{TILES_FOLDER}/tileset.json": "The surface with the orthophoto on it, in levels of detail (3D Tiles)",
         },
     )
 )

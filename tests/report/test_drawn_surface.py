@@ -20,6 +20,7 @@ from surface_files import (
     write_surface,
 )
 
+from photogram.errors import ProjectError
 from photogram.report.view.drawn_surface import INTERPOLATED, MEASURED, NOT_DRAWN, WALL, DrawnSurface, drawn_surface
 from photogram.report.view.packing import UNKNOWN, pack_heights
 from photogram.report.view.surface_scene import surface_scene
@@ -124,6 +125,14 @@ def test_packed_heights_are_off_by_half_a_step_at_most(tmp_path: Path, monkeypat
         assert packed[0, 2] == UNKNOWN
     with pytest.raises(ValueError, match="no height is known"):
         pack_heights(np.full((2, 2), np.nan, dtype=np.float32))
+
+
+def test_sources_of_another_surface_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    heights, orthophoto, _ = write_surface(tmp_path, surface_on(WEST, NORTH, BASE), CRS)
+    _, _, other = write_surface(tmp_path / "other", surface_on(WEST + CELL_M, NORTH, BASE), CRS)
+    with pytest.raises(ProjectError, match=r"dsm_source\.tif: its cells are not those of dsm_filled\.tif: run"):
+        drawn_surface(heights, orthophoto, other)
 
 
 def test_a_surface_that_the_orthophoto_does_not_show_is_none(tmp_path: Path) -> None:

@@ -733,3 +733,13 @@ def test_a_distance_to_what_nobody_has_measured_has_no_sigma(browser: Chrome, su
     assert measured["kind"] == "shape"
     assert measured["sigma"][1] > 0
     assert mixed is None
+
+
+def test_a_page_with_a_surface_fits_a_telephone(browser: Chrome, surface_page: Path) -> None:
+    show(browser, surface_page, NARROW, drawn="surface", colour="height")
+    wait_until(browser, "picture.dataset.surface === 'drawn'")
+    outside = """return ['title', 'panel', 'measures', 'ramp', 'faces'].map(id => document.getElementById(id))
+        .filter(e => { const b = e.getBoundingClientRect(); return b.right > innerWidth || b.bottom > innerHeight; })
+        .map(e => e.id)"""
+    assert browser.execute_script(outside) == []
+    assert cloud_share(browser, NARROW) > 0.05

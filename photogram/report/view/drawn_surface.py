@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from photogram.arrays import BoolArray, ByteArray, Float32Array
+from photogram.errors import ProjectError
 from photogram.files.maps.rasters import RasterFile, open_raster, picture_on_grid, pixel_m, read_codes
 from photogram.grid import MapGrid, Window
 from photogram.surface.dsm import MEASURED_IN
@@ -68,9 +69,11 @@ def drawn_surface(heights: Path, orthophoto: Path, sources: Path | None, *, loca
     """Return the mesh of a raster of heights with an orthophoto on it, None where no square of it can be drawn.
 
     ``sources`` is the raster of what its cells are (``dsm_source.tif``). Read strip by strip. Raises ProjectError where
-    a file cannot be read, FrameError where it is no map grid.
+    a file cannot be read or the cells of the two differ, FrameError where one is no map grid.
     """
     file = open_raster(heights, local=local)
+    if sources is not None and open_raster(sources, local=local).grid != file.grid:
+        raise ProjectError(f"raster {sources}: its cells are not those of {heights.name}: run photogram adjust again")
     every = max(1, ceil(np.sqrt(file.grid.rows * file.grid.columns / MOST_CORNERS)))
     corners = _corner_grid(file.grid, every)
     if min(corners.rows, corners.columns) < 2:
