@@ -226,6 +226,11 @@ def test_pictures_walls_and_what_is_not_shown(tmp_path: Path) -> None:
         uv = np.asarray(tile.parts["orthophoto"].visual.uv)
         assert uv.min() >= -1e-6
         assert uv.max() <= 1 + 1e-6
+    content = (tmp_path / "tiles/0_0_0.glb").read_bytes()
+    gltf = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+    assert gltf["extensionsUsed"] == ["KHR_materials_unlit"]
+    unlit = {material["name"] for material in gltf["materials"] if "extensions" in material}
+    assert unlit == {"orthophoto", "skirts"} & {material["name"] for material in gltf["materials"]}
     grey = replace(survey_on(tmp_path), orthophoto=None)
     _, lacks = write_tileset(tmp_path / "grey" / TILESET, grey, ERROR_M)
     assert lacks == ("Orthophoto: there is none, so the surface is grey.",)

@@ -12,6 +12,7 @@ import numpy as np
 from photogram import __version__
 from photogram.arrays import FloatArray, IntArray
 
+_UNLIT = "KHR_materials_unlit"
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
@@ -28,6 +29,9 @@ class Material:
     """Whether it has the picture."""
     extras: Mapping[str, object] | None = None
     """What is said of it."""
+    unlit: bool = False
+    """Whether its colours are shown as they are, whatever the light (KHR_materials_unlit): those of a photograph have
+    light and shadow in them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,8 @@ def glb(
         "meshes": [{"name": "surface", "primitives": primitives}],
         "materials": [_material(part.material) for part in parts],
     }
+    if any(part.material.unlit for part in parts):
+        whole["extensionsUsed"] = [_UNLIT]
     if jpeg is not None:
         whole |= {
             "images": [{"bufferView": viewed(jpeg), "mimeType": "image/jpeg"}],
@@ -120,5 +126,6 @@ def _material(material: Material) -> dict[str, Any]:
     look |= (
         {"baseColorTexture": {"index": 0}} if material.textured else {"baseColorFactor": [material.grey] * 3 + [1.0]}
     )
-    said = {} if material.extras is None else {"extras": dict(material.extras)}
+    said: dict[str, Any] = {} if material.extras is None else {"extras": dict(material.extras)}
+    said |= {"extensions": {_UNLIT: {}}} if material.unlit else {}
     return {"name": material.name, "doubleSided": True, "pbrMetallicRoughness": look} | said

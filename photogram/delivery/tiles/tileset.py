@@ -7,7 +7,7 @@ root's transform leads from there to the geocentric coordinates of WGS 84.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -193,6 +193,7 @@ def _write_tile(work: _Work, tile: Tile) -> _Written | None:
     parts = draped(place_m - middle_m, uv, mesh.tin.triangle)
     if len(mesh.skirt_top):
         parts.append(_skirt(mesh, place_m - middle_m, uv))
+    parts = [replace(part, material=replace(part.material, unlit=part.material.textured)) for part in parts]
     shift = y_up(middle_m[None])[0]
     jpeg = None if picture is None else picture.jpeg
     write_whole(work.folder / tile.name, glb(parts, jpeg, {}, (float(shift[0]), float(shift[1]), float(shift[2]))))
