@@ -12,11 +12,11 @@ import trimesh
 from delivered import CELL, NORTH, WEST, handed_over, hill
 from rasterio.transform import from_origin
 
-from photogram.delivery.model.draped_mesh import STEEPEST_DEG
 from photogram.delivery.model.glb_model import write_model
 from photogram.delivery.survey_contents import SurveyContents
 from photogram.files.maps.rasters import write_raster
 from photogram.grid import MapGrid
+from photogram.report.view.drawn_surface import STEEPEST_DEG
 from photogram.survey import Raster
 
 ERROR_M = 0.05

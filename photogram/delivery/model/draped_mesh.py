@@ -15,10 +15,8 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.delivery.model.gltf import Material, Part
 from photogram.files.maps.rasters import picture_on_grid
 from photogram.grid import MapGrid
+from photogram.report.view.drawn_surface import STEEPEST_DEG
 from photogram.survey import Raster
-
-STEEPEST_DEG = 70.0
-"""Inclination beyond which a triangle is a wall."""
 
 _WALL_GREY, _PLAIN_GREY = 0.35, 0.6
 _JPEG_QUALITY = 85

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from photogram.delivery.land_xml import within
-from photogram.delivery.model.draped_mesh import STEEPEST_DEG, draped, picture_of, within_rim
+from photogram.delivery.model.draped_mesh import draped, picture_of, within_rim
 from photogram.delivery.model.gltf import glb
 from photogram.delivery.survey_contents import SurveyContents
 from photogram.delivery.thinned_tin import (
@@ -22,6 +22,7 @@ from photogram.files.atomic import write_whole
 from photogram.files.maps.rasters import pixel_m
 from photogram.geodesy.crs import NO_CRS, map_units
 from photogram.grid import MapGrid
+from photogram.report.view.drawn_surface import STEEPEST_DEG
 from photogram.wording import things
 
 MOST_VERTICES = 100_000

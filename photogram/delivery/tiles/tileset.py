@@ -19,7 +19,6 @@ from photogram.arrays import FloatArray
 from photogram.delivery.model.draped_mesh import (
     GROUND,
     PLAIN,
-    STEEPEST_DEG,
     draped,
     picture_of,
     within_rim,
@@ -41,6 +40,7 @@ from photogram.geodesy.frames import (
     topocentric_from_geodetic,
 )
 from photogram.grid import MapGrid
+from photogram.report.view.drawn_surface import STEEPEST_DEG
 from photogram.wording import things
 
 TILESET = "tileset.json"
