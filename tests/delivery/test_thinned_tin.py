@@ -8,9 +8,10 @@ from delivered import hill
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from photogram.delivery.thinned_tin import interval_of, reduced_raster, thinned_tin
+from photogram.delivery.thinned_tin import heights_of, interval_of, reduced_raster, thinned_tin
 from photogram.errors import SurfaceError
 from photogram.files.maps.rasters import write_raster
+from photogram.grid import MapGrid
 from photogram.survey import Raster
 
 
@@ -47,6 +48,26 @@ def test_vertices_are_cells_and_triangles_are_disjoint_and_counter_clockwise() -
     assert area.min() > 0.0
     assert area.sum() == pytest.approx(tin.cells * raster.cell_m**2, rel=0.02)
     assert set(np.unique(tin.triangle)) == set(range(len(tin.vertex_map_m)))
+
+
+def test_cells_that_are_fixed_are_vertices_and_heights_are_those_of_the_triangles() -> None:
+    raster = hill()
+    fixed = np.zeros(raster.values.shape, dtype=bool)
+    fixed[::7, 100] = fixed[:30, 10] = True  # the latter without heights, but for ten
+    tin = thinned_tin(raster, 0.5, fixed=fixed)
+    held = {tuple(np.round(place, 6)) for place in tin.vertex_map_m}
+    known = fixed & np.isfinite(raster.values)
+    wanted = {tuple(np.round(place, 6)) for place in cells(raster)[known[np.isfinite(raster.values)]]}
+    assert len(wanted) == np.count_nonzero(known) < np.count_nonzero(fixed)
+    assert wanted <= held
+    off = np.abs(heights_of(tin, MapGrid.of(raster)) - raster.values)
+    assert np.count_nonzero(np.isfinite(off)) == tin.covered
+    assert np.nanmax(off) == pytest.approx(tin.greatest_m, abs=1e-4)
+    twice = MapGrid(
+        raster.west_map_m + raster.cell_m / 4, raster.north_map_m - raster.cell_m / 4, raster.cell_m / 2, 399, 479
+    )
+    fine = heights_of(tin, twice)
+    np.testing.assert_allclose(fine[::2, ::2], heights_of(tin, MapGrid.of(raster)), atol=1e-3)
 
 
 def test_holes_stay_holes() -> None:

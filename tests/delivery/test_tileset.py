@@ -136,6 +136,25 @@ def test_vertices_are_cells_of_the_surface_on_the_globe(tmp_path: Path) -> None:
             assert not (column % stride).any()
 
 
+@pytest.mark.usefixtures("small_tiles")
+def test_ground_that_coarse_levels_miss_is_shown_by_finer_ones(tmp_path: Path) -> None:
+    """A tile without heights of its own has an error all the same, or nobody would look below it."""
+    survey, surface = survey_on(tmp_path), surface_on(WEST, NORTH, BASE)
+    patch = surface.values[97:102, 65:70].copy()
+    surface.values[:] = np.nan
+    surface.values[97:102, 65:70] = patch
+    write_surface(tmp_path, surface, CRS)
+    write_tileset(tmp_path / "tiles" / TILESET, survey, ERROR_M)
+    node, levels = json.loads((tmp_path / "tiles" / TILESET).read_text(encoding="utf-8"))["root"], []
+    while "children" in node:
+        (child,) = node["children"]
+        levels.append("content" in node)
+        assert child["geometricError"] < node["geometricError"]
+        node = child
+    assert levels == [False, False, True]
+    assert "content" in node
+
+
 def differences(tileset: dict[str, Any], tile: Opened, surface: Raster, stride: int) -> np.ndarray:
     """Return by how much the mesh of a tile lies above every ``stride``-th cell: triangle by triangle, by the plane
     through its corners."""

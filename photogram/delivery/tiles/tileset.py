@@ -52,8 +52,8 @@ MOST_PIXELS = 512
 """Along a side of a tile's picture."""
 
 ERROR_PIXELS = 16.0
-"""Pixels of its picture that a tile's error is at least: viewers refine what is off by more than 16 pixels of the
-screen, so a pixel of the picture is a pixel of the screen then."""
+"""Pixels of its picture, of MOST_PIXELS along its side, that the error of a tile with others below it is at least:
+viewers refine what is off by more than 16 pixels of the screen, so a pixel of the picture is one of the screen then."""
 
 _GLANCED_CELLS = 4_000_000
 _BASELINE_M = 1e5
@@ -163,7 +163,9 @@ def _written(work: _Work, tile: Tile) -> _Written | None:
         return None
     low_m = np.min([part.low_m for part in (*below, *([own] if own else []))], axis=0)
     high_m = np.max([part.high_m for part in (*below, *([own] if own else []))], axis=0)
-    error_m = max([own.error_m if own else 0.0, *(2.0 * part.error_m for part in below)])
+    side_m = work.tree.side * work.tree.stride(tile.level) * work.file.grid.cell_m
+    least_m = ERROR_PIXELS * side_m / MOST_PIXELS if below else 0.0  # without a mesh of its own, too
+    error_m = max([least_m, own.error_m if own else 0.0, *(2.0 * part.error_m for part in below)])
     half_m = np.maximum((high_m - low_m) / 2, 1e-3)
     axes = np.diag(half_m).reshape(-1)
     node: dict[str, Any] = {
@@ -199,12 +201,9 @@ def _write_tile(work: _Work, tile: Tile) -> _Written | None:
     write_whole(work.folder / tile.name, glb(parts, jpeg, {}, (float(shift[0]), float(shift[1]), float(shift[2]))))
     corners = np.vstack([part.position_m.astype(np.float32).astype(np.float64) for part in parts]) + shift
     corners = np.column_stack([corners[:, 0], -corners[:, 2], corners[:, 1]])
-    error_m = mesh.off_95_m
-    if picture is not None and tile.level < tree.depth:
-        error_m = max(error_m, ERROR_PIXELS * picture.grid.cell_m)
     said = {"off_95_m": round(mesh.off_95_m, 4), "greatest_m": round(mesh.greatest_m, 4)}
     node = {"content": {"uri": tile.name}, "extras": {"vertical": said}}
-    return _Written(node, corners.min(axis=0), corners.max(axis=0), error_m, 1)
+    return _Written(node, corners.min(axis=0), corners.max(axis=0), mesh.off_95_m, 1)
 
 
 def _skirt(mesh: TileMesh, place_m: FloatArray, uv: FloatArray | None) -> Part:
@@ -244,7 +243,7 @@ def _tileset(contents: SurveyContents, work: _Work, root: _Written) -> dict[str,
         "origin": {"latitude_deg": latitude, "longitude_deg": longitude, "ellipsoidal_height_m": height_m},
         "heights_declared": contents.height_system,
         "geometric_error": "m: vertical distance of 95 % of the next finer level's cells from a tile's mesh, at least "
-        f"{ERROR_PIXELS:g} pixels of its picture, and twice that of the tiles in it",
+        f"{ERROR_PIXELS:g} pixels of its picture where others are below it, and twice their error",
         "walls": f"triangles steeper than {STEEPEST_DEG:g}°, which the orthophoto does not see: grey, material walls",
         "skirts": "material skirts: closes gaps between levels of detail, no surface",
     }
