@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from photogram.delivery.names import FILES, Product
+from photogram.delivery.names import FILES, USUAL, Product
 from photogram.terminal.arguments import Photographs, ProjectFile
 from photogram.terminal.fast_checks import check_project_file
 
@@ -16,7 +16,7 @@ def deliver(
     project: ProjectFile,
     products: Annotated[
         list[Product] | None,
-        typer.Option("--to", help=f"{_FILES}; may be repeated; default: all.", show_default=False),
+        typer.Option("--to", help=f"{_FILES}; may be repeated; default: all but 3dtiles.", show_default=False),
     ] = None,
     output: Annotated[
         Path | None,
@@ -48,4 +48,4 @@ def deliver(
     check_project_file(project)
     from photogram.delivery.work import run
 
-    run(project, products or list(Product), output, tolerance_m, surface_error_m, photographs, package=package)
+    run(project, products or USUAL, output, tolerance_m, surface_error_m, photographs, package=package)

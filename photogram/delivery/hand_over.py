@@ -9,7 +9,7 @@ from photogram.delivery.drawing import write_drawing
 from photogram.delivery.google_earth import write_kmz
 from photogram.delivery.land_xml import write_land_xml
 from photogram.delivery.model.glb_model import write_model
-from photogram.delivery.names import FILES, Product
+from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE, input_record, write_package
 from photogram.delivery.qgis_project import write_project
 from photogram.delivery.shapefiles import write_shapefiles
@@ -53,7 +53,7 @@ class Delivered:
 
 def deliver(
     project: Path | str,
-    products: Sequence[str] = tuple(Product),
+    products: Sequence[str] = USUAL,
     output: Path | str | None = None,
     *,
     tolerance_m: float | None = None,
@@ -96,7 +96,7 @@ def deliver(
         if package and not is_up_to_date(run, "results"):
             raise ExchangeError(f"{survey.results}: is not complete: run photogram adjust first")
         contents, record = survey_contents(run), input_record(run) if package else None
-    if contents.crs == NO_CRS and Product.KMZ in chosen and len(chosen) < len(Product):
+    if contents.crs == NO_CRS and Product.KMZ in chosen and not set(USUAL) <= set(chosen):
         raise ExchangeError(f"{survey.path}: crs: none, {_NO_DEGREES}: give the CRS of the map, or other products")
     make_folder(folder)
     if Product.TILES in chosen:  # another surface may have fewer of them

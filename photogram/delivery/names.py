@@ -18,6 +18,9 @@ class Product(StrEnum):
     TILES = "3dtiles"
 
 
+USUAL = tuple(product for product in Product if product is not Product.TILES)
+"""Those that are made where nobody names any: tiles take minutes, and as much disk as the orthophoto."""
+
 FILES = {
     Product.DXF: ("survey.dxf",),
     Product.QGIS: ("survey.qgz", "ground_points.gpkg"),

@@ -22,7 +22,7 @@ from photogram import __version__
 from photogram.desk.desk import Desk, listing
 from photogram.desk.guard import Guard
 from photogram.desk.measurements import Kind
-from photogram.desk.survey_folder import Beginning, Table, product_files
+from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
 from photogram.errors import PhotogramError
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.wording import printable
@@ -133,7 +133,7 @@ class _Addresses:
             "version": __version__,
             "recent": desk.recent(),
             "survey": desk.survey.view() if desk.has_survey else None,
-            "products": product_files(),
+            "products": products_of_delivery(),
         }
 
     def _run(self, after: int) -> Mapping[str, object]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from typing_extensions import TypedDict
 
-from photogram.delivery.names import FILES, Product
+from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
@@ -71,6 +71,16 @@ class FolderView(TypedDict):
     has_points: bool
     problem: str
     """Why the project file, or the folder, cannot be read; empty where it can."""
+
+
+class DeliveryProduct(TypedDict):
+    """A product that can be handed over."""
+
+    name: str
+    file: str
+    """The one that is opened first."""
+    usual: bool
+    """Whether it is made where nobody names any."""
 
 
 class Headline(TypedDict):
@@ -292,9 +302,9 @@ def _use_of(name: str) -> Table:
     return "control" if name.startswith(("gcp", "control")) else "none"
 
 
-def product_files() -> dict[str, str]:
-    """Return the products that can be handed over, by name, with the file that is opened first."""
-    return {product.value: FILES[product][0] for product in Product}
+def products_of_delivery() -> list[DeliveryProduct]:
+    """Return the products that can be handed over."""
+    return [{"name": product.value, "file": FILES[product][0], "usual": product in USUAL} for product in Product]
 
 
 def _products(results: Path) -> list[ProductFile]:

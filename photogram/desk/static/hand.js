@@ -25,7 +25,7 @@ export async function show(state) {
     element("button", { type: "submit" }, "Keep, and renew the report"));
   $("missing").textContent = results.missing.length ? `A report that is signed still lacks ${results.missing.join("; ")}.` : "";
   if (!$("products").querySelector("input")) {
-    $("products").append(...Object.entries(state.products).map(([name, file]) => element("label", {}, element("input", { type: "checkbox", value: name, checked: true }), PRODUCTS[name] ?? name, element("small", {}, ` ${file}`))));
+    $("products").append(...state.products.map(({ name, file, usual }) => element("label", {}, element("input", { type: "checkbox", value: name, checked: usual }), PRODUCTS[name] ?? name, element("small", {}, ` ${file}`))));
   }
   $("package").hidden = !results.package;
   if (results.package) $("package").href = resultAddress(results.package);
