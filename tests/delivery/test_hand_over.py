@@ -20,7 +20,7 @@ Photogram = Callable[..., Any]
 
 def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> None:
     results = adjusted_survey / "results"
-    first = deliver(adjusted_survey)
+    first = deliver(adjusted_survey, tuple(Product))
     folder = results / "deliverables"
     assert [delivered.path for delivered in first] == [folder / FILES[product][0] for product in Product]
     record = read_record(results)
@@ -28,9 +28,9 @@ def test_products_are_recorded_and_changed_ones_kept(adjusted_survey: Path) -> N
         checksum = hashlib.sha256(delivered.path.read_bytes()).hexdigest()
         assert record[delivered.path.relative_to(results).as_posix()] == checksum
     assert "deliverables/dsm.tif" in record, "what a run has recorded stays recorded"
-    again = deliver(adjusted_survey)
+    usual = deliver(adjusted_survey)
     assert read_record(results) == record, "the same survey gives the same bytes"
-    assert again == first
+    assert usual == tuple(d for d in first if d.path.name != FILES[Product.TILES][0].rpartition("/")[2])
     own = folder / FILES[Product.DXF][0]
     own.write_text("edited\n")
     with pytest.raises(ExchangeError, match="was changed since photogram wrote it"):
