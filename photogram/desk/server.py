@@ -22,6 +22,7 @@ from photogram import __version__
 from photogram.desk.desk import Desk, listing
 from photogram.desk.guard import Guard
 from photogram.desk.measurements import Kind
+from photogram.desk.run_settings import Choice, RunSettings, Terrain
 from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
 from photogram.errors import PhotogramError
 from photogram.geodesy.height_systems import HeightSystem
@@ -56,6 +57,23 @@ class _Begin(_Asked):
 class _Accuracy(_Asked):
     name: str
     sigma_m: list[float] = Field(min_length=3, max_length=3)
+
+
+class _Settings(_Asked):
+    choice: Choice
+    orthophoto: bool
+    terrain: Terrain
+    cell_m: float | None
+    interval_m: float | None
+
+    def wanted(self) -> RunSettings:
+        return {
+            "choice": self.choice,
+            "orthophoto": self.orthophoto,
+            "terrain": self.terrain,
+            "cell_m": self.cell_m,
+            "interval_m": self.interval_m,
+        }
 
 
 class _Texts(_Asked):
@@ -100,7 +118,7 @@ class _Addresses:
             _got("state", lambda _: self._state()),
             _got("folders", lambda query: listing(Path(query.get("path") or Path.home()))),
             _got("overview", lambda _: desk.survey.overview()),
-            _got("prediction", lambda _: desk.survey.prediction()),
+            _got("settings", lambda _: desk.survey.settings()),
             _got("results", lambda _: desk.survey.results()),
             _got("layers", lambda _: desk.survey.layers()),
             _got("run", lambda query: self._run(int(query.get("after", "0")))),
@@ -108,6 +126,7 @@ class _Addresses:
             _posted("close", _Nothing, lambda _: desk.close()),
             _posted("begin", _Begin, lambda asked: desk.survey.begin(Beginning(**asked.model_dump()))),
             _posted("accuracy", _Accuracy, lambda asked: desk.survey.state_accuracy(asked.name, asked.sigma_m)),
+            _posted("settings", _Settings, lambda asked: desk.survey.choose(asked.wanted())),
             _posted("texts", _Texts, lambda asked: desk.survey.say(asked.texts)),
             _posted("start", _Nothing, lambda _: self._start()),
             _posted("pause", _Nothing, lambda _: desk.survey.runs().pause()),

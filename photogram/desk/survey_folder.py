@@ -13,7 +13,8 @@ from photogram.delivery.package import PACKAGE
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
-from photogram.desk.overview import ASSUMED, Overview, Prediction, overview, prediction
+from photogram.desk.overview import ASSUMED, Overview, overview
+from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.geodesy.height_systems import HeightSystem
@@ -81,6 +82,13 @@ class DeliveryProduct(TypedDict):
     """The one that is opened first."""
     usual: bool
     """Whether it is made where nobody names any."""
+
+
+class SettingsView(TypedDict):
+    """What a run makes, and what each choice is predicted to take."""
+
+    settings: RunSettings
+    choices: list[ChoiceView]
 
 
 class Headline(TypedDict):
@@ -207,9 +215,14 @@ class SurveyFolder:
                 self._overview = key, overview(self.project())
             return self._overview[1]
 
-    def prediction(self) -> Prediction:
-        """Return what is predicted of the work that is not done yet."""
-        return prediction(self.project())
+    def settings(self) -> SettingsView:
+        """Return what a run makes, and what each choice is predicted to take."""
+        project = self.project()
+        return {"settings": settings_of(project), "choices": choices(project)}
+
+    def choose(self, wanted: RunSettings) -> None:
+        """Choose what a run makes. Raises as ``write_settings``."""
+        write_settings(self.project_path, wanted)
 
     def state_accuracy(self, name: str, sigma_m: Sequence[float]) -> None:
         """State a figure that was assumed (``ASSUMED``): standard deviations of easting, northing and height. Raises

@@ -174,7 +174,9 @@ def test_the_survey_is_told_as_it_lies_on_the_disk(server: DeskServer, folder: P
     report = json.loads(result_path(folder / "results", "report.json").read_text())
     assert results["headline"]["sentence"] == report["verdict"]["sentence"]
     assert "deliverables/dsm.tif" in [product["file"] for product in results["products"]]
-    assert told(asked(server, "api/prediction"))["stages"] == []
+    chosen = told(asked(server, "api/settings"))
+    now = {view["choice"]: view["prediction"]["stages"] for view in chosen["choices"]}[chosen["settings"]["choice"]]
+    assert now == []
     assert told(asked(server, "api/run"))["state"] == "none"
 
 
@@ -186,6 +188,25 @@ def test_what_is_said_of_the_report_stands_in_the_project(server: DeskServer, fo
     assert posted(server, "texts", {"texts": {"crs": "EPSG:4326"}})[0] == 400
     assert posted(server, "texts", {"texts": {"name": "two\nlines"}})[0] == 400
     assert (folder / "project.yaml").read_text() == before
+
+
+def test_what_a_run_makes_is_chosen_and_taken_back(server: DeskServer, folder: Path) -> None:
+    before = (folder / "project.yaml").read_text()
+    settings = told(asked(server, "api/settings"))["settings"]
+    wanted = {"choice": "quick", "orthophoto": False, "terrain": "no", "cell_m": 0.5, "interval_m": 2.0}
+    told(posted(server, "settings", wanted))
+    chosen = told(asked(server, "api/settings"))
+    assert chosen["settings"] == wanted
+    stages = {view["choice"]: view["prediction"]["stages"] for view in chosen["choices"]}
+    assert "surface" in stages["quick"]
+    assert "dense" in stages["full"]
+    for wrong in ({"cell_m": -1.0}, {"choice": "best"}, {"terrain": None}, {"interval_m": 1e5}):
+        assert posted(server, "settings", {**wanted, **wrong})[0] == 400
+    assert told(asked(server, "api/settings"))["settings"] == wanted
+    told(posted(server, "settings", settings))
+    again = told(asked(server, "api/settings"))
+    assert again["settings"] == settings
+    assert (folder / "project.yaml").read_text().splitlines()[0] == before.splitlines()[0]
 
 
 def test_what_was_assumed_can_be_stated(server: DeskServer, folder: Path) -> None:

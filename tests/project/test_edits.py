@@ -52,6 +52,17 @@ def test_a_value_is_taken_out_with_its_line() -> None:
     changed = with_value(TEXT, ("gnss", "offset_sigma_m"), None, PATH)
     assert changed == TEXT.replace("  offset_sigma_m: [1, 2, 3] # plan, plan, height\n", "")
     assert with_value(TEXT, ("heights", "output"), None, PATH) == TEXT
+    assert with_value(TEXT, ("gnss", "lever"), None, PATH) == TEXT
+
+
+def test_an_empty_block_goes_with_its_last_value() -> None:
+    changed = with_value(TEXT, ("dense", "enabled"), False, PATH)
+    assert changed.endswith("dense:\n  enabled: false\n")
+    assert with_value(changed, ("dense", "enabled"), None, PATH) == TEXT
+    flow = TEXT + "orthophoto: {enabled: false} # none\n"
+    assert with_value(flow, ("orthophoto", "enabled"), None, PATH) == TEXT
+    assert "report: {author: B} #" in with_value(TEXT, ("report", "name"), None, PATH)
+    assert "report: {name: Old} #" in with_value(TEXT, ("report", "author"), None, PATH)
 
 
 @given(st.text(st.characters(blacklist_categories=("Cs", "Cc", "Zl", "Zp", "Cf", "Cn", "Co", "Zs")), min_size=1))

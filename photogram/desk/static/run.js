@@ -9,7 +9,8 @@ const TITLES = {
   orientation: "Orientation", transfer: "Tie points between", intersection: "Linear intersection", comparison: "Comparison", adjustment: "Joint adjustment", dense: "Dense matching",
   surface: "Surface", volumes: "Volumes", relief: "Terrain and contours", orthophoto: "Orthophoto", results: "Results",
 };
-let began = null, next = 0, told = null, predicted = null;
+const CHOICES = { full: ["All", "surface cell by cell, orthophoto, terrain"], quick: ["Quick look", "key points at half size, a surface between tie points"], own: ["As project.yaml says", "neither of the two"] };
+let began = null, next = 0, told = null, chosen = null;
 let stages = new Map(), warnings = [], last = null;
 
 export const secondsLeft = () => (told?.state === "running" ? last?.seconds_left ?? null : null);
@@ -40,12 +41,24 @@ function take(event) {
 
 export async function show() {
   await ask();
-  predicted = null;
+  chosen = null;
   draw();
   if (told.state !== "running" && told.state !== "paused") {
-    predicted = await get("prediction");
+    chosen = await get("settings");
+    offer();
     draw();
   }
+}
+
+// What can be chosen, with the time that each choice is predicted to take.
+function offer() {
+  const { settings, choices } = chosen, form = $("settings");
+  fill($("choices"), element("legend", {}, "What is made"), ...choices.map(({ choice, prediction }) => element("label", {},
+    element("input", { type: "radio", name: "choice", value: choice, checked: choice === settings.choice }), CHOICES[choice][0],
+    element("small", {}, ` ${CHOICES[choice][1]}; ${prediction.stages.length ? `${duration(prediction.seconds)} from here` : "up to date"}`))));
+  for (const name of ["cell_m", "interval_m"]) form.elements[name].value = settings[name] ?? "";
+  form.elements.terrain.value = settings.terrain;
+  form.elements.orthophoto.value = settings.orthophoto ? "yes" : "no";
 }
 
 export function draw() {
@@ -61,6 +74,8 @@ export function draw() {
     none: null, running: left ? `${duration(left)} left` : "Under way", paused: "Paused: it takes no processor time, and keeps its memory",
     done: "Finished", failed: "Failed", stopped: "Stopped: what is finished is kept",
   }[state];
+  $("settings").hidden = busy || !chosen;
+  const predicted = chosen?.choices.find(({ choice }) => choice === chosen.settings.choice).prediction;
   const ahead = busy || !predicted ? null : predicted.stages.length ? `Predicted: ${duration(predicted.seconds)}, up to ${(predicted.memory_bytes / 1e9).toFixed(1)} GB of memory` : "Everything is up to date";
   $("run-words").textContent = [words, ahead].filter(Boolean).map(part => `${part}.`).join(" ");
   fill($("stages"), ...(own ? [...stages].map(([name, stage]) => row(name, stage)) : []));
@@ -86,6 +101,19 @@ const act = name => guarded(async () => {
   await renew();
   await show();
 });
+const length = field => (field.value === "" ? null : Number(field.value));
+$("settings").addEventListener("submit", event => event.preventDefault());
+$("settings").addEventListener("change", guarded(async () => {
+  const fields = $("settings").elements;
+  try {
+    await post("settings", {
+      choice: fields.choice.value, orthophoto: fields.orthophoto.value === "yes", terrain: fields.terrain.value,
+      cell_m: length(fields.cell_m), interval_m: length(fields.interval_m),
+    });
+  } finally {
+    await show();
+  }
+}));
 $("run-start").addEventListener("click", act("start"));
 $("run-pause").addEventListener("click", act("pause"));
 $("run-resume").addEventListener("click", act("resume"));

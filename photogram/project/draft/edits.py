@@ -25,11 +25,9 @@ def write_value(path: Path, key: Sequence[str], value: Scalar | Sequence[float] 
 
 
 def with_value(text: str, key: Sequence[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
-    """Return the text of a project file with a value set, or taken out where it is None. Raises ProjectError as
-    ``write_value``; ``path`` stands in the message."""
-    if value is None and _entry(compose_text(text, path), key[0]) is None:
-        return text
-    changed = _changed(text, list(key), value, path)
+    """Return the text of a project file with a value set, or taken out where it is None, with blocks that are empty
+    then. Raises ProjectError as ``write_value``; ``path`` stands in the message."""
+    changed = _without(text, key, path) if value is None else _changed(text, list(key), value, path)
     expected = _values(text, path)
     _set(expected, list(key), list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value)
     if _values(changed, path) != expected:
@@ -37,7 +35,37 @@ def with_value(text: str, key: Sequence[str], value: Scalar | Sequence[float] | 
     return changed
 
 
-def _changed(text: str, key: list[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
+def _without(text: str, key: Sequence[str], path: Path) -> str:
+    """Return the text without an entry, and without the blocks that hold nothing else."""
+    node, chain = compose_text(text, path), list[tuple[yaml.MappingNode, int]]()
+    for name in key:
+        entry = _entry(node, name)
+        if entry is None or not isinstance(node, yaml.MappingNode):
+            return text
+        chain.append((node, next(n for n, (k, _) in enumerate(node.value) if k is entry[0])))
+        node = entry[1]
+    while len(chain) > 1 and len(chain[-1][0].value) == 1:
+        chain.pop()
+    block, number = chain[-1]
+    name, value = block.value[number]
+    if not block.flow_style:
+        start = text.rfind("\n", 0, name.start_mark.index) + 1
+        end = text.find("\n", _end(value))
+        return text[:start] + ("" if end < 0 else text[end + 1 :])
+    if number:
+        return text[: block.value[number - 1][1].end_mark.index] + text[value.end_mark.index :]
+    return text[: name.start_mark.index] + text[block.value[1][0].start_mark.index :]
+
+
+def _end(node: yaml.Node) -> int:
+    """Return where a value ends: a block of lines at the end of its last value, before comments that follow."""
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        return _end(last[1] if isinstance(last, tuple) else last)
+    return int(node.end_mark.index)
+
+
+def _changed(text: str, key: list[str], value: Scalar | Sequence[float], path: Path) -> str:
     node: yaml.Node | None = compose_text(text, path)
     for depth, name in enumerate(key):
         if node is None or (isinstance(node, yaml.ScalarNode) and node.value == "" and depth):
@@ -47,9 +75,9 @@ def _changed(text: str, key: list[str], value: Scalar | Sequence[float] | None, 
         entry = _entry(node, name)
         if entry is None:
             return _inserted(text, node, key[depth:], value)
-        found, node = entry
+        node = entry[1]
         if depth == len(key) - 1:
-            return _replaced(text, found, node, value)
+            return _replaced(text, node, value)
     return _inserted(text, compose_text(text, path), key, value)
 
 
@@ -66,16 +94,20 @@ def _entry(node: yaml.Node | None, name: str) -> tuple[yaml.Node, yaml.Node] | N
 
 
 def _set(block: dict[str, object], key: list[str], value: object) -> None:
-    for name in key[:-1]:
-        inner = block.get(name)
-        if not isinstance(inner, dict):
-            inner = {}
-        block[name] = dict(inner)
-        block = block[name]  # type: ignore[assignment]
-    if value is None:
-        block.pop(key[-1], None)
-    else:
-        block[key[-1]] = value
+    name, *rest = key
+    if not rest and value is not None:
+        block[name] = value
+    elif not rest:
+        block.pop(name, None)
+    elif value is not None or isinstance(block.get(name), dict):
+        held = block.get(name)
+        inner: dict[str, object] = dict(held) if isinstance(held, dict) else {}
+        before = len(inner)
+        _set(inner, rest, value)
+        if inner or not before:
+            block[name] = inner
+        else:
+            del block[name]
 
 
 def _written(value: Scalar | Sequence[float]) -> str:
@@ -84,21 +116,15 @@ def _written(value: Scalar | Sequence[float]) -> str:
     return json.dumps(plain, ensure_ascii=not str(value).isprintable())
 
 
-def _replaced(text: str, name: yaml.Node, node: yaml.Node, value: Scalar | Sequence[float] | None) -> str:
-    """Return the text with the value of an entry replaced, or with its lines taken out."""
-    if value is not None:
-        start, end = node.start_mark.index, node.end_mark.index
-        gap = "" if text[start - 1 : start].isspace() else " "
-        return text[:start] + gap + _written(value) + text[end:]
-    start = text.rfind("\n", 0, name.start_mark.index) + 1
-    end = text.find("\n", node.end_mark.index)
-    return text[:start] + ("" if end < 0 else text[end + 1 :])
+def _replaced(text: str, node: yaml.Node, value: Scalar | Sequence[float]) -> str:
+    """Return the text with a value replaced."""
+    start, end = node.start_mark.index, node.end_mark.index
+    gap = "" if text[start - 1 : start].isspace() else " "
+    return text[:start] + gap + _written(value) + text[end:]
 
 
-def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Scalar | Sequence[float] | None) -> str:
+def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Scalar | Sequence[float]) -> str:
     """Return the text with an entry, and the blocks above it that are missing, at the end of a block."""
-    if value is None:
-        return text
     if isinstance(node, yaml.MappingNode) and node.flow_style and node.value:
         end = node.value[-1][1].end_mark.index
         inner = _written(value)
@@ -111,7 +137,5 @@ def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Scalar |
     added = "\n".join(lines) + "\n"
     if not isinstance(node, yaml.MappingNode) or not node.value or indent == 0:
         return text + ("" if text.endswith("\n") or not text else "\n") + added
-    last = node.value[-1][1].end_mark.index
-    before = text[:last].rstrip()
-    end = text.find("\n", len(before))
+    end = text.find("\n", _end(node))
     return f"{text}\n{added}" if end < 0 else text[: end + 1] + added + text[end + 1 :]
