@@ -15,6 +15,7 @@ import shapely
 from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
+from photogram.desk.plan_errors import PlanErrors, area_gradient, length_gradient, plan_errors
 from photogram.errors import SettingError, SurfaceError
 from photogram.files.maps.polygon_files import SitePolygon
 from photogram.grid import Window
@@ -74,7 +75,7 @@ def measure(results: Path, kind: Kind, corners_map_m: Sequence[Sequence[float]])
     if not least <= len(corners) <= MOST_CORNERS or not np.isfinite(corners).all():
         raise SettingError("corners", f"{kind}: needs {least} to {MOST_CORNERS} places, found {len(corners)}")
     difference = over_level(open_surface(results, None, None))
-    figures, profile, note = _MEASURES[kind](difference, corners)
+    figures, profile, note = _MEASURES[kind](difference, corners, plan_errors(results, corners))
     return {"kind": kind, "corners_map_m": corners.tolist(), "figures": figures, "profile": profile, "note": note}
 
 
@@ -127,7 +128,11 @@ def _figure(name: str, value: float, sigma: float | None, unit: str) -> Figure:
     return {"name": name, "value": known[0], "sigma": known[1], "unit": unit}
 
 
-def _height(difference: Difference, corners: FloatArray) -> _Outcome:
+def _in_plan(name: str, value: float, gradient: FloatArray, errors: PlanErrors | None, unit: str) -> Figure:
+    return _figure(name, value, None if errors is None else errors.sigma(gradient), unit)
+
+
+def _height(difference: Difference, corners: FloatArray, _: PlanErrors | None) -> _Outcome:
     heights = _Heights(difference, corners[:1])
     if np.isnan(heights.height_m[0]):
         raise SurfaceError("the surface has no measured height there: choose a place beside it")
@@ -142,10 +147,10 @@ def _height(difference: Difference, corners: FloatArray) -> _Outcome:
     )
 
 
-def _distance(difference: Difference, corners: FloatArray) -> _Outcome:
+def _distance(difference: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
     heights = _Heights(difference, corners)
     plan = np.hypot(*np.diff(corners, axis=0).T)
-    figures = [_figure("length in plan", float(plan.sum()), None, "m")]
+    figures = [_in_plan("length in plan", float(plan.sum()), length_gradient(corners), errors, "m")]
     if np.isnan(heights.height_m).any():
         return figures, [], "No measured height at one of the places: no slope distance."
     step = float(heights.height_m[-1] - heights.height_m[0])
@@ -161,7 +166,7 @@ def _distance(difference: Difference, corners: FloatArray) -> _Outcome:
     )
 
 
-def _profile(difference: Difference, corners: FloatArray) -> _Outcome:
+def _profile(difference: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
     length = np.concatenate([[0.0], np.hypot(*np.diff(corners, axis=0).T).cumsum()])
     count = int(np.clip(np.ceil(length[-1] / difference.grid.cell_m), 1, MOST_SAMPLES - 1)) + 1
     along = np.linspace(0.0, length[-1], count)
@@ -180,7 +185,7 @@ def _profile(difference: Difference, corners: FloatArray) -> _Outcome:
     ]
     low, high = (int(known[k]) for k in (np.argmin(heights.height_m[known]), np.argmax(heights.height_m[known])))
     figures = [
-        _figure("length in plan", float(length[-1]), None, "m"),
+        _in_plan("length in plan", float(length[-1]), length_gradient(corners), errors, "m"),
         _figure("lowest", heights.height_m[low], heights.sigma_m[low], "m"),
         _figure("highest", heights.height_m[high], heights.sigma_m[high], "m"),
         _figure(
@@ -198,34 +203,30 @@ def _polygon(corners: FloatArray) -> shapely.Polygon:
     return polygon
 
 
-def _area(_: Difference, corners: FloatArray) -> _Outcome:
-    polygon = _polygon(corners)
-    return (
-        [
-            _figure("area in plan", polygon.area, None, "m²"),
-            _figure("perimeter in plan", polygon.length, None, "m"),
-        ],
-        [],
-        "In the plan of the map grid. How exactly the corners were clicked is not in it.",
-    )
+def _area(_: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
+    polygon, around = _polygon(corners), length_gradient(np.vstack([corners, corners[:1]]))
+    perimeter = around[:-1]
+    perimeter[0] += around[-1]
+    figures = [
+        _in_plan("area in plan", polygon.area, area_gradient(corners), errors, "m²"),
+        _in_plan("perimeter in plan", polygon.length, perimeter, errors, "m"),
+    ]
+    return figures, [], "In the plane of the map grid. How exactly the corners were clicked is not in it."
 
 
-def _volume(difference: Difference, corners: FloatArray) -> _Outcome:
+def _volume(difference: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
     based = over_rim(difference, SitePolygon("volume", _polygon(corners)))
     volume = measured_volumes(difference, [based])[0].volume()
     if not volume.measured_m2 + volume.interpolated_m2 > 0.0:
         raise SurfaceError("the surface has no height in the outline: draw it over the surface")
-    return (
-        [
-            _figure("volume", volume.net_m3, volume.net_sigma_m3, "m³"),
-            _figure("fill", volume.fill_m3, volume.fill_sigma_m3, "m³"),
-            _figure("cut", volume.cut_m3, volume.cut_sigma_m3, "m³"),
-            _figure("area in plan", volume.area_m2, None, "m²"),
-            _figure("of it measured", volume.measured_m2, None, "m²"),
-        ],
-        [],
-        "Over the plane through the ground around the outline.",
-    )
+    figures = [
+        _figure("volume", volume.net_m3, volume.net_sigma_m3, "m³"),
+        _figure("fill", volume.fill_m3, volume.fill_sigma_m3, "m³"),
+        _figure("cut", volume.cut_m3, volume.cut_sigma_m3, "m³"),
+        _in_plan("area in plan", volume.area_m2, area_gradient(corners), errors, "m²"),
+        _figure("of it measured", volume.measured_m2, None, "m²"),
+    ]
+    return figures, [], "Over the plane through the ground around the outline."
 
 
 _MEASURES = {"height": _height, "distance": _distance, "profile": _profile, "area": _area, "volume": _volume}

@@ -11,6 +11,7 @@ import shapely
 import photogram as pg
 from photogram.desk.kept_measurements import FILE, KeptMeasurements
 from photogram.desk.measurements import Kind, Measurement, measure
+from photogram.desk.plan_errors import PlanErrors, area_gradient, length_gradient
 from photogram.errors import PhotogramError, SettingError
 from photogram.files.maps.measurement_files import StoredMeasurement, write_measurements
 from photogram.files.maps.rasters import read_raster
@@ -77,6 +78,46 @@ def test_a_profile_has_the_heights_of_its_cells(results: Path) -> None:
             alone = figures(measure(results, "height", [place.tolist()]))["height"]
             assert sample["height_m"] == pytest.approx(alone[0], abs=1e-9)
             assert sample["sigma_m"] == pytest.approx(alone[1])
+
+
+def test_gradients_are_those_of_small_steps() -> None:
+    rng = np.random.default_rng(1)
+    corners = np.array([[0.0, 0.0], [9.0, 1.0], [8.0, 7.0], [1.0, 6.0]]) + rng.normal(0, 0.3, (4, 2))
+    for outline in (corners, corners[::-1]):
+        for shape, gradient in (
+            (shapely.Polygon, area_gradient(outline)),
+            (shapely.LineString, length_gradient(outline)),
+        ):
+            for n, axis in np.ndindex(outline.shape):
+                step = np.zeros_like(outline)
+                step[n, axis] = 1e-5
+                both = [shape(outline + sign * step) for sign in (1.0, -1.0)]
+                values = [one.area or one.length for one in both]
+                assert gradient[n, axis] == pytest.approx((values[0] - values[1]) / 2e-5, abs=1e-6)
+
+
+def test_lengths_lose_what_all_places_share() -> None:
+    """Errors drawn as they are said to be: common shift and scale, and of each corner by itself."""
+    rng = np.random.default_rng(2)
+    corners = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 40.0]])
+    factor = np.concatenate([np.tile(5.0 * np.eye(2), (3, 1, 1)), 1e-3 * corners[:, :, None]], axis=2)
+    errors = PlanErrors(factor, np.array([0.01, 0.02, 0.03]))
+    drawn = rng.normal(size=(20_000, 3))
+    moved = corners + np.einsum("nar,sr->sna", factor, drawn) + errors.own_m[:, None] * rng.normal(size=(20_000, 3, 2))
+    lengths = np.linalg.norm(np.diff(moved, axis=1), axis=2).sum(axis=1)
+    assert errors.sigma(length_gradient(corners)) == pytest.approx(lengths.std(), rel=0.02)
+    assert lengths.std() < 0.1, "the common shift of 5 m is in no length"
+
+
+def test_lengths_and_areas_of_a_survey_have_standard_deviations(results: Path) -> None:
+    measured = figures(measure(results, "area", square(results).tolist()))
+    area, sigma = measured["area in plan"]
+    assert area == pytest.approx(144.0)
+    assert sigma is not None
+    assert 0.0 < sigma < 2.0
+    perimeter = measured["perimeter in plan"][1]
+    assert perimeter is not None
+    assert 0.0 < perimeter < 0.5
 
 
 def test_a_volume_is_that_of_the_comparison(results: Path, tmp_path: Path) -> None:

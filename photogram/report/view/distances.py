@@ -45,14 +45,11 @@ def error_grid(
     What points of the cloud scatter by themselves is that of tie points where the cloud tells sigmas ``in_plan``, else
     that of the dense surface.
     """
-    errors = report["diagnosis"]["ground_errors"]
-    if not errors or not errors["position_map_m"]:
-        return None
-    places = np.array(errors["position_map_m"])[:, :2] - origin_map_m[:2]
-    values = np.concatenate([np.array(errors["sigma_m"])[:, :, None], np.array(errors["factor_m"])], axis=2)
     east, north = (np.linspace(low_m[k], max(high_m[k], low_m[k] + 1e-3), NODES) for k in (0, 1))
     nodes = np.stack(np.meshgrid(east, north), axis=-1).reshape(-1, 2)
-    on_grid = _interpolated(places, values.reshape(len(places), -1), nodes).reshape(len(nodes), 3, -1)
+    on_grid = ground_errors_at(report, nodes + origin_map_m[:2])
+    if on_grid is None:
+        return None
     return {
         "low_m": [float(east[0]), float(north[0])],
         "step_m": [float(east[1] - east[0]), float(north[1] - north[0])],
@@ -62,6 +59,20 @@ def error_grid(
         "factor_m": np.round(on_grid[:, :, 1:], _DIGITS).tolist(),
         "own_m": _own_m(report, in_plan),
     }
+
+
+def ground_errors_at(report: Report, place_map_m: FloatArray) -> FloatArray | None:
+    """Return of places (N, 2) in the map the standard deviations along easting, northing and height of the ground
+    without what its points scatter by themselves, and the factors of differences behind them (N, 3, 1 + R); None where
+    nothing is known."""
+    errors = report["diagnosis"]["ground_errors"]
+    if not errors or not errors["position_map_m"]:
+        return None
+    places = np.array(errors["position_map_m"])[:, :2]
+    values = np.concatenate([np.array(errors["sigma_m"])[:, :, None], np.array(errors["factor_m"])], axis=2)
+    middle = places.mean(axis=0)
+    found = _interpolated(places - middle, values.reshape(len(places), -1), place_map_m - middle)
+    return found.reshape(len(place_map_m), 3, -1)
 
 
 def _own_m(report: Report, in_plan: bool) -> list[float | None]:
