@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from typing_extensions import TypedDict
 
+from photogram import __version__
 from photogram.desk.measurements import KINDS, OUTLINES, Kind, Measurement, measure
 from photogram.errors import PhotogramError, ProjectError, SettingError
 from photogram.files.maps.measurement_files import StoredMeasurement, read_measurements, write_measurements
@@ -101,12 +102,12 @@ class KeptMeasurements:
             raise SettingError("number", f"there is no measurement {number + 1}: another page has removed it")
 
     def _mark(self) -> str:
-        """Return what tells one surface from another."""
+        """Return what tells one surface, and how it is measured on, from another."""
         path = result_path(self.results, SURFACE)
         if not path.is_file():
             raise ProjectError("there is no surface to measure on: run the survey first")
         status = path.stat()
-        return f"{status.st_size} {status.st_mtime_ns}"
+        return f"{__version__} {status.st_size} {status.st_mtime_ns}"
 
     def _measured(self, name: str, kind: Kind, corners: list[list[float]]) -> KeptMeasurement:
         try:

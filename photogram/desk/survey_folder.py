@@ -66,6 +66,8 @@ class FolderView(TypedDict):
     name: str
     photographs: int
     """In the folder of the photographs; 0 where there are none."""
+    in_folders: bool
+    """Whether they lie in folders within it."""
     photographs_folder: str
     tables: list[TableFile]
     has_project: bool
@@ -155,19 +157,21 @@ class SurveyFolder:
     def view(self) -> FolderView:
         """Return what lies in the folder."""
         has_project, problem, points, count, pictures = self.project_path.is_file(), "", False, 0, self.photographs
+        in_folders = False
         try:
             if has_project:
                 project = self.project()
                 points, count = bool(project.control_points), len(project.photographs)
                 pictures = project.photographs[0].path.parent
             else:
-                count = len(look_into(pictures, recursive=True).names)
+                count, in_folders = _photographs_in(pictures)
         except (ProjectError, ImageError) as error:
             problem = str(error)
         return {
             "folder": str(self.folder),
             "name": self.folder.name,
             "photographs": count,
+            "in_folders": in_folders,
             "photographs_folder": str(pictures),
             "tables": [] if has_project else self._tables(),
             "has_project": has_project,
@@ -306,6 +310,15 @@ class SurveyFolder:
                 raise SettingError("products", f"{name!r}: the products are {', '.join(known)}")
         asked = [word for name in products for word in ("--to", name)]
         self.runs().start("deliver", ["deliver", str(self.project_path), "--zip", *asked])
+
+
+def _photographs_in(folder: Path) -> tuple[int, bool]:
+    """Return how many photographs lie in a folder or, where it has none, in those within, and whether they lie there.
+    Raises ImageError where there are none at all."""
+    try:
+        return len(look_into(folder, recursive=False).names), False
+    except ImageError:
+        return len(look_into(folder, recursive=True).names), True
 
 
 def _use_of(name: str) -> Table:

@@ -17,6 +17,7 @@ pytest.importorskip("starlette", reason="starlette is not installed")
 from photogram.desk.desk import Desk, listing
 from photogram.desk.guard import MOST_BODY_BYTES
 from photogram.desk.server import DeskServer
+from photogram.desk.survey_folder import SurveyFolder
 from photogram.errors import WorkspaceError
 from photogram.result_files import result_path
 
@@ -223,6 +224,16 @@ def test_folders_are_listed_with_what_they_hold(folder: Path, tmp_path: Path) ->
     assert photographs["photographs"] > 3
     with pytest.raises(WorkspaceError, match="cannot be read"):
         listing(tmp_path / "missing")
+
+
+def test_photographs_in_folders_within_are_taken_where_there_are_no_others(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "photographs", tmp_path / "site" / "flight_1")
+    view = SurveyFolder(tmp_path / "site").view()
+    assert (view["in_folders"], view["has_project"], view["problem"]) == (True, False, "")
+    within = SurveyFolder(tmp_path / "site" / "flight_1").view()
+    assert (within["in_folders"], within["photographs"]) == (False, view["photographs"])
+    (tmp_path / "empty").mkdir()
+    assert "no photographs" in SurveyFolder(tmp_path / "empty").view()["problem"]
 
 
 def test_without_a_survey_everything_says_so(tmp_path: Path) -> None:

@@ -62,13 +62,13 @@ function beginning(survey) {
       .map(select => [select.dataset.file, select.value]).filter(([, use]) => use !== "none"));
     const said = Object.fromEntries([...new FormData(more)].map(([name, value]) => [name, value.trim()]).filter(([, value]) => value));
     if ("focal_px" in said) said.focal_px = Number(said.focal_px.replace(",", "."));
-    await post("begin", { tables, ...said });
+    await post("begin", { tables, recursive: survey.in_folders, ...said });
     await renew();
     await go("map");
     await showStep();
   });
   return [
-    element("p", {}, `${plural(survey.photographs, "photograph")} in ${survey.photographs_folder}, no project yet.`),
+    element("p", {}, `${plural(survey.photographs, "photograph")} in ${survey.photographs_folder}${survey.in_folders ? " and folders within" : ""}, no project yet.`),
     rows.length ? element("h3", {}, "Tables beside them") : null,
     rows.length ? element("table", {}, element("tbody", {}, ...rows)) : null,
     element("details", {}, element("summary", {}, "What the photographs do not say"), more),
