@@ -10,10 +10,8 @@ from typing_extensions import TypedDict
 
 from photogram.desk.overview import Prediction, prediction
 from photogram.errors import SettingError
-from photogram.files.atomic import replacing
 from photogram.pipeline.pipeline import load_project
-from photogram.project.document import read_text
-from photogram.project.draft.edits import Scalar, with_value
+from photogram.project.draft.edits import Scalar, write_values
 from photogram.project.project import Project
 
 Choice = Literal["full", "quick", "own"]
@@ -90,19 +88,4 @@ def write_settings(path: Path, wanted: RunSettings) -> None:
         ("surface", "cell_m"): wanted["cell_m"],
         ("contours", "interval_m"): wanted["interval_m"],
     }
-    before = text = read_text(path)
-    for key, value in lines.items():
-        text = with_value(text, key, value, path)
-    if text == before:
-        return
-    _put(path, text)
-    try:
-        load_project(path)
-    except BaseException:
-        _put(path, before)
-        raise
-
-
-def _put(path: Path, text: str) -> None:
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_values(path, lines, load_project)

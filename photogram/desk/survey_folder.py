@@ -24,7 +24,7 @@ from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, PAGE, VIEW
 from photogram.pipeline.view import write_view
-from photogram.project.draft.edits import write_value
+from photogram.project.draft.edits import Scalar, write_value, write_values
 from photogram.project.project import Project
 from photogram.report.reading import read_report
 from photogram.result_files import ResultFolder, contents_of, rank_of, result_path
@@ -35,7 +35,7 @@ TABLES = (".txt", ".csv", ".xml")
 PHOTOGRAPHS = "photographs"
 WORK = "work"
 
-TEXTS = ("name", "client", "author", "place", "surveyor", "instrument", "targets")
+TEXTS = ("name", "client", "author", "place", "surveyor", "instrument", "targets", "language")
 """What a person can say of the report on the page."""
 
 Table = Literal["control", "check", "none"]
@@ -241,13 +241,15 @@ class SurveyFolder:
 
     def say(self, texts: Mapping[str, str]) -> None:
         """Say in the project file what the report says that no photograph tells. Raises SettingError for what is none
-        of TEXTS."""
+        of TEXTS, ProjectError for a language that there is not."""
         for key, text in texts.items():
             if key not in TEXTS or not text.isprintable():
                 raise SettingError(key, "no line of the report that can be set here")
-        for key, text in texts.items():
-            if text:
-                write_value(self.project_path, ("report", key), text)
+        said = self.project().report
+        lines: dict[tuple[str, ...], Scalar | None] = {
+            ("report", key): text for key, text in texts.items() if text and text != getattr(said, key)
+        }
+        write_values(self.project_path, lines, load_project)
 
     def results(self) -> ResultsView:
         """Return what the survey has made. Raises ReportError where its report is damaged."""

@@ -185,7 +185,11 @@ def test_what_is_said_of_the_report_stands_in_the_project(server: DeskServer, fo
     told(posted(server, "texts", {"texts": {"name": "Pit 4", "client": "", "author": "A. Surveyor"}}))
     assert told(asked(server, "api/results"))["texts"]["author"] == "A. Surveyor"
     assert 'author: "A. Surveyor"' in (folder / "project.yaml").read_text()
+    told(posted(server, "texts", {"texts": {"language": "de"}}))
+    assert told(asked(server, "api/results"))["texts"]["language"] == "de"
+    told(posted(server, "texts", {"texts": {"language": "en"}}))
     before = (folder / "project.yaml").read_text()
+    assert posted(server, "texts", {"texts": {"name": "Pit 5", "language": "it"}})[0] == 400
     assert posted(server, "texts", {"texts": {"crs": "EPSG:4326"}})[0] == 400
     assert posted(server, "texts", {"texts": {"name": "two\nlines"}})[0] == 400
     assert (folder / "project.yaml").read_text() == before

@@ -5,6 +5,7 @@ import { renew } from "./main.js";
 import { $, element, fill, guarded, size } from "./page.js";
 
 const LINES = [["name", "Title"], ["client", "Client"], ["author", "Who signs"], ["place", "Place"], ["surveyor", "Who surveyed the points"], ["instrument", "Instrument"], ["targets", "Targets"]];
+const LANGUAGES = [["en", "English"], ["de", "Deutsch"], ["es", "Español"], ["pt", "Português"], ["fr", "Français"]];
 const PRODUCTS = {
   dxf: "CAD drawing", qgis: "QGIS project", landxml: "LandXML", glb: "Textured model", shapefile: "Shapefiles", kmz: "Google Earth", copc: "Cloud for the web", "3dtiles": "3D Tiles",
 };
@@ -22,6 +23,7 @@ export async function show(state) {
   if (results.report) $("report").href = resultAddress(results.report);
   const said = Object.fromEntries(LINES.map(([key]) => [key, results.texts[key] ?? ""]));
   fill($("texts"), ...LINES.map(([key, title]) => element("label", {}, title, element("input", { name: key, value: said[key], maxlength: 200 }))),
+    element("label", {}, "Language", element("select", { name: "language" }, ...LANGUAGES.map(([code, name]) => element("option", { value: code, selected: code === results.texts.language, lang: code }, name)))),
     element("button", { type: "submit" }, "Keep, and renew the report"));
   $("missing").textContent = results.missing.length ? `A report that is signed still lacks ${results.missing.join("; ")}.` : "";
   if (!$("products").querySelector("input")) {

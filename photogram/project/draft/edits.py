@@ -1,7 +1,7 @@
 """One value of a project file changed in its text: comments, order and everything else stay as a person wrote them."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import yaml
@@ -19,9 +19,28 @@ def write_value(path: Path, key: Sequence[str], value: Scalar | Sequence[float] 
     Raises ProjectError where the file cannot be read, is not YAML, or a block above the value is none; then it stays as
     it was. WorkspaceError where it cannot be written.
     """
-    changed = with_value(read_text(path), key, value, path)
+    _put(path, with_value(read_text(path), key, value, path))
+
+
+def write_values(path: Path, values: Mapping[tuple[str, ...], Scalar | None], check: Callable[[Path], object]) -> None:
+    """Set several values, or take out those that are None, all or none: where one cannot be set, or ``check`` raises of
+    the new file, it stays as it was. Raises as ``write_value``, and what ``check`` raises."""
+    before = text = read_text(path)
+    for key, value in values.items():
+        text = with_value(text, key, value, path)
+    if text == before:
+        return
+    _put(path, text)
+    try:
+        check(path)
+    except BaseException:
+        _put(path, before)
+        raise
+
+
+def _put(path: Path, text: str) -> None:
     with replacing(path) as partial:
-        partial.write_text(changed, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
 
 
 def with_value(text: str, key: Sequence[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
