@@ -6,12 +6,13 @@ heights are texts in the project's own system.
 
 import io
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
 from PIL import Image
+from shapely import Polygon
 
 from photogram.arrays import FloatArray
 from photogram.delivery.survey_contents import SurveyContents
@@ -121,12 +122,7 @@ def _document(name: str, contents: SurveyContents, grid: TileGrid | None) -> Ite
     if contents.rim is not None:
         yield "<Placemark><name>Rim of the orthophoto</name><styleUrl>#rim</styleUrl><MultiGeometry>\n"
         for part in getattr(contents.rim, "geoms", [contents.rim]):
-            yield "<Polygon><tessellate>1</tessellate>"
-            for kind, ring in (("outer", part.exterior), *(("inner", hole) for hole in part.interiors)):
-                corner = np.asarray(ring.coords)[:, :2]
-                yield f"<{kind}BoundaryIs><LinearRing><coordinates>{_places(contents.crs, corner)}"
-                yield f"</coordinates></LinearRing></{kind}BoundaryIs>"
-            yield "</Polygon>\n"
+            yield from _polygon(part, contents.crs)
         yield "</MultiGeometry></Placemark>\n"
     for control, title, style in ((True, "Control points", "control"), (False, "Check points", "check")):
         names, places = contents.points.role(control)
@@ -137,6 +133,27 @@ def _document(name: str, contents: SurveyContents, grid: TileGrid | None) -> Ite
     names = tuple(name for name, _ in contents.stations)
     yield from _folder("Photographs", "photograph", names, _places(contents.crs, stations).split(), words, shown=False)
     yield _TAIL
+
+
+def _polygon(polygon: Polygon, crs: str) -> Iterator[str]:
+    yield "<Polygon><tessellate>1</tessellate>"
+    for kind, ring in (("outer", polygon.exterior), *(("inner", hole) for hole in polygon.interiors)):
+        corner = np.asarray(ring.coords)[:, :2]
+        yield f"<{kind}BoundaryIs><LinearRing><coordinates>{_places(crs, corner)}"
+        yield f"</coordinates></LinearRing></{kind}BoundaryIs>"
+    yield "</Polygon>\n"
+
+
+def outlines_kml(name: str, description: str, outlines: Sequence[tuple[str, Polygon]], crs: str) -> str:
+    """Return outlines in the map grid ``crs``, each with its name, as a document of KML. Raises FrameError where one
+    lies where the grid has no longitude and latitude."""
+    styled = "<styleUrl>#rim</styleUrl>\n"
+    marks = [
+        f"<Placemark><name>{escape(title)}</name>{styled}{''.join(_polygon(shape, crs))}</Placemark>\n"
+        for title, shape in outlines
+    ]
+    head = f"{_HEAD}<name>{escape(name)}</name>\n<description>{escape(description)}</description>\n{_STYLES}"
+    return f"{head}{''.join(marks)}{_TAIL}"
 
 
 def _height(height: float, symbol: str) -> str:

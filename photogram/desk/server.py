@@ -119,6 +119,7 @@ class _Addresses:
             _got("folders", lambda query: listing(Path(query.get("path") or Path.home()))),
             _got("overview", lambda _: desk.survey.overview()),
             _got("settings", lambda _: desk.survey.settings()),
+            _got("coverage", lambda _: desk.survey.coverage()),
             _got("results", lambda _: desk.survey.results()),
             _got("layers", lambda _: desk.survey.layers()),
             _got("run", lambda query: self._run(int(query.get("after", "0")))),
@@ -139,6 +140,7 @@ class _Addresses:
             _posted("forget", _Number, lambda asked: desk.survey.measurements().remove(asked.number)),
             _posted("view", _Nothing, lambda _: {"file": desk.survey.three_d()}),
             _posted("deliver", _Products, lambda asked: desk.survey.hand_over(asked.products)),
+            Route("/gaps.kml", self._gaps),
             Route("/results/{name:path}", self._result),
             Mount("/static", StaticFiles(directory=str(static))),
         ]
@@ -161,6 +163,16 @@ class _Addresses:
     def _start(self) -> None:
         self._desk.end_marking()  # an adjustment reads the marks as they are on the disk
         self._desk.survey.start()
+
+    async def _gaps(self, _: Request) -> Response:
+        def written() -> bytes:
+            return self._desk.survey.gaps_kml()
+
+        content = await run_in_threadpool(_tried, written)
+        if isinstance(content, Response):
+            return content
+        headers = {"Content-Disposition": 'attachment; filename="gaps.kml"'}
+        return Response(content, media_type="application/vnd.google-earth.kml+xml", headers=headers)
 
     async def _result(self, request: Request) -> Response:
         name = request.path_params["name"]

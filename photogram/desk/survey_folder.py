@@ -10,6 +10,7 @@ from typing_extensions import TypedDict
 
 from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
+from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
@@ -18,6 +19,7 @@ from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settin
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.geodesy.height_systems import HeightSystem
+from photogram.pipeline.input_validation import tags_of
 from photogram.pipeline.new_project import init
 from photogram.pipeline.photograph_folder import look_into
 from photogram.pipeline.pipeline import load_project
@@ -136,6 +138,7 @@ class SurveyFolder:
         self.project_path = self.folder / PROJECT_FILE
         self._lock = Lock()
         self._overview: tuple[tuple[int, int], Overview] | None = None
+        self._coverage: tuple[tuple[int, int], Coverage] | None = None
 
     @property
     def photographs(self) -> Path:
@@ -212,8 +215,7 @@ class SurveyFolder:
 
     def overview(self) -> Overview:
         """Return the survey on its map, as its project file now stands."""
-        status = self.project_path.stat()
-        key = status.st_mtime_ns, status.st_size
+        key = self._version()
         with self._lock:
             if self._overview is None or self._overview[0] != key:
                 self._overview = key, overview(self.project())
@@ -227,6 +229,23 @@ class SurveyFolder:
     def choose(self, wanted: RunSettings) -> None:
         """Choose what a run makes. Raises as ``write_settings``."""
         write_settings(self.project_path, wanted)
+
+    def coverage(self) -> Coverage:
+        """Return what the photographs cover by their tags. Raises FrameError where positions lie outside the CRS."""
+        key = self._version()
+        with self._lock:
+            if self._coverage is None or self._coverage[0] != key:
+                project = self.project()
+                self._coverage = key, coverage(project, tags_of(project))
+            return self._coverage[1]
+
+    def gaps_kml(self) -> bytes:
+        """Return the gaps of the coverage as KML. Raises WorkspaceError where there is none."""
+        return gaps_kml(self.coverage(), self.folder.name, self.project().crs)
+
+    def _version(self) -> tuple[int, int]:
+        status = self.project_path.stat()
+        return status.st_mtime_ns, status.st_size
 
     def state_accuracy(self, name: str, sigma_m: Sequence[float]) -> None:
         """State a figure that was assumed (``ASSUMED``): standard deviations of easting, northing and height. Raises

@@ -57,19 +57,24 @@ def with_all_points(block: Block) -> Block:
     return replace(block, control_points=known.select(placed))
 
 
+def ground_level_m(block: Block, position_world_m: FloatArray) -> float | None:
+    """Return the height of the ground in the world: that of places (N, 3) on it, else what flying heights of posed
+    photographs say; None where there are none."""
+    if len(position_world_m):
+        return float(np.median(position_world_m[:, 2]))
+    below = [
+        float(pose.position_world_m[2] - p.height_above_ground_m)
+        for p, pose in zip(block.photographs, block.poses, strict=True)
+        if pose is not None and p.height_above_ground_m is not None and p.height_above_ground_m > 0.0
+    ]
+    return float(np.median(below)) if below else None
+
+
 def _ground(block: Block, position_world_m: FloatArray) -> tuple[float, float]:
     """Return the height of the ground in the world and the standard deviation of a place on it, m."""
-    posed = [(p, pose) for p, pose in zip(block.photographs, block.poses, strict=True) if pose is not None]
-    flown = float(np.median([pose.position_world_m[2] for _, pose in posed])) if posed else 0.0
-    if len(position_world_m):
-        level = float(np.median(position_world_m[:, 2]))
-    else:
-        below = [
-            float(pose.position_world_m[2] - p.height_above_ground_m)
-            for p, pose in posed
-            if (p.height_above_ground_m or 0.0) > 0.0
-        ]
-        level = float(np.median(below)) if below else flown - 100.0
+    heights = [pose.position_world_m[2] for pose in block.poses if pose is not None]
+    flown, level = float(np.median(heights)) if heights else 0.0, ground_level_m(block, position_world_m)
+    level = flown - 100.0 if level is None else level
     spread = float(np.std(position_world_m[:, 2])) if len(position_world_m) > 1 else 0.0
     return level, max(spread, RELIEF_SHARE * abs(flown - level))
 

@@ -1,8 +1,10 @@
 """The page in a browser, used as a person would: from a folder of photographs to the archive that is handed over."""
 
+import io
 import json
 import shutil
 import time
+import urllib.request
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -11,7 +13,9 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("starlette", reason="starlette is not installed")
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
@@ -59,6 +63,22 @@ def photographed(small_plan: pg.SurveyPlan, tmp_path: Path) -> Path:
     simulated = pg.simulate(replace(small_plan, calibration_source="exif"), 3)
     pg.write_survey(tmp_path / "quarry", simulated, pg.render_photographs(simulated))
     return tmp_path / "quarry"
+
+
+@pytest.fixture
+def flown_with_a_gap(small_plan: pg.SurveyPlan, tmp_path: Path) -> Path:
+    """The folder of a project of four strips of five photographs whose pictures are black; the second was not flown."""
+    plan = replace(
+        small_plan, strips=4, photographs_per_strip=5, forward_overlap=0.8, side_overlap=0.35,
+        calibration_source="exif", relief_m=0.5, position_noise_m=0.1, control_marks_per_photograph=0,
+    )  # fmt: skip
+    survey = pg.simulate(plan, 4)
+    black = np.zeros((plan.height_px, plan.width_px, 3), dtype=np.uint8)
+    names = [photograph.name for i, photograph in enumerate(survey.photographs) if i // 5 != 1]
+    folder = tmp_path / "quarry"
+    pg.write_survey(folder, survey, ((name, black) for name in names))
+    pg.init(folder / "photographs", control=folder / "points.csv", project=folder / "project.yaml")
+    return folder
 
 
 class Person:
@@ -181,3 +201,35 @@ def test_whatever_ends_nothing_is_lost(survey: Path, browser: Chrome, tmp_path: 
             assert "±" in figures
             assert desk.survey.runs().view().began_unix_s == begun
     assert result_path(survey / "results", "report.json").is_file()
+
+
+def test_the_switch_draws_the_coverage(flown_with_a_gap: Path, browser: Chrome, tmp_path: Path) -> None:
+    with Desk(tmp_path / "desk.json") as desk:
+        desk.open(flown_with_a_gap)
+        with served(desk) as server:
+            browser.get(f"{server.url}#map")
+            person = Person(browser)
+            person.sees("#facts", "control")
+            legend = browser.find_element(By.ID, "coverage-legend")
+            assert not legend.is_displayed()
+            person.clicks_on("#coverage-switch")
+            person.sees("#coverage-sentences .warning", "1 gap within the survey")
+            assert legend.is_displayed()
+            assert colours(browser) > 4
+            with urllib.request.urlopen(person.sees("#gaps-kml").get_attribute("href"), timeout=30) as answer:
+                assert b"Gap 1: " in answer.read()
+            person.clicks_on("#coverage-switch")
+            assert not legend.is_displayed()
+            assert not browser.find_element(By.ID, "gaps-kml").is_displayed()
+            assert not complaints(browser)
+
+
+def colours(browser: Chrome) -> int:
+    """Return how many colours the map shows over areas, once its picture is drawn."""
+    end = time.monotonic() + PATIENCE_S
+    count = 0
+    while count <= 4 and time.monotonic() < end:
+        png = browser.find_element(By.ID, "overview-map").screenshot_as_png
+        count = sum(n > 500 for n, _ in Image.open(io.BytesIO(png)).convert("RGB").getcolors(1 << 24) or [])
+        time.sleep(0.2)
+    return count

@@ -181,6 +181,23 @@ def test_the_survey_is_told_as_it_lies_on_the_disk(server: DeskServer, folder: P
     assert told(asked(server, "api/run"))["state"] == "none"
 
 
+def test_coverage_is_told_and_gaps_come_as_kml_where_there_are_any(
+    server: DeskServer, desk: Desk, folder: Path
+) -> None:
+    found = told(asked(server, "api/coverage"))
+    grid = found["grid"]
+    assert len(grid["counts"]) == grid["rows"] * grid["columns"]
+    assert max(grid["counts"]) == 4
+    assert found["sentences"][0]["severity"] in ("warning", "note")
+    status, headers, content = asked(server, "gaps.kml")
+    assert (status == 200) == found["has_kml"] == bool(found["gaps"])
+    if found["gaps"]:
+        assert headers["Content-Disposition"] == 'attachment; filename="gaps.kml"'
+        assert content.startswith(b"<?xml")
+    else:
+        assert "no gaps" in json.loads(content)["error"]
+
+
 def test_what_is_said_of_the_report_stands_in_the_project(server: DeskServer, folder: Path) -> None:
     told(posted(server, "texts", {"texts": {"name": "Pit 4", "client": "", "author": "A. Surveyor"}}))
     assert told(asked(server, "api/results"))["texts"]["author"] == "A. Surveyor"

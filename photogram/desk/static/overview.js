@@ -1,6 +1,7 @@
 // The survey on its map before any work: photographs, points, what is odd, what is assumed.
 
 import { get, post } from "./api.js";
+import * as coverage from "./coverage.js";
 import { features, newMap, photographStyle, pointStyle, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded, plural } from "./page.js";
 
@@ -15,6 +16,7 @@ export async function show() {
     shown = JSON.stringify(overview);
     draw(overview);
   }
+  await coverage.show();
   fill($("facts"), ...facts(overview));
   fill($("assumptions"), ...overview.assumptions.map(assumption));
   const odd = overview.findings;
@@ -34,6 +36,7 @@ function draw(overview) {
     vectorLayer(photographs, feature => photographStyle(colour(feature.get("item").flight))),
     vectorLayer(points, pointStyle),
   ]);
+  coverage.onMap(map);
   const extent = ol.extent.createEmpty();
   for (const feature of [...photographs, ...points]) ol.extent.extend(extent, feature.getGeometry().getExtent());
   if (photographs.length || points.length) shownFully(map, ol.extent.getArea(extent) > 0 ? extent : ol.extent.buffer(extent, 50));

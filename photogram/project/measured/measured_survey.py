@@ -16,7 +16,7 @@ from photogram.project.measured.measured_positions import known_position, positi
 from photogram.project.measured.unmeasured import withdraw_placeholders
 from photogram.project.positions.frozen import frozen_positions
 from photogram.project.project import Project
-from photogram.survey import ControlPoints
+from photogram.survey import Block, ControlPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +67,9 @@ def stated_positions(project: Project, tags: Sequence[PhotographTags | None]) ->
     return positions_map_m(project, project.photographs, tags)
 
 
-def measured_survey(
-    project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray
-) -> MeasuredSurvey | None:
-    """Return what is known of the survey's geometry, None where nothing says where it is: the measured block as arrays.
-    Raises FrameError as LocalFrame does."""
+def tagged_survey(project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray) -> Block | None:
+    """Return the measured block of a survey by its tags and its positions (F, 3) in the map, None where nothing says
+    where it is. Raises FrameError as LocalFrame does."""
     notes = [
         photograph_note(photograph, tag, known_position(photograph, tag, position))
         for photograph, tag, position in zip(project.photographs, tags, gnss_map_m, strict=True)
@@ -81,9 +79,17 @@ def measured_survey(
     frame = survey_frame(project, notes)
     if frame is None and len(control_map_m):  # check points alone adjust nothing, but there is something to say of them
         frame = LocalFrame.near(project.crs, control_map_m, project.world_kind, project.heights.map_geoid)
-    if frame is None:
+    return None if frame is None else measured_block(project, notes, frame)
+
+
+def measured_survey(
+    project: Project, tags: Sequence[PhotographTags | None], gnss_map_m: FloatArray
+) -> MeasuredSurvey | None:
+    """Return what is known of the survey's geometry, None where nothing says where it is: the measured block as arrays.
+    Raises FrameError as LocalFrame does."""
+    block, control_map_m = tagged_survey(project, tags, gnss_map_m), control_positions(project)
+    if block is None:
         return None
-    block = measured_block(project, notes, frame)
     photographs = block.photographs
     heights = [p.height_above_ground_m for p in photographs]
     height_m = np.array([h if h is not None and h > 0 else np.nan for h in heights])
@@ -93,16 +99,22 @@ def measured_survey(
     cameras = [block.cameras[p.camera] for p in photographs]
     spread = np.array([np.hypot(c.width_px, c.height_px) / c.focal_px for c in cameras])
     return MeasuredSurvey(
-        frame, gnss_map_m, *measured_arrays(photographs), height_m, height_m * spread, block.control_points
+        block.frame, gnss_map_m, *measured_arrays(photographs), height_m, height_m * spread, block.control_points
     )
 
 
 def usable_survey(project: Project, tags: Sequence[PhotographTags | None]) -> MeasuredSurvey | None:
     """Return ``measured_survey`` without the positions far outside the area where the project's CRS is used, None where
     nothing says where the survey is. Raises FrameError as ``gnss_positions`` and LocalFrame do."""
+    return measured_survey(project, tags, usable_positions(project, tags))
+
+
+def usable_positions(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
+    """Return ``gnss_positions`` (F, 3), NaN too for those far outside the area where the project's CRS is used. Raises
+    FrameError as that does."""
     gnss_map_m = gnss_positions(project, tags)
     gnss_map_m[foreign_positions(project, gnss_map_m)] = np.nan
-    return measured_survey(project, tags, gnss_map_m)
+    return gnss_map_m
 
 
 def foreign_positions(project: Project, gnss_map_m: FloatArray) -> BoolArray:
