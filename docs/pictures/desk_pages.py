@@ -1,8 +1,9 @@
 """Draw the page of `photogram desk` at each of its steps, in a browser without a window.
 
 Call: python docs/pictures/desk_pages.py FOLDER SURVEY [NARROW]: a picture of each step of a finished survey into a
-folder, `desk_STEP.png`; with NARROW as on a telephone, `desk_STEP_narrow.png`. Needs Chromium and its driver. The
-pictures in the documentation are of the built-in simulated survey and of Brighton Beach.
+folder, `desk_STEP.png`, and `desk_coverage.png` of the map; with NARROW as on a telephone, `desk_STEP_narrow.png`.
+Needs Chromium and its driver. The pictures in the documentation are of the built-in simulated survey, of Brighton
+Beach, and, of the coverage, of a simulated survey that lacks photographs.
 """
 
 import io
@@ -45,13 +46,21 @@ def main(folder: Path, survey: Path, narrow: bool) -> None:
             for step in STEPS:
                 browser.execute_script("location.hash = arguments[0]", step)
                 time.sleep(DRAWN_AFTER_S)
-                picture = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
-                name = f"desk_{step}{'_narrow' if narrow else ''}.png"
-                picture.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+                _draw(browser, folder, step, narrow)
+                if step == "map":
+                    browser.find_element("id", "coverage-switch").click()
+                    time.sleep(DRAWN_AFTER_S)
+                    _draw(browser, folder, "coverage", narrow)
         finally:
             browser.quit()
             server.stop()
             thread.join()
+
+
+def _draw(browser: Chrome, folder: Path, step: str, narrow: bool) -> None:
+    picture = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+    name = f"desk_{step}{'_narrow' if narrow else ''}.png"
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / name, optimize=True)
 
 
 if __name__ == "__main__":

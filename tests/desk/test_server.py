@@ -181,9 +181,7 @@ def test_the_survey_is_told_as_it_lies_on_the_disk(server: DeskServer, folder: P
     assert told(asked(server, "api/run"))["state"] == "none"
 
 
-def test_coverage_is_told_and_gaps_come_as_kml_where_there_are_any(
-    server: DeskServer, desk: Desk, folder: Path
-) -> None:
+def test_coverage_is_told_and_gaps_come_as_kml_where_there_are_any(server: DeskServer) -> None:
     found = told(asked(server, "api/coverage"))
     grid = found["grid"]
     assert len(grid["counts"]) == grid["rows"] * grid["columns"]

@@ -144,7 +144,7 @@ def _under(centre: FloatArray, level_m: float) -> FloatArray:
 def _counted(ground: _Ground) -> Counted:
     flight, down, grid, views = ground.flight, ground.down, ground.grid, ground.views
     height_m, chosen = flight.height_m, np.flatnonzero(down)
-    core = ground.within.reshape(-1) & (views.count > 0)
+    core = ground.within.reshape(-1) & (views.count > 1)
     count: IntArray = views.count.reshape(ground.within.shape)
     sides = np.array(
         [

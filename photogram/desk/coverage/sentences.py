@@ -31,8 +31,9 @@ class Sentence(TypedDict):
 @dataclass(frozen=True, eq=False)
 class Counted:
     """What was counted: ``down`` (D,) photographs that look down; area in m² that so many see; areas of gaps; the
-    finest ground sampling distance and the best base over height of places (K,) within the survey; whether the
-    photographs span an area; the part of each side that few see; overlaps; ``track`` (F, 2) directions of flight."""
+    finest ground sampling distance and the best base over height of places (K,) within the survey that two see;
+    whether the photographs span an area; the part of each side that few see; overlaps; ``track`` (F, 2) directions of
+    flight."""
 
     down: IntArray
     seen_m2: Mapping[int, float]
@@ -106,7 +107,7 @@ def _sides(counted: Counted) -> list[Sentence]:
     weak = [name for name, share in counted.weak.items() if share > MOSTLY]
     if not weak:
         return []
-    sides = f"{', '.join(weak)} side{'s' * (len(weak) > 1)}"
+    sides = f"{' and '.join(weak)} side{'s' * (len(weak) > 1)}"
     return [_warning(f"Weak at the {sides}: fewer than {WELL_SEEN} photographs see most of that edge of the survey.")]
 
 

@@ -6,7 +6,7 @@ import { $, element, fill, guarded } from "./page.js";
 
 const { ol } = window;
 // Least number of photographs of each class, its colour, and what it is called; red to blue, which most eyes tell apart.
-const CLASSES = [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [253, 219, 199], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], "9 or more"]];
+const CLASSES = [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [254, 224, 118], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], "9 or more"]];
 const OPACITY = .7;
 let map = null, drawn = [];
 
