@@ -7,11 +7,12 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from photogram.arrays import FloatArray
-from photogram.errors import FrameError, ProjectError
+from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS, crs_label
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
-from photogram.project.measured.measured_positions import measured_position
+from photogram.project.measured.measured_positions import positions_map_m
+from photogram.project.measured.measured_survey import stated_positions
 from photogram.project.project import Project, ProjectPhotograph
 
 Severity = Literal["error", "warning", "note"]
@@ -90,8 +91,13 @@ def overview(project: Project) -> Overview:
         "crs": "none" if project.crs == NO_CRS else crs_label(project.crs),
         "cameras": [camera.name for camera in project.cameras],
         "photographs": [
-            _place(project, photograph, tags)
-            for photograph, tags in zip(project.photographs, checked.tags, strict=True)
+            {
+                "name": photograph.name,
+                "flight": photograph.flight,
+                "camera": project.cameras[photograph.camera].name,
+                "position_map_m": _known(place),
+            }
+            for photograph, place in zip(project.photographs, photograph_places(project, checked.tags), strict=True)
         ],
         "points": [
             {
@@ -147,20 +153,19 @@ def prediction(project: Project) -> Prediction:
     }
 
 
-def _place(project: Project, photograph: ProjectPhotograph, tags: PhotographTags | None) -> PhotographPlace:
-    position = None
-    if tags is not None:
-        try:
-            measured = measured_position(project, photograph, tags)
-            position = None if measured is None else _known(measured.map_m)
-        except (FrameError, ProjectError):
-            position = None  # the findings say why
-    return {
-        "name": photograph.name,
-        "flight": photograph.flight,
-        "camera": project.cameras[photograph.camera].name,
-        "position_map_m": position,
-    }
+def photograph_places(project: Project, tags: Sequence[PhotographTags | None]) -> FloatArray:
+    """Return the positions (F, 3) of the photographs in the map, NaN where there is none, or none in the map."""
+    try:
+        return stated_positions(project, tags)
+    except FrameError:
+        return np.concatenate([_one_place(project, *one) for one in zip(project.photographs, tags, strict=True)])
+
+
+def _one_place(project: Project, photograph: ProjectPhotograph, tags: PhotographTags | None) -> FloatArray:
+    try:
+        return positions_map_m(project, [photograph], [tags])
+    except FrameError:
+        return np.full((1, 3), np.nan)  # the findings say why
 
 
 def _known(values: FloatArray | Sequence[float] | None) -> list[float] | None:

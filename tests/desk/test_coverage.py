@@ -16,10 +16,12 @@ from photogram.camera import Pose, project_points
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.coverage.sentences import area_words
 from photogram.desk.coverage.tagged_flight import tagged_flight
-from photogram.errors import WorkspaceError
+from photogram.desk.overview import photograph_places
+from photogram.errors import FrameError, WorkspaceError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.input_validation import tags_of
 from photogram.pipeline.pipeline import load_project
+from photogram.project.measured.measured_survey import stated_positions
 from photogram.project.project import Project
 
 STRIPS, EACH = 5, 6
@@ -196,3 +198,15 @@ def test_facades_alone_have_no_map(whole: tuple[Project, Tags]) -> None:
     found = changed(whole, lambda _, t: replace(t, gimbal_pitch_deg=0.0))
     assert found["grid"] is None
     assert "No photograph looks down" in said(found)
+
+
+def test_a_photograph_beyond_the_map_grid_takes_no_other_off_the_map(whole: tuple[Project, Tags]) -> None:
+    project, tags = whole
+    known = photograph_places(project, tags)
+    assert np.isfinite(known).all()
+    astray = [replace(t, longitude_deg=-80.0, latitude_deg=0.0) if i == 4 and t else t for i, t in enumerate(tags)]
+    with pytest.raises(FrameError):
+        stated_positions(project, astray)
+    places = photograph_places(project, astray)
+    assert np.isnan(places[4]).all()
+    np.testing.assert_allclose(np.delete(places, 4, 0), np.delete(known, 4, 0), atol=1e-6)

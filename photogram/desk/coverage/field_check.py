@@ -21,6 +21,7 @@ LEAST_GAP_CELLS = 9
 _DIRECTIONS = 12  # the base is found to cos(7.5°), within 1 %
 _SAMPLES = 9  # along a side of a photograph
 _STEEPEST = float(np.sqrt(1.0 - LOOKS_DOWN**2) / LOOKS_DOWN)
+_BULGE = 1.02
 _SIDES = ("north", "east", "south", "west")
 
 
@@ -52,27 +53,30 @@ def count_views(
 
     Rays that meet the ground at less than 30° see nothing: nobody could match there.
     """
-    count, gsd = np.zeros(len(place_world_m), dtype=np.int64), np.full(len(place_world_m), np.inf)
+    order = np.argsort(place_world_m[:, 0])  # so that the neighbourhood of a photograph is found in a part of them
+    place, lowest_m = place_world_m[order], float(place_world_m[:, 2].min(initial=np.inf))
+    count, gsd = np.zeros(len(place), dtype=np.int64), np.full(len(place), np.inf)
     turn = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     along = centre[:, :2] @ np.array([np.cos(turn), np.sin(turn)])
-    far, near = np.full((_DIRECTIONS, len(gsd)), -np.inf), np.full((_DIRECTIONS, len(gsd)), np.inf)
-    lowest_m = float(place_world_m[:, 2].min(initial=np.inf))
+    far, near = np.full((len(place), _DIRECTIONS), -np.inf), np.full((len(place), _DIRECTIONS), np.inf)
     for i, c in enumerate(camera_of.tolist()):
         camera, reach_m = cameras[c], _reach(cameras[c], rotation[i]) * (centre[i, 2] - lowest_m)
         if not reach_m > 0.0:
             continue
-        within = np.flatnonzero(np.all(np.abs(place_world_m[:, :2] - centre[i, :2]) <= reach_m, axis=1))
-        ray = place_world_m[within] - centre[i]
-        pixel = project_points(camera, Pose(rotation[i], centre[i]), place_world_m[within])
+        first, end = np.searchsorted(place[:, 0], [centre[i, 0] - reach_m, centre[i, 0] + reach_m]).tolist()
+        within = first + np.flatnonzero(np.abs(place[first:end, 1] - centre[i, 1]) <= reach_m)
+        ray = place[within] - centre[i]
+        pixel = project_points(camera, Pose(rotation[i], centre[i]), place[within])
         seen = camera.contains(pixel) & (-ray[:, 2] >= LOOKS_DOWN * np.linalg.norm(ray, axis=1))
         cell, depth_m = within[seen], ray[seen] @ rotation[i, :, 2]
         count[cell] += 1
         # a pixel's area on level ground is depth³ / (focal² · height); the side of the square of that area
         gsd[cell] = np.minimum(gsd[cell], np.sqrt(depth_m**3 / -ray[seen, 2]) / camera.focal_px)
-        far[:, cell] = np.maximum(far[:, cell], along[i][:, None])
-        near[:, cell] = np.minimum(near[:, cell], along[i][:, None])
-    spread = np.where(count > 0, far - near, 0.0) if len(count) else far
-    return Views(count, np.where(count > 0, gsd, np.nan), spread.max(axis=0, initial=0.0))
+        far[cell] = np.maximum(far[cell], along[i])
+        near[cell] = np.minimum(near[cell], along[i])
+    back, none = np.argsort(order), (count == 0)[:, None]
+    base_m = np.where(none, 0.0, far - np.where(none, 0.0, near)).max(axis=1, initial=0.0)
+    return Views(count[back], np.where(count > 0, gsd, np.nan)[back], base_m[back])
 
 
 def _border(camera: Camera) -> FloatArray:
@@ -88,7 +92,8 @@ def _reach(camera: Camera, rotation: FloatArray) -> float:
     ray = np.column_stack([ideal, np.ones(len(ideal))]) @ rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.where(ray[:, 2] < 0.0, np.hypot(ray[:, 0], ray[:, 1]) / -ray[:, 2], np.inf)
-    return float(min(np.max(flat), _STEEPEST)) if np.isfinite(ideal).all() else _STEEPEST
+    # a little more: between the samples the border may bulge
+    return float(min(_BULGE * np.max(flat), _STEEPEST)) if np.isfinite(ideal).all() else _STEEPEST
 
 
 def ground_reach_m(
