@@ -185,11 +185,11 @@ def test_photographs_aside_unfixed_high_tilted_and_turned_are_named(whole: tuple
 
     names = [p.name for p in whole[0].photographs]
     text = said(changed(whole, odd))
-    assert "2 photographs that do not look down at the ground" in text
-    assert f"Without an RTK fix: 1 photograph of {len(names) - 1}: {names[3]}." in text
-    assert f"the usual 40 m: {names[4]}." in text
-    assert f"tilted otherwise than most: {names[8]}." in text
-    assert f"direction of flight otherwise than most: {names[9]}." in text
+    assert "2 photographs not looking down at the ground" in text
+    assert f"Without an RTK fix: 1 photograph of {len(names) - 1}, {names[3]}." in text
+    assert f"the usual 40 m: 1 photograph, {names[4]}." in text
+    assert f"Tilted otherwise than most: 1 photograph, {names[8]}." in text
+    assert f"direction of flight otherwise than most: 1 photograph, {names[9]}." in text
     assert "1 photograph without a position" in text
     assert "RTK" not in said(coverage(*whole))
 

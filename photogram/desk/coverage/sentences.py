@@ -157,7 +157,7 @@ def _left_out(flight: TaggedFlight, counted: Counted) -> list[Sentence]:
     if flight.unplaced:
         told.append(_warning(f"Not counted: {things(flight.unplaced, 'photograph')} without a position."))
     if aside:
-        told.append(_note(f"Not counted: {things(aside, 'photograph')} that do not look down at the ground."))
+        told.append(_note(f"Not counted: {things(aside, 'photograph')} not looking down at the ground."))
     if unturned:
         told.append(
             _note(
@@ -175,7 +175,7 @@ def _fixes(flight: TaggedFlight) -> list[Sentence]:
         return []
     if len(bare) == len(said):
         return [_note("No photograph has an RTK fix.")]
-    return [_warning(f"Without an RTK fix: {things(len(bare), 'photograph')} of {len(said)}: {some(bare)}.")]
+    return [_warning(f"Without an RTK fix: {things(len(bare), 'photograph')} of {len(said)}, {some(bare)}.")]
 
 
 def _unusual(flight: TaggedFlight, counted: Counted) -> list[Sentence]:
@@ -194,12 +194,15 @@ def _unusual(flight: TaggedFlight, counted: Counted) -> list[Sentence]:
         off[steady] = np.abs(np.degrees(np.angle(np.exp(1j * (turn[steady] - middle))))) / 2
     measured = flight.turned[down]
     cases = (
-        (np.abs(height_m / usual_m - 1.0) > OTHER_HEIGHT, f"fly much higher or lower than the usual {usual_m:.0f} m"),
-        (measured & (np.abs(tilt - np.median(tilt)) > OTHER_TILT_DEG), "are tilted otherwise than most"),
-        (measured & (off > OTHER_YAW_DEG), "are turned against the direction of flight otherwise than most"),
+        (
+            np.abs(height_m / usual_m - 1.0) > OTHER_HEIGHT,
+            f"Much higher or lower above the ground than the usual {usual_m:.0f} m",
+        ),
+        (measured & (np.abs(tilt - np.median(tilt)) > OTHER_TILT_DEG), "Tilted otherwise than most"),
+        (measured & (off > OTHER_YAW_DEG), "Turned against the direction of flight otherwise than most"),
     )
     for which, what in cases:
         names = [flight.name[down[i]] for i in np.flatnonzero(which).tolist()]
         if names:
-            told.append(_note(f"{things(len(names), 'photograph')} that {what}: {some(names)}."))
+            told.append(_note(f"{what}: {things(len(names), 'photograph')}, {some(names)}."))
     return told
