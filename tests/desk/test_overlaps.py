@@ -68,3 +68,16 @@ def test_ground_that_is_not_seen_overlaps_nothing() -> None:
     known = overlaps(place, ["1"] * len(place), sides)
     assert len(known.forward) == 18
     assert not set(range(7, 14)) & set(known.pair.reshape(-1).tolist())
+
+
+def test_cameras_on_one_body_are_one_station() -> None:
+    place, sides = lawn(0.8, 0.65, 90.0)
+    both = np.repeat(place, 2, axis=0) + np.tile([[0.0, 0.0, 0.0], [0.05, 0.02, 0.0]], (len(place), 1))
+    shown = np.repeat(sides, 2, axis=0)
+    shown[::2] = np.nan  # the first camera looks at the horizon
+    known = overlaps(both, ["1"] * len(both), shown)
+    np.testing.assert_allclose(known.forward, 0.8)
+    np.testing.assert_allclose(known.side, 0.65)
+    assert (known.pair % 2 == 1).all()
+    track = track_directions(both, ["1"] * len(both))
+    np.testing.assert_allclose(track, np.repeat(track_directions(place, ["1"] * len(place)), 2, axis=0), atol=1e-9)

@@ -1,7 +1,7 @@
 """Straight strips of a flight, and by how much neighbouring photographs and strips overlap on level ground."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,9 @@ from photogram.arrays import BoolArray, FloatArray, IntArray
 
 STRAIGHT, PARALLEL = float(np.cos(np.radians(30.0))), float(np.cos(np.radians(15.0)))
 """Cosines of the angles by which steps of one strip, and neighbouring strips, differ at most."""
+
+SAME_STATION_M = 0.2
+"""Photographs that lie closer in plan to each other have no base."""
 
 AROUND = 2
 """Photographs before and behind one from which its direction of flight is taken."""
@@ -56,9 +59,26 @@ def strips_of(place_m: FloatArray, flight: Sequence[str]) -> IntArray:
     return strip
 
 
+def stations_of(place_m: FloatArray, flight: Sequence[str]) -> IntArray:
+    """Return the number (F,) of the station of each photograph: cameras on one body, and a drone that hovers, stay
+    within SAME_STATION_M of the first photograph of theirs. ``place_m`` (F, 2 or 3) in the order of exposure."""
+    number, last = np.zeros(len(place_m), dtype=np.int64), 0
+    for i in range(1, len(place_m)):
+        stays = flight[i] == flight[last] and np.hypot(*(place_m[i, :2] - place_m[last, :2])) < SAME_STATION_M
+        number[i] = number[i - 1] + (not stays)
+        last = last if stays else i
+    return number
+
+
 def track_directions(place_m: FloatArray, flight: Sequence[str]) -> FloatArray:
     """Return the direction (F, 2) in plan of the strip around each photograph, else of its step to the next; NaN where
     it has none. ``place_m`` (F, 2 or 3) in the order of exposure, ``flight`` (F,) names of flights."""
+    station = stations_of(place_m, flight)
+    first = np.unique(station, return_index=True)[1]
+    return _directions(place_m[first], [flight[i] for i in first.tolist()])[station]
+
+
+def _directions(place_m: FloatArray, flight: Sequence[str]) -> FloatArray:
     direction = np.full((len(place_m), 2), np.nan)
     if len(place_m) < 2:
         return direction
@@ -84,22 +104,27 @@ def _chord_m(sides_m: FloatArray, unit: FloatArray) -> FloatArray:
 def overlaps(place_m: FloatArray, flight: Sequence[str], sides_m: FloatArray) -> Overlaps:
     """Return the overlaps of photographs at ``place_m`` (F, 2 or 3), in the order of exposure, of ``flight`` (F,);
     ``sides_m`` (F, 2, 2) are the vectors of their ground from left to right and from bottom to top, NaN where there is
-    none."""
-    strip, known = strips_of(place_m, flight), np.isfinite(sides_m).all(axis=(1, 2))
-    direction = track_directions(place_m, flight)
-    usable = known & (strip >= 0) & np.isfinite(direction).all(axis=1)
+    none. Of photographs of one station the first that has ground counts."""
+    known = np.flatnonzero(np.isfinite(sides_m).all(axis=(1, 2)))
+    chosen = known[np.unique(stations_of(place_m, flight)[known], return_index=True)[1]]
+    found = _of_stations(place_m[chosen], [flight[i] for i in chosen.tolist()], sides_m[chosen])
+    return replace(found, pair=chosen[found.pair], across=chosen[found.across])
+
+
+def _of_stations(place_m: FloatArray, flight: Sequence[str], sides_m: FloatArray) -> Overlaps:
+    strip, direction = strips_of(place_m, flight), _directions(place_m, flight)
+    usable = (strip >= 0) & np.isfinite(direction).all(axis=1)
     along, across = np.full((2, len(place_m)), np.nan)
     along[usable] = _chord_m(sides_m[usable], direction[usable])
     across[usable] = _chord_m(sides_m[usable], direction[usable] @ np.array([[0.0, -1.0], [1.0, 0.0]]))
-    first = np.flatnonzero(usable[:-1] & usable[1:] & (strip[:-1] == strip[1:])) if len(place_m) > 1 else strip[:0]
+    first = np.flatnonzero(usable[:-1] & usable[1:] & (strip[:-1] == strip[1:]))
     base_m = np.linalg.norm(place_m[first + 1, :2] - place_m[first, :2], axis=1)
     forward = np.maximum(1.0 - 2.0 * base_m / (along[first] + along[first + 1]), 0.0)
     beside = [_beside(i, place_m, strip, direction, along[i], across[i]) for i in np.flatnonzero(usable).tolist()]
     found = [one for pairs in beside for one in pairs]
     pairs = np.array([(i, j) for i, j, _ in found], dtype=np.int64).reshape(-1, 2)
-    side = np.array([share for *_, share in found])
-    count = len(np.unique(strip[usable]))
-    return Overlaps(forward, np.column_stack([first, first + 1]), side, pairs, count)
+    side = np.array([share for *_, share in found], dtype=np.float64)
+    return Overlaps(forward, np.column_stack([first, first + 1]), side, pairs, len(np.unique(strip[usable])))
 
 
 def _beside(
