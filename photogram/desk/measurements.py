@@ -23,6 +23,7 @@ from photogram.report.surveyed_surfaces import open_surface
 from photogram.volumes.differences import Difference
 from photogram.volumes.measured_volumes import measured_volumes, over_rim
 from photogram.volumes.rim_base import over_level
+from photogram.wording import percent
 
 Kind = Literal["height", "distance", "profile", "area", "volume"]
 KINDS: tuple[Kind, ...] = ("height", "distance", "profile", "area", "volume")
@@ -192,8 +193,8 @@ def _profile(difference: Difference, corners: FloatArray, errors: PlanErrors | N
             "height difference", heights.height_m[high] - heights.height_m[low], heights.step_sigma_m(low, high), "m"
         ),
     ]
-    gap = 100.0 * (1.0 - len(known) / count)
-    return figures, samples, f"No measured height along {gap:.1f} % of the line." if gap > 0 else ""
+    gap = 1.0 - len(known) / count
+    return figures, samples, f"No measured height along {percent(gap)} of the line." if gap > 0.0 else ""
 
 
 def _polygon(corners: FloatArray) -> shapely.Polygon:

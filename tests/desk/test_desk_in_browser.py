@@ -31,7 +31,7 @@ from photogram.project.draft.edits import write_value  # noqa: E402
 from photogram.result_files import result_path  # noqa: E402
 
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-PATIENCE_S = 120.0
+PATIENCE_S = 600.0
 MOST_CLICKS = 15
 TABLES = "control.txt", "check.txt"
 TITLE = "Quarry north: stage 3"
@@ -191,7 +191,9 @@ def test_whatever_ends_nothing_is_lost(survey: Path, browser: Chrome, tmp_path: 
             begun = desk.survey.runs().view().began_unix_s
             person.goes_to("look")
             person.sees("#tools button", "Height")
-            browser.set_script_timeout(60)
+            while not browser.execute_script("return Boolean(window.desk)"):
+                time.sleep(0.2)
+            browser.set_script_timeout(PATIENCE_S)
             place = browser.execute_script("return window.desk.map.getView().getCenter()")
             done = "const end = arguments[arguments.length - 1]; window.desk.measure(...arguments).then(() => end(1));"
             browser.execute_async_script(done, "height", [place])
