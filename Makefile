@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs tables messages figures fuzz chaos clean pictures
+.PHONY: help demo test lint docs tables messages vendored figures fuzz chaos clean pictures
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -15,6 +15,7 @@ help:
 	@echo "make lint   ruff, mypy and import-linter alone"
 	@echo "make tables write the tables of settings in docs/ anew from the code"
 	@echo "make messages  bring the catalogs of the other languages up to what the code says in English"
+	@echo "make vendored  take the libraries of the desk's map from their packages (needs npm)"
 	@echo "make figures  run every benchmark whose figures the pages in docs/ show, and write docs/figures.json; many hours, goes on where it stopped"
 	@echo "make figures ONLY=free_network   those alone whose command has this in it"
 	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
@@ -55,6 +56,9 @@ test: $(VENV)/installed-test
 API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
 tables: $(VENV)/installed
 	$(BIN)/python tests/docs_tables.py
+
+vendored:
+	python3 tests/vendored.py
 
 messages: $(VENV)/installed-test
 	$(BIN)/python tests/messages.py
