@@ -1,6 +1,7 @@
 """What is known of a survey before anything is processed: places of photographs and points, and what is odd."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS, crs_label
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
+from photogram.project.document import Document
 from photogram.project.measured.measured_positions import positions_map_m
 from photogram.project.measured.measured_survey import stated_positions
 from photogram.project.project import Project, ProjectPhotograph
@@ -80,7 +82,23 @@ class Prediction(TypedDict):
 
 ASSUMED = {"gnss": ("photographs", "gnss_sigma"), "control": ("control_points", "sigma")}
 """Block and key, less its ending, of the figures that may be assumed: ``_m`` states it, ``_assumed`` says that nobody
-did."""
+did. Ground points may say it for each of their files too."""
+
+
+def assumed_places(path: Path, name: str) -> list[tuple[str | int, ...]]:
+    """Return where a project file says that a figure of ASSUMED is assumed: the keys of its blocks, and its own less
+    the ending. Raises ProjectError where the file cannot be read."""
+    block, key = ASSUMED[name]
+    said = Document(path).value
+    within = said.get(block) if isinstance(said, dict) else None
+    if not isinstance(within, dict):
+        return []
+    places: list[tuple[str | int, ...]] = [(block, key)] if within.get(f"{key}_assumed") is True else []
+    files = within.get("files")
+    for number, file in enumerate(files if isinstance(files, list) else []):
+        if isinstance(file, dict) and file.get(f"{key}_assumed") is True:
+            places.append((block, "files", number, key))
+    return places
 
 
 def overview(project: Project) -> Overview:

@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 from photogram.desk.overview import Prediction, prediction
 from photogram.errors import SettingError
 from photogram.pipeline.pipeline import load_project
-from photogram.project.draft.edits import Scalar, write_values
+from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
 
 Choice = Literal["full", "quick", "own"]
@@ -77,11 +77,11 @@ def write_settings(path: Path, wanted: RunSettings) -> None:
         if length is not None and not 0.0 < length < 1e4:
             raise SettingError(name, f"must be a positive length in metres, found {length:g}")
     quick = wanted["choice"] == "quick"
-    matching: Mapping[tuple[str, ...], Scalar | None] = {
+    matching: Mapping[tuple[str | int, ...], Value | None] = {
         ("quality",): "medium" if quick else None,
         ("dense", "enabled"): False if quick else None,
     }
-    lines: Mapping[tuple[str, ...], Scalar | None] = {
+    lines: Mapping[tuple[str | int, ...], Value | None] = {
         **({} if wanted["choice"] == "own" else matching),
         ("orthophoto", "enabled"): None if wanted["orthophoto"] else False,
         ("terrain", "enabled"): {"automatic": None, "yes": True, "no": False}[wanted["terrain"]],

@@ -139,10 +139,6 @@ class Runs:
             return "failed", text or f"The system ended it ({reason}): close other programs and start it again."
         return ("done" if code == 0 else "failed"), text
 
-    def output(self) -> str:
-        """Return what the command has written on standard output."""
-        return self._text(OUTPUT)
-
     def _lines(self) -> list[str]:
         """Return the whole lines of the events so far."""
         return self._text(OUTPUT).split("\n")[:-1]
@@ -165,7 +161,7 @@ class Runs:
     def _alive(self) -> bool:
         try:
             with (self._folder / LOCK).open() as lock:
-                return not _taken(lock.fileno())
+                return not _taken(lock.fileno(), fcntl.LOCK_SH)
         except FileNotFoundError:
             return False
 
@@ -179,10 +175,10 @@ class Runs:
             self._write({**note, "paused": paused})
 
 
-def _taken(descriptor: int) -> bool:
-    """Take a lock, and return whether nobody else has it."""
+def _taken(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
+    """Take a lock, by itself or shared with others who only look, and return whether no run has it."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True

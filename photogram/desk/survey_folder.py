@@ -14,7 +14,7 @@ from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
-from photogram.desk.overview import ASSUMED, Overview, overview
+from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
@@ -26,7 +26,7 @@ from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE
 from photogram.pipeline.stages.publishing.report_files import NUMBERS, PAGE, VIEW
 from photogram.pipeline.view import write_view
-from photogram.project.draft.edits import Scalar, write_value, write_values
+from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
 from photogram.report.reading import read_report
 from photogram.result_files import ResultFolder, contents_of, rank_of, result_path
@@ -137,6 +137,7 @@ class SurveyFolder:
         self.folder = folder.absolute()
         self.project_path = self.folder / PROJECT_FILE
         self._lock = Lock()
+        self._runs: dict[Path, Runs] = {}
         self._overview: tuple[tuple[int, int], Overview] | None = None
         self._coverage: tuple[tuple[int, int], Coverage] | None = None
 
@@ -151,11 +152,13 @@ class SurveyFolder:
         return load_project(self.project_path)
 
     def runs(self) -> Runs:
-        """Return the runs of the survey."""
+        """Return the runs of the survey, the same ones for all who ask."""
         try:
-            return Runs(self.project().work)
+            work = self.project().work
         except ProjectError:
-            return Runs(self.folder / WORK)
+            work = self.folder / WORK
+        with self._lock:
+            return self._runs.setdefault(work, Runs(work))
 
     def view(self) -> FolderView:
         """Return what lies in the folder."""
@@ -254,9 +257,11 @@ class SurveyFolder:
             raise SettingError("name", f"{name!r}: nothing that is assumed is called so")
         if len(sigma_m) != 3 or not all(0.0 < value < 1e4 for value in sigma_m):
             raise SettingError("accuracy", "three positive lengths in metres are expected: easting, northing, height")
-        block, key = ASSUMED[name]
-        write_value(self.project_path, (block, f"{key}_m"), [float(v) for v in sigma_m])
-        write_value(self.project_path, (block, f"{key}_assumed"), None)
+        values = dict[tuple[str | int, ...], Value | None]()
+        for place in assumed_places(self.project_path, name) or [ASSUMED[name]]:
+            block, key = place[:-1], place[-1]
+            values |= {(*block, f"{key}_m"): list(sigma_m), (*block, f"{key}_assumed"): None}
+        write_values(self.project_path, values, load_project)
 
     def say(self, texts: Mapping[str, str]) -> None:
         """Say in the project file what the report says that no photograph tells. Raises SettingError for what is none
@@ -265,8 +270,8 @@ class SurveyFolder:
             if key not in TEXTS or not text.isprintable():
                 raise SettingError(key, "no line of the report that can be set here")
         said = self.project().report
-        lines: dict[tuple[str, ...], Scalar | None] = {
-            ("report", key): text for key, text in texts.items() if text and text != getattr(said, key)
+        lines: dict[tuple[str | int, ...], Value | None] = {
+            ("report", key): text or None for key, text in texts.items() if text != getattr(said, key)
         }
         write_values(self.project_path, lines, load_project)
 

@@ -27,7 +27,7 @@ import photogram as pg  # noqa: E402
 from photogram.desk.desk import Desk  # noqa: E402
 from photogram.desk.server import DeskServer  # noqa: E402
 from photogram.pipeline.pipeline import load_project, run_pipeline  # noqa: E402
-from photogram.project.draft.edits import write_value  # noqa: E402
+from photogram.project.draft.edits import write_values  # noqa: E402
 from photogram.result_files import result_path  # noqa: E402
 
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -149,7 +149,7 @@ def test_from_photographs_to_the_archive(
     assert not person.browser.find_element(By.ID, "problem").is_displayed()
 
     pg.init(other / "photographs", control=other / TABLES[0], check=other / TABLES[1], project=other / "project.yaml")
-    write_value(other / "project.yaml", ("report", "name"), TITLE)
+    write_values(other / "project.yaml", {("report", "name"): TITLE}, load_project)
     run_pipeline(load_project(other / "project.yaml"))
     pg.deliver(other / "project.yaml", ["dxf", "shapefile"], package=True)
     assert (other / "project.yaml").read_bytes() == (photographed / "project.yaml").read_bytes()

@@ -1,6 +1,5 @@
 """The server of the page: who is answered, and what."""
 
-import http.client
 import json
 import shutil
 import socket
@@ -11,17 +10,16 @@ from threading import Thread
 from typing import Any
 
 import pytest
+from loopback import Answer, asked
 
 pytest.importorskip("starlette", reason="starlette is not installed")
 
 from photogram.desk.desk import Desk, listing
 from photogram.desk.guard import MOST_BODY_BYTES
 from photogram.desk.server import DeskServer
-from photogram.desk.survey_folder import SurveyFolder
+from photogram.desk.survey_folder import Beginning, SurveyFolder
 from photogram.errors import WorkspaceError
 from photogram.result_files import result_path
-
-Answer = tuple[int, http.client.HTTPMessage, bytes]
 
 
 @pytest.fixture(scope="module")
@@ -45,29 +43,6 @@ def server(desk: Desk, folder: Path) -> Iterator[DeskServer]:
     made.stop()
     thread.join(10)
     assert not thread.is_alive()
-
-
-def asked(
-    server: DeskServer,
-    path: str,
-    method: str = "GET",
-    body: bytes | None = None,
-    token: str | None = None,
-    **headers: str,
-) -> Answer:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
-    try:
-        secret = server.token if token is None else token
-        connection.putrequest(method, f"/{secret}/{path}", skip_host="Host" in headers)
-        for name, value in headers.items():
-            connection.putheader(name.replace("_", "-"), value)
-        if body is not None and "Content_Length" not in headers:
-            connection.putheader("Content-Length", str(len(body)))
-        connection.endheaders(body)
-        response = connection.getresponse()
-        return response.status, response.headers, response.read()
-    finally:
-        connection.close()
 
 
 def told(answer: Answer) -> Any:
@@ -200,6 +175,8 @@ def test_what_is_said_of_the_report_stands_in_the_project(server: DeskServer, fo
     told(posted(server, "texts", {"texts": {"name": "Pit 4", "client": "", "author": "A. Surveyor"}}))
     assert told(asked(server, "api/results"))["texts"]["author"] == "A. Surveyor"
     assert 'author: "A. Surveyor"' in (folder / "project.yaml").read_text()
+    told(posted(server, "texts", {"texts": {"author": ""}}))
+    assert told(asked(server, "api/results"))["texts"]["author"] == ""
     told(posted(server, "texts", {"texts": {"language": "de"}}))
     assert told(asked(server, "api/results"))["texts"]["language"] == "de"
     told(posted(server, "texts", {"texts": {"language": "en"}}))
@@ -234,6 +211,19 @@ def test_what_was_assumed_can_be_stated(server: DeskServer, folder: Path) -> Non
     assert posted(server, "accuracy", {"name": "crs", "sigma_m": [1.0, 1.0, 1.0]})[0] == 400
     told(posted(server, "accuracy", {"name": "gnss", "sigma_m": [0.5, 0.5, 1.0]}))
     assert "gnss_sigma_m: [0.5, 0.5, 1.0]" in (folder / "project.yaml").read_text()
+
+
+def test_what_was_assumed_of_a_table_of_points_can_be_stated(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "photographs", tmp_path / "site" / "photographs")
+    points = SurveyFolder(folder).project().control_points[:4]
+    rows = [f"{p.name},{','.join(f'{v:.3f}' for v in p.position_map_m)}" for p in points]
+    (tmp_path / "site" / "control.csv").write_text("\n".join(["name,easting,northing,height", *rows]))
+    survey = SurveyFolder(tmp_path / "site")
+    survey.begin(Beginning({"control.csv": "control"}, focal_px=600.0, crs="EPSG:25832"))
+    assert "control" in [item["name"] for item in survey.overview()["assumptions"]]
+    survey.state_accuracy("control", [0.01, 0.01, 0.02])
+    assert "control" not in [item["name"] for item in survey.overview()["assumptions"]]
+    assert survey.project().control_points[0].sigma_m.tolist() == [0.01, 0.01, 0.02]
 
 
 def test_folders_are_listed_with_what_they_hold(folder: Path, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """The server of the page: who is answered, and what."""
 
-import http.client
 import io
 import json
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from loopback import asked
 from makers import without_marks
 from PIL import Image
 
@@ -48,28 +48,6 @@ def serving(folder: Path, reader: type[PatchReader] = PatchReader) -> Iterator[M
     thread.join()
     session.close()
     patches.close()
-
-
-def asked(
-    server: MarkServer,
-    path: str,
-    method: str = "GET",
-    body: bytes | None = None,
-    token: str | None = None,
-    **headers: str,
-) -> tuple[int, http.client.HTTPMessage, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=20)
-    try:
-        connection.putrequest(method, f"/{token or server.token}/{path}", skip_host="Host" in headers)
-        for name, value in headers.items():
-            connection.putheader(name.replace("_", "-"), value)
-        if body is not None and "Content_Length" not in headers:
-            connection.putheader("Content-Length", str(len(body)))
-        connection.endheaders(body)
-        response = connection.getresponse()
-        return response.status, response.headers, response.read()
-    finally:
-        connection.close()
 
 
 def act(server: MarkServer, **action: object) -> tuple[int, Any]:

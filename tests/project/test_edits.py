@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from photogram.errors import ProjectError
 from photogram.project.document import Document
-from photogram.project.draft.edits import with_value, write_value
+from photogram.project.draft.edits import with_value, write_values
 
 PATH = Path("project.yaml")
 TEXT = """# of a person
@@ -70,11 +70,30 @@ def test_any_title_comes_back(title: str) -> None:
     assert values(with_value(TEXT, ("report", "name"), title, PATH))["report"]["name"] == title  # type: ignore[index]
 
 
+def test_a_value_of_a_list_item_is_set_and_taken_out() -> None:
+    listed = (
+        TEXT + "control_points:\n  files:\n    - path: a.csv # ours\n      sigma_assumed: true\n    - path: b.csv\n"
+    )
+    changed = with_value(listed, ("control_points", "files", 0, "sigma_m"), [0.01, 0.01, 0.02], PATH)
+    assert "      sigma_m: [0.01, 0.01, 0.02]\n    - path: b.csv\n" in changed
+    without = with_value(changed, ("control_points", "files", 0, "sigma_assumed"), None, PATH)
+    assert "sigma_assumed" not in without
+    assert "- path: a.csv # ours" in without
+    assert with_value(listed, ("control_points", "files", 1, "sigma_assumed"), None, PATH) == listed
+
+
+def refuse(path: Path) -> None:
+    raise ValueError(f"{path} is refused")
+
+
 def test_what_cannot_be_set_leaves_the_file_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / "project.yaml"
     path.write_text(TEXT)
     with pytest.raises(ProjectError, match="photogram is no block, so name has no place in it"):
-        write_value(path, ("photogram", "name"), "x")
+        write_values(path, {("report", "name"): "y", ("photogram", "name"): "x"}, str)
     assert path.read_text() == TEXT
-    write_value(path, ("report", "name"), "New")
+    with pytest.raises(ValueError, match="refused"):
+        write_values(path, {("report", "name"): "y"}, refuse)
+    assert path.read_text() == TEXT
+    write_values(path, {("report", "name"): "New"}, str)
     assert 'name: "New"' in path.read_text()

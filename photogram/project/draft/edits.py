@@ -11,20 +11,21 @@ from photogram.files.atomic import replacing
 from photogram.project.document import Document, compose_text, read_text
 
 Scalar = str | float | bool
+Value = Scalar | Sequence[float]
+
+Key = Sequence[str | int]
+"""Names of blocks, and numbers of list items from 0, down to a value."""
 
 
-def write_value(path: Path, key: Sequence[str], value: Scalar | Sequence[float] | None) -> None:
-    """Set a value of a project file, such as ``("report", "name")``, or take it out where it is None.
-
-    Raises ProjectError where the file cannot be read, is not YAML, or a block above the value is none; then it stays as
-    it was. WorkspaceError where it cannot be written.
-    """
-    _put(path, with_value(read_text(path), key, value, path))
-
-
-def write_values(path: Path, values: Mapping[tuple[str, ...], Scalar | None], check: Callable[[Path], object]) -> None:
+def write_values(
+    path: Path, values: Mapping[tuple[str | int, ...], Value | None], check: Callable[[Path], object]
+) -> None:
     """Set several values, or take out those that are None, all or none: where one cannot be set, or ``check`` raises of
-    the new file, it stays as it was. Raises as ``write_value``, and what ``check`` raises."""
+    the new file, it stays as it was.
+
+    Raises ProjectError where the file cannot be read, is not YAML, or a block above a value is none; WorkspaceError
+    where it cannot be written; and what ``check`` raises.
+    """
     before = text = read_text(path)
     for key, value in values.items():
         text = with_value(text, key, value, path)
@@ -43,21 +44,24 @@ def _put(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def with_value(text: str, key: Sequence[str], value: Scalar | Sequence[float] | None, path: Path) -> str:
+def with_value(text: str, key: Key, value: Value | None, path: Path) -> str:
     """Return the text of a project file with a value set, or taken out where it is None, with blocks that are empty
-    then. Raises ProjectError as ``write_value``; ``path`` stands in the message."""
+    then. Raises ProjectError as ``write_values``; ``path`` stands in the message."""
     changed = _without(text, key, path) if value is None else _changed(text, list(key), value, path)
     expected = _values(text, path)
     _set(expected, list(key), list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value)
     if _values(changed, path) != expected:
-        raise ProjectError(f"{path}: {'.'.join(key)} cannot be set in this form of YAML: write it by hand")
+        raise ProjectError(f"{path}: {'.'.join(map(str, key))} cannot be set in this form of YAML: write it by hand")
     return changed
 
 
-def _without(text: str, key: Sequence[str], path: Path) -> str:
+def _without(text: str, key: Key, path: Path) -> str:
     """Return the text without an entry, and without the blocks that hold nothing else."""
     node, chain = compose_text(text, path), list[tuple[yaml.MappingNode, int]]()
     for name in key:
+        if isinstance(name, int):
+            node, chain = _item(node, name), []
+            continue
         entry = _entry(node, name)
         if entry is None or not isinstance(node, yaml.MappingNode):
             return text
@@ -84,20 +88,24 @@ def _end(node: yaml.Node) -> int:
     return int(node.end_mark.index)
 
 
-def _changed(text: str, key: list[str], value: Scalar | Sequence[float], path: Path) -> str:
+def _changed(text: str, key: list[str | int], value: Value, path: Path) -> str:
     node: yaml.Node | None = compose_text(text, path)
     for depth, name in enumerate(key):
+        if isinstance(name, int):
+            node = _item(node, name)
+            continue
         if node is None or (isinstance(node, yaml.ScalarNode) and node.value == "" and depth):
             break
         if not isinstance(node, yaml.MappingNode):
-            raise ProjectError(f"{path}: {'.'.join(key[:depth])} is no block, so {key[depth]} has no place in it")
+            above = ".".join(map(str, key[:depth]))
+            raise ProjectError(f"{path}: {above} is no block, so {name} has no place in it")
         entry = _entry(node, name)
         if entry is None:
-            return _inserted(text, node, key[depth:], value)
+            return _inserted(text, node, [str(part) for part in key[depth:]], value)
         node = entry[1]
         if depth == len(key) - 1:
             return _replaced(text, node, value)
-    return _inserted(text, compose_text(text, path), key, value)
+    return _inserted(text, compose_text(text, path), [str(part) for part in key], value)
 
 
 def _values(text: str, path: Path) -> dict[str, object]:
@@ -112,14 +120,25 @@ def _entry(node: yaml.Node | None, name: str) -> tuple[yaml.Node, yaml.Node] | N
     return next(((k, v) for k, v in node.value if isinstance(k, yaml.ScalarNode) and k.value == name), None)
 
 
-def _set(block: dict[str, object], key: list[str], value: object) -> None:
+def _item(node: yaml.Node | None, number: int) -> yaml.Node | None:
+    """Return an item of a list, None where there is none."""
+    there = isinstance(node, yaml.SequenceNode) and number < len(node.value)
+    return node.value[number] if there and node is not None else None
+
+
+def _set(block: dict[str, object], key: list[str | int], value: object) -> None:
     name, *rest = key
+    held = block.get(str(name))
+    if isinstance(held, list) and rest and isinstance(rest[0], int):
+        if rest[0] < len(held):
+            _set(held[rest[0]], rest[1:], value)
+        return
+    name = str(name)
     if not rest and value is not None:
         block[name] = value
     elif not rest:
         block.pop(name, None)
     elif value is not None or isinstance(block.get(name), dict):
-        held = block.get(name)
         inner: dict[str, object] = dict(held) if isinstance(held, dict) else {}
         before = len(inner)
         _set(inner, rest, value)
@@ -129,20 +148,20 @@ def _set(block: dict[str, object], key: list[str], value: object) -> None:
             del block[name]
 
 
-def _written(value: Scalar | Sequence[float]) -> str:
+def _written(value: Value) -> str:
     """Return a value in a form that means the same in any YAML: JSON."""
     plain = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
     return json.dumps(plain, ensure_ascii=not str(value).isprintable())
 
 
-def _replaced(text: str, node: yaml.Node, value: Scalar | Sequence[float]) -> str:
+def _replaced(text: str, node: yaml.Node, value: Value) -> str:
     """Return the text with a value replaced."""
     start, end = node.start_mark.index, node.end_mark.index
     gap = "" if text[start - 1 : start].isspace() else " "
     return text[:start] + gap + _written(value) + text[end:]
 
 
-def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Scalar | Sequence[float]) -> str:
+def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Value) -> str:
     """Return the text with an entry, and the blocks above it that are missing, at the end of a block."""
     if isinstance(node, yaml.MappingNode) and node.flow_style and node.value:
         end = node.value[-1][1].end_mark.index
