@@ -56,7 +56,7 @@ from photogram.arrays import ByteArray
 from photogram.files.photographs.images import write_photograph
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.frames import geodetic_from_map
-from photogram.marking.page.server import scale_for
+from photogram.marking.page.addresses import scale_for
 from photogram.report.printing import browser_options, find_browser
 
 if TYPE_CHECKING:
@@ -224,13 +224,12 @@ class Pages:
     def chosen(self, name: str) -> tuple[float, Answer]:
         """Choose a point; return the seconds until its first patches, and the point."""
         began = time.perf_counter()
-        self._one("state")
         _, view = self._shown(name)
         return time.perf_counter() - began, view
 
     def _shown(self, name: str) -> tuple[list[bytes], Answer]:
-        content, _ = self.all_of([f"point/{quote(name, safe='')}", "plan"])
-        view: Answer = json.loads(content)
+        content, _ = self.all_of([f"state?point={quote(name, safe='')}", "plan"])
+        view: Answer = json.loads(content)["shown"]
         addresses = [patch_address(record, view) for record in photographs_of(view)[:FIRST_PATCHES]]
         return self.all_of([address for address in addresses if address]), view
 

@@ -42,9 +42,9 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),
     "rich": COMMANDS,
-    "starlette": ("desk",),
+    "starlette": ("desk", "loopback", "marking.page.addresses"),
     "typer": COMMANDS,
-    "uvicorn": ("desk.server",),
+    "uvicorn": ("loopback.server",),
     "yaml": ("project.document", "project.draft.edits"),
 }
 """Libraries that stay in few places: the modules and rooms that import them, and nothing else does."""

@@ -1,6 +1,5 @@
 """photogram desk: a whole survey on one page in the browser. Arguments only."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -30,8 +29,6 @@ def desk(
     Nothing leaves this machine. What the page does is in project.yaml and in the folders beside it, as the other
     commands write them; a run goes on when the page or this command ends.
     """
-    if find_spec("starlette") is None or find_spec("uvicorn") is None:
-        raise typer.BadParameter("the page needs two more packages: pip install 'photogram[desk]'")
     from photogram.desk import work
 
     work.run(folder, browser, port)

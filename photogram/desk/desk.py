@@ -2,12 +2,16 @@
 
 import json
 import os
+import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Lock
 from types import TracebackType
 
+from starlette.exceptions import HTTPException
+from starlette.routing import Router
+from starlette.types import Receive, Scope, Send
 from typing_extensions import TypedDict
 
 from photogram.desk.survey_folder import SurveyFolder
@@ -16,7 +20,7 @@ from photogram.files.atomic import make_folder, replacing
 from photogram.files.photographs.names import SUFFIXES
 from photogram.marking.detection import marking_session
 from photogram.marking.marking_survey import open_marking
-from photogram.marking.page.server import MarkServer
+from photogram.marking.page.addresses import MarkingPage
 from photogram.pipeline.project_file import PROJECT_FILE
 
 MOST_RECENT = 12
@@ -52,7 +56,7 @@ class Desk:
         self._recent = recent or recent_file()
         self._lock = Lock()
         self._survey: SurveyFolder | None = None
-        self._marking: tuple[MarkServer, ExitStack] | None = None
+        self._marking: tuple[str, Router, ExitStack] | None = None
 
     def __enter__(self) -> "Desk":
         return self
@@ -101,28 +105,32 @@ class Desk:
         with replacing(self._recent) as path:
             path.write_text(json.dumps([str(folder), *others][:MOST_RECENT]), encoding="utf-8")
 
-    def mark(self, origin: str) -> str:
-        """Return the address of the page of marking, begun where it is not yet. Pages of ``origin`` may show it
-        within themselves. Raises as ``open_marking``."""
+    def mark(self) -> str:
+        """Return the address of the page of marking, begun where it is not yet. Raises as ``open_marking``."""
         with self._lock:
             if self._marking is None:
                 survey = open_marking(self.survey.project_path)
                 with ExitStack() as stack:
                     session, patches = stack.enter_context(marking_session(survey))
-                    server = MarkServer(session, patches, self.survey.folder.name, shown_in=origin)
+                    page = MarkingPage(session, patches, self.survey.folder.name)
                     session.start()
-                    thread = Thread(target=server.serve, name="marking", daemon=True)
-                    thread.start()
-                    stack.callback(thread.join)
-                    stack.callback(server.stop)
-                    self._marking = server, stack.pop_all()
-            return self._marking[0].url
+                    page.begin()
+                    self._marking = secrets.token_urlsafe(9), Router(page.routes()), stack.pop_all()
+            return f"marking/{self._marking[0]}/"
+
+    async def marking(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request of the page of marking. Each session has an address of its own, so that a page that was
+        left open marks nothing in another survey."""
+        marking = self._marking
+        if marking is None or scope["path_params"]["key"] != marking[0]:
+            raise HTTPException(404, "this marking has ended: go to Points again")
+        await marking[1](scope, receive, send)
 
     def end_marking(self) -> None:
         """End the marking; every mark is on the disk already."""
         with self._lock:
             if self._marking is not None:
-                self._marking[1].close()
+                self._marking[2].close()
             self._marking = None
 
 

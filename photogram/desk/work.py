@@ -6,8 +6,9 @@ from pathlib import Path
 from rich.markup import escape
 
 from photogram.desk.desk import Desk
-from photogram.desk.server import ADDRESS, DeskServer
+from photogram.desk.server import DeskServer
 from photogram.errors import WorkspaceError
+from photogram.loopback.server import ADDRESS
 from photogram.terminal.console import console
 
 

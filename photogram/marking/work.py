@@ -8,11 +8,11 @@ from rich.markup import escape
 
 from photogram.errors import WorkspaceError
 from photogram.files.marks.formats import MarkFormat
+from photogram.loopback.server import ADDRESS, LoopbackServer
 from photogram.marking.detection import detect_targets, marking_session
 from photogram.marking.mark_export import export_marks
 from photogram.marking.marking_survey import open_marking
-from photogram.marking.page.patches import PatchReader
-from photogram.marking.page.server import ADDRESS, MarkServer
+from photogram.marking.page.addresses import POLICY, MarkingPage
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapper
 from photogram.terminal.console import console, steps
@@ -26,10 +26,12 @@ def run(project: Path, photographs: Path | None, browser: bool, port: int, propo
         survey = open_marking(project, photographs, progress)
     with marking_session(survey) as (session, patches):
         _warn_of(session.set_aside)
-        server = _server(session, patches, survey.project.path.absolute().parent.name, port)
+        page = MarkingPage(session, patches, survey.project.path.absolute().parent.name)
+        server = _server(page, port)
         if propose:
             _look(session)
         session.start()
+        page.begin()
         Thread(target=Snapper(patches).prepare, daemon=True).start()
         points = things(len(survey.block.control_points), "point")
         console.print(
@@ -40,7 +42,7 @@ def run(project: Path, photographs: Path | None, browser: bool, port: int, propo
             console.print(line, soft_wrap=True, markup=False)
         if browser and not webbrowser.open(server.url):
             console.print("No browser found: open this address yourself.")
-        _serve(server)
+        server.serve()
         state = session.snapshot().state
     console.print(
         f"Ended: {things(len(state.marks), 'mark')} in {escape(str(survey.marks))}. "
@@ -93,17 +95,10 @@ def _look(session: MarkingSession) -> None:
     console.print(f"{found[0].upper()}{found[1:]}.", soft_wrap=True, highlight=False)
 
 
-def _server(session: MarkingSession, patches: PatchReader, title: str, port: int) -> MarkServer:
+def _server(page: MarkingPage, port: int) -> LoopbackServer:
     try:
-        return MarkServer(session, patches, title, port)
+        return LoopbackServer(page.routes(), POLICY, port)
     except OSError as error:
         raise WorkspaceError(
             f"port {port} of {ADDRESS} cannot be used ({error.strerror}): give another with --port, or none"
         ) from error
-
-
-def _serve(server: MarkServer) -> None:
-    try:
-        server.serve()
-    except KeyboardInterrupt:
-        return  # how it is meant to end: everything is on the disk

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytest.importorskip("starlette", reason="starlette is not installed")
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 
 from selenium.webdriver import Chrome  # noqa: E402

@@ -12,13 +12,11 @@ from typing import Any
 import pytest
 from loopback import Answer, asked
 
-pytest.importorskip("starlette", reason="starlette is not installed")
-
 from photogram.desk.desk import Desk, listing
-from photogram.desk.guard import MOST_BODY_BYTES
 from photogram.desk.server import DeskServer
 from photogram.desk.survey_folder import Beginning, SurveyFolder
 from photogram.errors import WorkspaceError
+from photogram.loopback.guard import MOST_BODY_BYTES
 from photogram.result_files import result_path
 
 
@@ -249,3 +247,21 @@ def test_without_a_survey_everything_says_so(tmp_path: Path) -> None:
     with Desk(tmp_path / "desk.json") as empty, pytest.raises(WorkspaceError, match="no survey is open"):
         _ = empty.survey
     assert not (tmp_path / "desk.json").exists()
+
+
+def test_marking_is_below_the_page_and_ends_with_the_survey(server: DeskServer, desk: Desk, folder: Path) -> None:
+    address = told(posted(server, "mark", {}))["address"]
+    assert address == told(posted(server, "mark", {}))["address"]
+    state = told(asked(server, f"{address}state"))
+    assert state["title"] == folder.name
+    assert {point["name"] for point in state["points"]} >= {
+        point.name for point in desk.survey.project().control_points
+    }
+    assert asked(server, f"{address}static/main.js")[0] == 200
+    assert asked(server, f"{address}static/../addresses.py")[0] == 404
+    assert asked(server, "marking/guess/state")[0] == 404
+    desk.open(folder)
+    status, _, content = asked(server, f"{address}state")
+    assert (status, "has ended" in json.loads(content)["error"]) == (404, True)
+    assert told(posted(server, "mark", {}))["address"] != address
+    desk.end_marking()

@@ -9,12 +9,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-pytest.importorskip("starlette", reason="starlette is not installed")
-
-from photogram.cli.app import app
-from photogram.desk import command, work
+from photogram.desk import work
 from photogram.desk.desk import Desk
 from photogram.desk.server import DeskServer
 from photogram.errors import WorkspaceError
@@ -43,10 +39,3 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path, monkeypatch: pytest.Monke
         with pytest.raises(WorkspaceError, match=f"port {taken.port} of 127.0.0.1 cannot be used"):
             work.run(None, False, taken.port)
         taken.close()
-
-
-def test_without_its_packages_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "find_spec", lambda _: None)
-    outcome = CliRunner().invoke(app, ["desk", "--no-browser"])
-    assert outcome.exit_code == 2
-    assert "photogram[desk]" in " ".join(outcome.output.split())

@@ -16,8 +16,9 @@ from makers import without_marks
 from PIL import Image
 
 from photogram.files.marks.mark_table import read_marks
+from photogram.loopback.server import LoopbackServer
+from photogram.marking.page.addresses import POLICY, MarkingPage
 from photogram.marking.page.patches import PatchReader
-from photogram.marking.page.server import MarkServer
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.predictions import predicted_places
 from photogram.marking.tagged_block import tagged_block
@@ -40,7 +41,8 @@ blocks are, is then less than 0.05 px off."""
 class Page:
     """The page of a session whose photographs have a white pixel on black every DOTS_APART."""
 
-    server: MarkServer
+    server: LoopbackServer
+    session: MarkingSession
     marks: Path
     browser: Chrome
 
@@ -93,7 +95,7 @@ class Page:
         return float(one) / float(other)
 
     def steps(self) -> int:
-        return self.server.session.snapshot().undoable
+        return self.session.snapshot().undoable
 
 
 @pytest.fixture(scope="module")
@@ -110,13 +112,13 @@ def page(
     Image.fromarray(dots).save(folder / "dots.png")
     patches = PatchReader([folder / "dots.png"] * len(block.photographs), [size] * len(block.photographs))
     session = MarkingSession(block, folder / "journal.sqlite", folder / "marks.csv")
-    server = MarkServer(session, patches, "dots")
+    server = LoopbackServer(MarkingPage(session, patches, "dots").routes(), POLICY)
     thread = Thread(target=server.serve)
     thread.start()
     session.start()
     try:
         with open_browser() as browser:
-            yield Page(server, folder / "marks.csv", browser)
+            yield Page(server, session, folder / "marks.csv", browser)
     finally:
         server.stop()
         thread.join()
@@ -176,7 +178,7 @@ def wait(condition: Callable[[], object]) -> None:
 
 def test_keys_alone_mark_move_and_take_back(page: Page) -> None:
     page.open()
-    session = page.server.session
+    session = page.session
     point = page.js("return document.querySelector('#name').textContent")
     first = page.js("return document.activeElement.dataset.photograph")
     assert first, "the first photograph has the focus"
@@ -221,7 +223,7 @@ def test_keys_alone_mark_move_and_take_back(page: Page) -> None:
 
 def test_ellipses_lie_where_points_are_predicted(page: Page) -> None:
     page.open()
-    session = page.server.session
+    session = page.session
     name = page.js("return document.querySelector('#name').textContent")
     photograph = page.js("return document.querySelector('figure').dataset.photograph")
     places = predicted_places(session.block)
@@ -240,7 +242,7 @@ def test_a_point_is_added_in_the_page(page: Page) -> None:
     page.js("document.querySelector('#new input[name=name]').focus()")
     page.keys("roof", Keys.ENTER)
     page.until("document.querySelector('#name').textContent === 'roof'")
-    assert page.server.session.roles["roof"] == "tie"
+    assert page.session.roles["roof"] == "tie"
     page.keys("u")
     page.until("document.querySelector('#name').textContent !== 'roof'")
 

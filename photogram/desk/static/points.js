@@ -3,13 +3,13 @@
 import { post } from "./api.js";
 import { $ } from "./page.js";
 
-let address = null;
+let shown = null;
 
 export async function show(state) {
   $("no-points").hidden = state.survey.has_points;
   $("no-points").textContent = "The project has no ground points: give their coordinates in project.yaml under control_points, or begin the survey again with a table of points.";
   if (!state.survey.has_points) return;
-  const { url } = await post("mark");
-  if (url !== address || !$("marking").src) $("marking").src = address = url;
+  const { address } = await post("mark");
+  if (address !== shown || !$("marking").src) $("marking").src = shown = address;
   $("marking").hidden = false;
 }

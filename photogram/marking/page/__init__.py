@@ -1,5 +1,5 @@
-"""The page of `photogram mark`: a server of this machine alone that shows patches of photographs and keeps their marks.
+"""The page of `photogram mark`, for the browser of this machine alone: patches of photographs, and their marks.
 
-Computes no predictions of its own, decodes nothing at its start, and answers nobody but this machine.
-`session.MarkingSession` keeps and tests the marks, `server.MarkServer` serves them with `patches.PatchReader`.
+Computes no predictions of its own and decodes nothing at its start. `photogram desk` shows it within its own page.
+`session.MarkingSession` keeps and tests the marks, `addresses.MarkingPage` answers with `patches.PatchReader`.
 """

@@ -8,9 +8,8 @@ async function answered(response) {
 
 const name = encodeURIComponent;
 
-export const state = async () => answered(await fetch("state"));
+export const state = async (title) => answered(await fetch(title === null ? "state" : `state?point=${name(title)}`));
 export const plan = async () => answered(await fetch("plan"));
-export const point = async (title) => answered(await fetch(`point/${name(title)}`));
 export const changed = async (after) => (await answered(await fetch(`events?after=${after}`))).version;
 export const ahead = (title, shown, side) => fetch(`ahead/${name(title)}?shown=${shown}&side=${side}`).catch(() => null);
 

@@ -114,21 +114,20 @@ function showScale() {
   $("scale").textContent = k >= 1 ? `${k.toFixed(1)} : 1` : `1 : ${(1 / k).toFixed(1)}`;
 }
 
+// The point comes with the state that it belongs to: an action in between can take it away.
 async function refresh() {
-  session = await api.state();
-  version = Math.max(version, session.version);
-  if (chosen === null || !session.points.some((point) => point.name === chosen)) {
-    chosen = session.first;
-  }
   const asked = chosen;
-  const [seen, above] = await Promise.all([asked === null ? null : api.point(asked), api.plan()]);
+  const [now, above] = await Promise.all([api.state(asked), api.plan()]);
+  session = now;
   places = above;
+  version = Math.max(version, session.version);
+  if (chosen === asked || !session.points.some((point) => point.name === chosen)) chosen = session.shown?.point.name ?? null;
   showSession();
-  if (seen && asked === chosen) {
-    view = seen;
+  if (session.shown && session.shown.point.name === chosen) {
+    view = session.shown;
     showPoint();
     document.body.dataset.ready = session.computing ? "places" : "all";
-    document.body.dataset.version = Math.min(session.version, seen.version);
+    document.body.dataset.version = Math.min(session.version, view.version);
   }
 }
 

@@ -18,12 +18,7 @@ MOST_BODY_BYTES = 1 << 20
 BODY_WAIT_S = 20.0
 """What a request may take to send its body."""
 
-SAFE_HEADERS: Mapping[str, str] = {
-    "content-security-policy": (
-        "default-src 'self'; img-src 'self' blob: data:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
-        "connect-src 'self' blob:; frame-src 'self' http://127.0.0.1:*; frame-ancestors 'self'; base-uri 'none'; "
-        "form-action 'none'"
-    ),
+_SAFE: Mapping[str, str] = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
@@ -33,10 +28,11 @@ SAFE_HEADERS: Mapping[str, str] = {
 
 class Guard:
     """Answers requests that carry the token itself, all others with 404; what comes through has an address without
-    it."""
+    it. All have safe headers, and ``policy`` as content security policy."""
 
-    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, policy: str) -> None:
         self._app, self._token, self._port = app, token, port
+        self._safe = [(k.encode(), v.encode()) for k, v in {**_SAFE, "content-security-policy": policy}.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -47,15 +43,17 @@ class Guard:
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         first, _, rest = scope["path"].lstrip("/").partition("/")
         if not (self._names_loopback(headers) and self._is_token(first) and scope["path"].startswith(f"/{first}/")):
-            await _refuse(send, HTTPStatus.NOT_FOUND, "not found")
+            await self._refuse(send, HTTPStatus.NOT_FOUND, "not found")
             return
         if scope["method"] not in ("GET", "HEAD"):
             if not self._comes_from_page(headers):
-                await _refuse(send, HTTPStatus.NOT_FOUND, "not found")
+                await self._refuse(send, HTTPStatus.NOT_FOUND, "not found")
                 return
             length = headers.get("content-length", "")
             if not length.isdecimal() or int(length) > MOST_BODY_BYTES:
-                await _refuse(send, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has up to {MOST_BODY_BYTES} bytes")
+                await self._refuse(
+                    send, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a request has up to {MOST_BODY_BYTES} bytes"
+                )
                 return
 
         async def hurried() -> Message:
@@ -65,7 +63,7 @@ class Guard:
         async def sealed(message: Message) -> None:
             if message["type"] == "http.response.start":
                 own = {name for name, _ in message["headers"]}
-                safe = [(k.encode(), v.encode()) for k, v in SAFE_HEADERS.items() if k.encode() not in own]
+                safe = [(name, value) for name, value in self._safe if name not in own]
                 message = {**message, "headers": [*message["headers"], *safe]}
             await send(message)
 
@@ -86,15 +84,9 @@ class Guard:
         kind = headers.get("content-type", "").partition(";")[0].strip()
         return own and site == "same-origin" and kind == "application/json"
 
-
-async def _refuse(send: Send, status: HTTPStatus, text: str) -> None:
-    content = json.dumps({"error": text}).encode()
-    headers = {"content-type": "application/json", "content-length": str(len(content)), "connection": "close"}
-    await send(
-        {
-            "type": "http.response.start",
-            "status": int(status),
-            "headers": [(k.encode(), v.encode()) for k, v in {**headers, **SAFE_HEADERS}.items()],
-        }
-    )
-    await send({"type": "http.response.body", "body": content})
+    async def _refuse(self, send: Send, status: HTTPStatus, text: str) -> None:
+        content = json.dumps({"error": text}).encode()
+        own = {"content-type": "application/json", "content-length": str(len(content)), "connection": "close"}
+        headers = [*((k.encode(), v.encode()) for k, v in own.items()), *self._safe]
+        await send({"type": "http.response.start", "status": int(status), "headers": headers})
+        await send({"type": "http.response.body", "body": content})
