@@ -5,6 +5,7 @@ import os
 import secrets
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -21,7 +22,11 @@ from photogram.files.photographs.names import SUFFIXES
 from photogram.marking.detection import marking_session
 from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.addresses import MarkingPage
+from photogram.marking.page.session import MarkingSession
+from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.project_file import PROJECT_FILE
+from photogram.project.draft.roles import write_roles
+from photogram.survey import Role
 
 MOST_RECENT = 12
 MOST_LISTED = 500
@@ -48,6 +53,24 @@ class Listing(TypedDict):
     folders: list[FolderEntry]
 
 
+class MarkingView(TypedDict):
+    """Where points are marked."""
+
+    address: str
+    """Below that of the desk."""
+    notes: list[str]
+    """What the project file needs for the marks to count."""
+
+
+@dataclass(frozen=True)
+class _Marking:
+    key: str
+    session: MarkingSession
+    pages: Router
+    notes: tuple[str, ...]
+    closing: ExitStack
+
+
 class Desk:
     """The surveys of a session. May be asked from several threads at once."""
 
@@ -56,7 +79,7 @@ class Desk:
         self._recent = recent or recent_file()
         self._lock = Lock()
         self._survey: SurveyFolder | None = None
-        self._marking: tuple[str, Router, ExitStack] | None = None
+        self._marking: _Marking | None = None
 
     def __enter__(self) -> "Desk":
         return self
@@ -105,8 +128,8 @@ class Desk:
         with replacing(self._recent) as path:
             path.write_text(json.dumps([str(folder), *others][:MOST_RECENT]), encoding="utf-8")
 
-    def mark(self) -> str:
-        """Return the address of the page of marking, begun where it is not yet. Raises as ``open_marking``."""
+    def mark(self) -> MarkingView:
+        """Return where the page of marking is, begun where it is not yet. Raises as ``open_marking``."""
         with self._lock:
             if self._marking is None:
                 survey = open_marking(self.survey.project_path)
@@ -115,22 +138,34 @@ class Desk:
                     page = MarkingPage(session, patches, self.survey.folder.name)
                     session.start()
                     page.begin()
-                    self._marking = secrets.token_urlsafe(9), Router(page.routes()), stack.pop_all()
-            return f"marking/{self._marking[0]}/"
+                    notes = survey.lines_to_add()
+                    self._marking = _Marking(
+                        secrets.token_urlsafe(9), session, Router(page.routes()), notes, stack.pop_all()
+                    )
+            return {"address": f"marking/{self._marking.key}/", "notes": list(self._marking.notes)}
 
     async def marking(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request of the page of marking. Each session has an address of its own, so that a page that was
         left open marks nothing in another survey."""
         marking = self._marking
-        if marking is None or scope["path_params"]["key"] != marking[0]:
+        if marking is None or scope["path_params"]["key"] != marking.key:
             raise HTTPException(404, "this marking has ended: go to Points again")
-        await marking[1](scope, receive, send)
+        await marking.pages(scope, receive, send)
+
+    def set_role(self, name: str, role: Role) -> None:
+        """Give a ground point a role, in the project file. Raises as ``write_roles``, ControlPointError as the
+        session of marking where one is open."""
+        with self._lock:
+            if self._marking is not None:
+                self._marking.session.set_role(name, role)
+            else:
+                write_roles(self.survey.project_path, {name: role}, load_project)
 
     def end_marking(self) -> None:
         """End the marking; every mark is on the disk already."""
         with self._lock:
             if self._marking is not None:
-                self._marking[2].close()
+                self._marking.closing.close()
             self._marking = None
 
 

@@ -18,6 +18,7 @@ from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.loopback.answers import Asked, Nothing, Query, got, posted
 from photogram.loopback.server import LoopbackServer
+from photogram.survey import Role
 
 POLICY = (
     "default-src 'self'; img-src 'self' blob: data:; worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
@@ -46,6 +47,11 @@ class _Begin(Asked):
 class _Accuracy(Asked):
     name: str
     sigma_m: list[float] = Field(min_length=3, max_length=3)
+
+
+class _Role(Asked):
+    name: str
+    role: Role
 
 
 class _Settings(Asked):
@@ -115,7 +121,8 @@ class _Addresses:
             posted("/api/pause", Nothing, lambda _: desk.survey.runs().pause()),
             posted("/api/resume", Nothing, lambda _: desk.survey.runs().resume()),
             posted("/api/stop", Nothing, lambda _: desk.survey.runs().stop()),
-            posted("/api/mark", Nothing, lambda _: {"address": desk.mark()}),
+            posted("/api/mark", Nothing, lambda _: desk.mark()),
+            posted("/api/role", _Role, lambda asked: desk.set_role(asked.name, asked.role)),
             got("/api/measurements", lambda _: desk.survey.measurements().all()),
             posted(
                 "/api/measure", _Places, lambda asked: desk.survey.measurements().add(asked.kind, asked.corners_map_m)

@@ -11,6 +11,8 @@ from photogram.marking.page.patches import PatchReader
 from photogram.marking.page.proposing import proposed_marks
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Snapper
+from photogram.pipeline.pipeline import load_project
+from photogram.project.draft.roles import write_roles
 from photogram.wording import Progress, silent
 
 CONTACT_SHEETS = "contact_sheets"
@@ -45,6 +47,7 @@ def marking_session(survey: MarkingSurvey, *, only_looks: bool = False) -> Itera
         Snapper(patches).centre,
         better=lambda: adjusted_block(survey),
         propose=lambda known, hidden, progress: proposed_marks(known, patches, hidden, progress),
+        keep_roles=lambda roles: write_roles(survey.project.path, roles, load_project),
     )
     try:
         yield session, patches

@@ -49,8 +49,8 @@ def run(project: Path, photographs: Path | None, browser: bool, port: int, propo
         f"Next: photogram adjust {escape(str(project))}",
         soft_wrap=True,
     )
-    for name, role in sorted(state.roles.items()):
-        console.print(f"Role of {name}: {role}; say so in {project}", soft_wrap=True, markup=False)
+    for name in sorted(state.points):
+        console.print(f"{name} was added on the page: put it into a table of points for it to count", soft_wrap=True)
 
 
 def detect(project: Path, photographs: Path | None) -> None:

@@ -368,6 +368,9 @@ class ControlFileEntry(Entry):
 
     path: Annotated[Text | None, Required("the file with the points, relative to this file")] = None
     role: Annotated[RolesOf, "Of points whose file says nothing; default control."] = ("control", "control")
+    roles: Annotated[dict[str, RolesOf], "Of single points, in place of what the file says."] = Field(
+        default_factory=dict
+    )
     marks: Annotated[Text | None, "The file with their marks."] = None
     columns: Annotated[Columns | None, COLUMNS] = None
     crs: Annotated[Text | None, "CRS of the points.", Default("what the file says, else the project's")] = None

@@ -265,3 +265,21 @@ def test_marking_is_below_the_page_and_ends_with_the_survey(server: DeskServer, 
     assert (status, "has ended" in json.loads(content)["error"]) == (404, True)
     assert told(posted(server, "mark", {}))["address"] != address
     desk.end_marking()
+
+
+def test_a_role_that_is_switched_stands_in_the_project(server: DeskServer, desk: Desk) -> None:
+    def roles() -> dict[str, str]:
+        return {point["name"]: point["role"] for point in told(asked(server, "api/overview"))["points"]}
+
+    before = roles()
+    name = next(name for name, role in before.items() if role == "control")
+    told(posted(server, "role", {"name": name, "role": "check"}))
+    assert roles() == {**before, name: "check"}
+    address = told(posted(server, "mark", {}))["address"]
+    assert {p["name"]: p["role"] for p in told(asked(server, f"{address}state"))["points"]}[name] == "check"
+    told(posted(server, "role", {"name": name, "role": "control"}))
+    assert {p["name"]: p["role"] for p in told(asked(server, f"{address}state"))["points"]}[name] == "control"
+    assert roles() == before
+    desk.end_marking()
+    assert posted(server, "role", {"name": "nobody", "role": "check"})[0] == 400
+    assert posted(server, "role", {"name": name, "role": "tie"})[0] == 400

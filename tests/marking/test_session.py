@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import Click, Snapped
 from photogram.marking.tagged_block import tagged_block
 from photogram.simulation.simulated_survey import simulate_block, whole_survey_plan
-from photogram.survey import Block
+from photogram.survey import Block, Role
 
 PLAN = replace(whole_survey_plan(), control_points=24, check_points=4)
 
@@ -275,3 +276,31 @@ def test_killed_at_any_moment_no_answered_mark_is_lost_and_no_file_is_half(tmp_p
         assert kept == table
         # one more may have been on its way
         assert kept[name] == int(number) % 100 or len(whole.photographs) == 1
+
+
+def test_roles_of_the_project_are_kept_in_it_and_taken_back(session: MarkingSession, tmp_path: Path) -> None:
+    kept: list[dict[str, str]] = []
+    block = session.block
+    name = block.control_points.name[0]
+    before = block.control_points.role[0]
+    other: Role = "check" if before == "control" else "control"
+
+    def opened() -> MarkingSession:
+        return MarkingSession(
+            block, tmp_path / "roles" / "journal.sqlite", tmp_path / "roles" / "marks.csv",
+            keep_roles=lambda roles: kept.append(dict(roles)),
+        )  # fmt: skip
+
+    (tmp_path / "roles").mkdir()
+    with closing(opened()) as first:
+        first.set_role(name, other)
+        first.undo()
+        first.redo()
+        first.add_point(SurveyedPoint("heap", None))
+        assert kept == [{name: other}, {name: before}, {name: other}]
+        assert first.roles[name] == other
+    with closing(opened()) as again:  # of a project in which somebody has changed the role back
+        assert again.roles[name] == before
+        again.set_role(name, other)
+        assert again.roles[name] == other
+    assert kept[3:] == [{name: other}]

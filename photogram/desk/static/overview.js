@@ -18,6 +18,8 @@ export async function show() {
   }
   await coverage.show();
   fill($("facts"), ...facts(overview));
+  $("roles").hidden = !overview.points.length;
+  fill($("roles").querySelector("ul"), ...overview.points.map(role));
   fill($("assumptions"), ...overview.assumptions.map(assumption));
   const odd = overview.findings;
   fill($("findings"), ...(odd.length ? odd.map(finding) : [element("li", { class: "note" }, "Nothing.")]));
@@ -36,10 +38,30 @@ function draw(overview) {
     vectorLayer(photographs, feature => photographStyle(colour(feature.get("item").flight))),
     vectorLayer(points, pointStyle),
   ]);
+  map.on("click", event => map.forEachFeatureAtPixel(event.pixel, feature => chosen(feature.get("item")), { hitTolerance: 6 }));
   coverage.onMap(map);
   const extent = ol.extent.createEmpty();
   for (const feature of [...photographs, ...points]) ol.extent.extend(extent, feature.getGeometry().getExtent());
   if (photographs.length || points.length) shownFully(map, ol.extent.getArea(extent) > 0 ? extent : ol.extent.buffer(extent, 50));
+}
+
+function role(point) {
+  const select = element("select", { "aria-label": `Role of ${point.name}`, "data-point": point.name },
+    ...["control", "check"].map(name => element("option", { value: name, ...(name === point.role ? { selected: "" } : {}) }, name)));
+  select.onchange = guarded(async () => {
+    await post("role", { name: point.name, role: select.value });
+    await show();
+    $("roles").querySelector(`select[data-point="${CSS.escape(point.name)}"]`)?.focus();
+  });
+  return element("li", {}, element("span", {}, point.name), select, element("span", { class: "muted" }, plural(point.marks, "mark")));
+}
+
+// A click on a point of the map leads to its role.
+function chosen(item) {
+  if (!("role" in item)) return false;
+  $("roles").open = true;
+  $("roles").querySelector(`select[data-point="${CSS.escape(item.name)}"]`).focus();
+  return true;
 }
 
 function facts(overview) {

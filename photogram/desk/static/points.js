@@ -9,7 +9,9 @@ export async function show(state) {
   $("no-points").hidden = state.survey.has_points;
   $("no-points").textContent = "The project has no ground points: give their coordinates in project.yaml under control_points, or begin the survey again with a table of points.";
   if (!state.survey.has_points) return;
-  const { address } = await post("mark");
+  const { address, notes } = await post("mark");
+  $("points-notes").hidden = !notes.length;
+  $("points-notes").textContent = notes.join("\n");
   if (address !== shown || !$("marking").src) $("marking").src = shown = address;
   $("marking").hidden = false;
 }

@@ -54,7 +54,7 @@ from photogram.marking.page.assessment import (
 from photogram.marking.page.proposing import SearchResult, SearchState, TargetSearch
 from photogram.marking.page.snapping import Click, OtherMark, Snap, Snapped
 from photogram.measures.mark_covariances import stated_pairs
-from photogram.survey import Block
+from photogram.survey import Block, Role
 from photogram.wording import Progress
 
 ADJUSTED = "adjustment"
@@ -65,6 +65,9 @@ PROPOSALS = "proposals.csv"
 
 Propose = Callable[[Block, frozenset[MarkKey], Progress], SearchResult]
 """Proposes marks of the points of a block where they have none, but not at the places that cannot be seen."""
+
+KeepRoles = Callable[[Mapping[str, Role]], None]
+"""Keeps roles of points of the project, by their names."""
 
 SAME_PX = 1e-3
 """How far apart the same mark of the project may be when it is read again."""
@@ -150,11 +153,11 @@ class MarkingSession:
     """The marks of a survey while they are made; threads may use it at the same time.
 
     Opening takes over the marks of ``block`` that the journal has not seen, or has seen before they were corrected in
-    the project. A table that is not the journal's own is
-    kept under another name, ``set_aside``. Without a table, ``marks`` None, the session only looks: it may propose, and
-    neither table nor journal changes. ``better`` is asked once, in the
-    background, for a block that knows more, an adjusted one, and says why there is none. Raises WorkspaceError where
-    the journal or the table cannot be written or another process has the journal open.
+    the project. A table that is not the journal's own is kept under another name, ``set_aside``. Without a table,
+    ``marks`` None, the session only looks: it may propose, and neither table nor journal changes. ``better`` is asked
+    once, in the background, for a block that knows more, an adjusted one, and says why there is none. ``keep_roles``
+    writes the roles of the project's points into the project, which is right where an earlier session says otherwise.
+    Raises WorkspaceError where the journal or the table cannot be written or another process has the journal open.
     """
 
     def __init__(
@@ -165,8 +168,10 @@ class MarkingSession:
         snap: Snap | None = None,
         better: Callable[[], Block | None] | None = None,
         propose: Propose | None = None,
+        keep_roles: KeepRoles | None = None,
     ) -> None:
         self.block = block
+        self._keep_roles = keep_roles
         self._table = marks
         self._snap = snap
         self._better = better
@@ -199,6 +204,7 @@ class MarkingSession:
         self._ended = False
         self._acting = threading.Lock()
         self._state = self._journal.state if marks is not None else state_of((*seen, PlaceMarks(new)))
+        self._overruled = {} if keep_roles is None else dict(self._state.roles)
         self.set_aside = None if marks is None else _set_aside(marks, journal.parent, seen)
         self._write()
         self._assessor = threading.Thread(target=self._assess_always, name="marks", daemon=True)
@@ -237,9 +243,13 @@ class MarkingSession:
         roles: dict[str, PointRole] = {
             name: given.role[g] if surveyed[g] else "tie" for g, name in enumerate(given.name)
         }
+        chosen = dict(self._state.roles)
+        for name in roles:
+            if chosen.get(name) == self._overruled.get(name):
+                chosen.pop(name, None)
         for name, point in self._state.points.items():
             roles[name] = "tie" if point.position is None else roles.get(name, "control")
-        return {name: self._state.roles.get(name, role) for name, role in roles.items()}
+        return {name: chosen.get(name, role) for name, role in roles.items()}
 
     def snapshot(self) -> Snapshot:
         """Return the session as it is now."""
@@ -443,6 +453,9 @@ class MarkingSession:
         if self._table is None:
             raise ControlPointError("this session only looks for targets: mark on the page of photogram mark")
         with self._acting:
+            before = self.roles
+            if isinstance(action, SetRole):
+                self._overruled.pop(action.point, None)
             self._journal.append(action)
             self._actions.append(action)
             state = self._journal.state
@@ -450,6 +463,13 @@ class MarkingSession:
                 self._state, self._is_stale = state, True
                 self._notify()
             self._write()
+            self._write_roles(before)
+
+    def _write_roles(self, before: Mapping[str, PointRole]) -> None:
+        names, now = self.block.control_points.name, self.roles
+        changed = {n: role for n in names if (role := now[n]) != "tie" and role != before[n]}
+        if changed and self._keep_roles is not None:
+            self._keep_roles(changed)
 
     def _write(self) -> None:
         if self._table is not None:

@@ -26,6 +26,8 @@ class MarkEntry:
     """The file of their marks, None where it names none."""
     holds_marks: bool
     """Whether the file of the points has marks of its own."""
+    names: tuple[str, ...] = ()
+    """Of its points."""
 
 
 def mark_entries(project: Path) -> tuple[tuple[MarkEntry, ...], bool]:
@@ -39,7 +41,8 @@ def mark_entries(project: Path) -> tuple[tuple[MarkEntry, ...], bool]:
             marks, path = value.get("marks"), str(value["path"])
             columns = value.get("columns")
             points = read_points(document.base / path, columns if isinstance(columns, list) else None)
-            entries.append(MarkEntry(path, marks if isinstance(marks, str) else None, points.holds_marks))
+            names = tuple(point.name for point in points.points)
+            entries.append(MarkEntry(path, marks if isinstance(marks, str) else None, points.holds_marks, names))
     return tuple(entries), bool(listed)
 
 

@@ -18,7 +18,7 @@ from photogram.project.control.mark_entries import as_marked
 from photogram.project.control.marks import marks_in_photographs, own_marks, pixels
 from photogram.project.control.sources import Source, read_source
 from photogram.project.cross_checks import Located
-from photogram.project.document import Document, Key
+from photogram.project.document import Document, Key, suggestion
 from photogram.project.heights import Placed, ProjectMap
 from photogram.project.schema import PhotographEntry, ProjectFile
 from photogram.survey import Role, Roles
@@ -98,6 +98,7 @@ def read_point_files(
     # Points of a file that cannot be read are not known; that file's error is enough.
     whole = len(sources) == len(entries)
     _check_names(document, file, sources)
+    _check_roles(document, sources)
     points: list[ProjectControlPoint] = []
     own_names = {point.name for point in file.control_points.list if point.name is not None}
     marks = [own_marks(document, source, sources, own_names, whole) for source in sources]
@@ -146,6 +147,15 @@ def _check_names(document: Document, file: ProjectFile, sources: Sequence[Source
                 text = f"{point.name!r} is used twice, first {first[point.name]}: give each point its own name"
                 source.note(document, str(source.entry.path), point.line, text)
             first.setdefault(point.name, place)
+
+
+def _check_roles(document: Document, sources: Sequence[Source]) -> None:
+    """Note every role of a point that its file does not have."""
+    for source in sources:
+        names = [point.name for point in source.points.points]
+        for name in sorted(set(source.entry.roles) - set(names)):
+            text = f"there is no point {name!r} in {source.entry.path}: {suggestion(name, names)}"
+            document.add_error((*source.key, "roles", name), text)
 
 
 def _sigmas_m(document: Document, file: ProjectFile, source: Source) -> FloatArray | None:
@@ -213,7 +223,7 @@ def _complete(
         own = indices.get(row.name, [])
         return ProjectControlPoint(
             row.name,
-            row.role or source.entry.role,
+            source.entry.roles.get(row.name, row.role or source.entry.role),
             placed.map_m[number],
             sigma_m[number],
             marked[own],

@@ -1,6 +1,7 @@
 """One value of a project file changed in its text: comments, order and everything else stay as a person wrote them."""
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
 from photogram.project.document import Document, compose_text, read_text
 
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 Scalar = str | float | bool
 Value = Scalar | Sequence[float]
 
@@ -154,6 +156,11 @@ def _written(value: Value) -> str:
     return json.dumps(plain, ensure_ascii=not str(value).isprintable())
 
 
+def _name(name: str) -> str:
+    """Return the name of an entry as it is where no YAML takes it for anything else, else in quotes."""
+    return name if _PLAIN.fullmatch(name) and yaml.safe_load(name) == name else _written(name)
+
+
 def _replaced(text: str, node: yaml.Node, value: Value) -> str:
     """Return the text with a value replaced."""
     start, end = node.start_mark.index, node.end_mark.index
@@ -167,10 +174,10 @@ def _inserted(text: str, node: yaml.Node | None, key: list[str], value: Value) -
         end = node.value[-1][1].end_mark.index
         inner = _written(value)
         for name in reversed(key[1:]):
-            inner = f"{{{name}: {inner}}}"
-        return f"{text[:end]}, {key[0]}: {inner}{text[end:]}"
+            inner = f"{{{_name(name)}: {inner}}}"
+        return f"{text[:end]}, {_name(key[0])}: {inner}{text[end:]}"
     indent = node.value[0][0].start_mark.column if isinstance(node, yaml.MappingNode) and node.value else 0
-    lines = [f"{' ' * (indent + 2 * n)}{name}:" for n, name in enumerate(key)]
+    lines = [f"{' ' * (indent + 2 * n)}{_name(name)}:" for n, name in enumerate(key)]
     lines[-1] += f" {_written(value)}"
     added = "\n".join(lines) + "\n"
     if not isinstance(node, yaml.MappingNode) or not node.value or indent == 0:
