@@ -1,12 +1,13 @@
 """The page in a browser, used as a person would: from a folder of photographs to the archive that is handed over."""
 
+import csv
 import io
 import json
 import shutil
 import time
 import urllib.request
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +21,14 @@ from PIL import Image
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 
 from selenium.webdriver import Chrome  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
 
 import photogram as pg  # noqa: E402
 from photogram.desk.desk import Desk  # noqa: E402
 from photogram.desk.server import DeskServer  # noqa: E402
+from photogram.files.marks.mark_table import read_marks  # noqa: E402
+from photogram.files.tables.surveyed_points import MarkKey  # noqa: E402
 from photogram.pipeline.pipeline import load_project, run_pipeline  # noqa: E402
 from photogram.project.draft.edits import write_values  # noqa: E402
 from photogram.result_files import result_path  # noqa: E402
@@ -32,6 +36,8 @@ from photogram.result_files import result_path  # noqa: E402
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PATIENCE_S = 600.0
 MOST_CLICKS = 15
+GSD_M = 0.067
+"""Of the small survey: 40 m above ground by a focal length of 600 px."""
 TABLES = "control.txt", "check.txt"
 TITLE = "Quarry north: stage 3"
 SAME = ("deliverables/dsm.tif", "deliverables/contours.gpkg", "quality/dsm_sigma.tif", "technical/points_adjusted.laz")
@@ -80,6 +86,22 @@ def flown_with_a_gap(small_plan: pg.SurveyPlan, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture
+def unmarked(photographed: Path) -> tuple[Path, dict[MarkKey, tuple[float, float]]]:
+    """A folder with photographs and tables of coordinates alone, and where the points lie in the photographs."""
+    with (photographed / "points.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for role in ("control", "check"):
+        with (photographed / f"{role}.csv").open("w", newline="") as file:
+            table = csv.DictWriter(file, rows[0].keys())
+            table.writeheader()
+            table.writerows(row for row in rows if row["role"] == role)
+    places = {mark.key: mark.pixel for mark in read_marks(photographed / "marks.csv")}
+    for name in (*TABLES, "points.csv", "marks.csv"):
+        (photographed / name).unlink()
+    return photographed, places
+
+
 class Person:
     """Clicks and looks; counts the clicks."""
 
@@ -105,6 +127,57 @@ class Person:
     def goes_to(self, step: str) -> None:
         self.clicks_on(f"[data-step={step}]")
         self.sees(f"#{step}")
+
+
+class Hand:
+    """Marks points on the page within the page, where a person sees them."""
+
+    def __init__(self, browser: Chrome, places: Mapping[MarkKey, tuple[float, float]], table: Path) -> None:
+        self.browser, self.places, self.table = browser, places, table
+
+    def __enter__(self) -> "Hand":
+        Person(self.browser).sees("#marking")
+        self.browser.switch_to.frame("marking")
+        self.until("document.body.dataset.ready === 'all' && document.querySelector('figure')")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.browser.switch_to.default_content()
+
+    def until(self, script: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not self.browser.execute_script(f"return {script}"):
+            assert time.monotonic() < end, script
+            time.sleep(0.1)
+
+    def marks(self, point: str) -> None:
+        """Mark a point in two photographs."""
+        self.browser.execute_script(f"document.querySelector('#points [data-point={point}]').click()")  # drawn anew
+        self.until(f"document.querySelector('#name').textContent === '{point}'")
+        for photograph in [name for of, name in self.places if of == point][:2]:
+            self.until(f"document.querySelector('figure[data-photograph=\"{photograph}\"]')?.dataset.drawn")
+            self.clicks_at(photograph, self.places[point, photograph])
+            end = time.monotonic() + PATIENCE_S
+            while (point, photograph) not in {mark.key for mark in read_marks(self.table)}:
+                assert time.monotonic() < end, photograph
+                time.sleep(0.1)
+
+    def clicks_at(self, photograph: str, pixel: tuple[float, float]) -> None:
+        figure = self.browser.find_element(By.CSS_SELECTOR, f"figure[data-photograph='{photograph}']")
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'nearest'})", figure)
+        picture = figure.find_element(By.CSS_SELECTOR, ".drawing")
+        u, v, span, turn = map(float, (figure.get_attribute("data-view") or "").split())
+        across, down = pixel[0] - u, pixel[1] - v
+        scale = picture.size["width"] / span
+        x, y = (
+            scale * (np.cos(turn) * across - np.sin(turn) * down),
+            scale * (np.sin(turn) * across + np.cos(turn) * down),
+        )
+        if max(abs(x), abs(y)) > 0.48 * picture.size["width"]:  # a smaller scale shows it
+            self.browser.find_element(By.ID, "out").click()
+            self.clicks_at(photograph, pixel)
+        else:
+            ActionChains(self.browser).move_to_element_with_offset(picture, round(x), round(y)).click().perform()
 
 
 def complaints(browser: Chrome) -> list[str]:
@@ -202,6 +275,54 @@ def test_whatever_ends_nothing_is_lost(survey: Path, browser: Chrome, tmp_path: 
             assert "±" in figures
             assert desk.survey.runs().view().began_unix_s == begun
     assert result_path(survey / "results", "report.json").is_file()
+
+
+def test_from_coordinates_alone_points_are_marked_run_and_checked(
+    unmarked: tuple[Path, dict[MarkKey, tuple[float, float]]], browser: Chrome, tmp_path: Path
+) -> None:
+    folder, places = unmarked
+    table = folder / "marks.csv"
+    controls = [p for p in sorted({point for point, _ in places}) if p.startswith("G")][:4]
+    with Desk(tmp_path / "desk.json") as desk:
+        desk.open(folder)
+        with served(desk) as server:
+            browser.get(server.url)
+            person = Person(browser)
+            person.sees("#open-survey", "check.csv")
+            person.clicks_on("#begin")
+            person.sees("#facts", "0 marked")
+            person.goes_to("points")
+            with Hand(browser, places, table) as hand:
+                for point in controls[:2]:
+                    hand.marks(point)
+            browser.refresh()
+            with Hand(browser, places, table) as hand:
+                hand.marks(controls[2])
+    marked = table.read_bytes()
+    with Desk(tmp_path / "desk.json") as desk:  # the server was killed
+        desk.open(folder)
+        with served(desk) as server:
+            browser.get(f"{server.url}#points")
+            browser.switch_to.new_window("tab")
+            browser.get(f"{server.url}#points")
+            with Hand(browser, places, table) as hand:
+                assert table.read_bytes() == marked
+                hand.marks(controls[3])
+                browser.find_element(By.ID, "find").click()
+                hand.until("/^Confirm/.test(document.querySelector('#confirm').textContent)")
+                browser.find_element(By.ID, "confirm").click()
+                hand.until("document.querySelector('#confirm').hidden || document.querySelector('#confirm').disabled")
+            person.goes_to("run")
+            person.clicks_on("#choices input[value=quick]")
+            person.sees("#run-start:enabled").click()
+            person.sees("#run-words", "Finished")
+            person.goes_to("hand")
+            person.sees("#headline", "check points")
+    report = json.loads(result_path(folder / "results", "report.json").read_text())
+    checks = report["check_points"]
+    assert len(read_marks(table)) > 3 * len(controls)
+    assert checks["n"] == len({point for point, _ in places if point.startswith("C")})
+    assert max(checks["rmse_h_m"], checks["rmse_v_m"]) < GSD_M
 
 
 def test_the_switch_draws_the_coverage(flown_with_a_gap: Path, browser: Chrome, tmp_path: Path) -> None:
