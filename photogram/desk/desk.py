@@ -1,6 +1,5 @@
 """What the page works on: the survey that is open, those that were open before, and the marking of its points."""
 
-import json
 import os
 import secrets
 from collections.abc import Sequence
@@ -15,9 +14,9 @@ from starlette.routing import Router
 from starlette.types import Receive, Scope, Send
 from typing_extensions import TypedDict
 
+from photogram.desk.recent import RecentSurveys, recent_file
 from photogram.desk.survey_folder import SurveyFolder
 from photogram.errors import WorkspaceError
-from photogram.files.atomic import make_folder, replacing
 from photogram.files.photographs.names import SUFFIXES
 from photogram.marking.detection import marking_session
 from photogram.marking.marking_survey import open_marking
@@ -28,7 +27,6 @@ from photogram.pipeline.project_file import PROJECT_FILE
 from photogram.project.draft.roles import write_roles
 from photogram.survey import Role
 
-MOST_RECENT = 12
 MOST_LISTED = 500
 """Folders within one that are listed."""
 
@@ -76,7 +74,7 @@ class Desk:
 
     def __init__(self, recent: Path | None = None) -> None:
         """``recent`` is the file that remembers which surveys were open; that of this user if None."""
-        self._recent = recent or recent_file()
+        self.recent = RecentSurveys(recent or recent_file())
         self._lock = Lock()
         self._survey: SurveyFolder | None = None
         self._marking: _Marking | None = None
@@ -107,26 +105,12 @@ class Desk:
             raise WorkspaceError(f"{folder}: folder not found: choose another")
         self.end_marking()
         self._survey = SurveyFolder(folder)
-        self._remember(self._survey.folder)
+        self.recent.remember(self._survey.folder)
 
     def close(self) -> None:
         """Close the survey, and go back to the choice of one; a run goes on."""
         self.end_marking()
         self._survey = None
-
-    def recent(self) -> list[str]:
-        """Return the folders that were open before and are still there, the last one first."""
-        try:
-            known = json.loads(self._recent.read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
-            return []
-        return [folder for folder in known if isinstance(folder, str) and Path(folder).is_dir()]
-
-    def _remember(self, folder: Path) -> None:
-        others = [name for name in self.recent() if name != str(folder)]
-        make_folder(self._recent.parent)
-        with replacing(self._recent) as path:
-            path.write_text(json.dumps([str(folder), *others][:MOST_RECENT]), encoding="utf-8")
 
     def mark(self) -> MarkingView:
         """Return where the page of marking is, begun where it is not yet. Raises as ``open_marking``."""
@@ -167,12 +151,6 @@ class Desk:
             if self._marking is not None:
                 self._marking.closing.close()
             self._marking = None
-
-
-def recent_file() -> Path:
-    """Return the file of this user that remembers which surveys were open (XDG base directories)."""
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local" / "state") / "photogram" / "desk.json"
 
 
 def listing(folder: Path) -> Listing:

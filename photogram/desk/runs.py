@@ -56,6 +56,8 @@ class RunView:
     """From the one that was asked for on; of `adjust` alone."""
     next: int
     """Number of the event that comes next."""
+    last: Event | None
+    """The newest of all."""
     text: str
     """What the process wrote on standard error, and where it ended without a word, how."""
 
@@ -116,11 +118,12 @@ class Runs:
         with self._one_at_a_time:
             note, alive = self._note(), self._alive()
         if note is None:
-            return RunView("none", None, None, (), 0, "")
+            return RunView("none", None, None, (), 0, None, "")
         lines = self._lines() if note["kind"] == "adjust" else []
         events = tuple(json.loads(line) for line in lines[after : after + MOST_EVENTS])
         state, text = self._outcome(note, alive)
-        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), text)
+        last = json.loads(lines[-1]) if lines else None
+        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), last, text)
 
     def _outcome(self, note: RunNote, alive: bool) -> tuple[RunState, str]:
         text = self._text(ERRORS)[-_MOST_ERROR_CHARACTERS:]

@@ -104,6 +104,7 @@ class _Addresses:
         return [
             got("/", lambda _: FileResponse(str(static.joinpath("index.html")), media_type="text/html")),
             got("/api/state", lambda _: self._state()),
+            got("/api/recent", lambda _: desk.recent.views()),
             got("/api/folders", lambda query: listing(Path(query.get("path") or Path.home()))),
             got("/api/overview", lambda _: desk.survey.overview()),
             got("/api/settings", lambda _: desk.survey.settings()),
@@ -141,7 +142,6 @@ class _Addresses:
         desk = self._desk
         return {
             "version": __version__,
-            "recent": desk.recent(),
             "survey": desk.survey.view() if desk.has_survey else None,
             "products": products_of_delivery(),
         }

@@ -30,7 +30,7 @@ def ended(view: RunView) -> bool:
 
 
 def test_before_any_run_there_is_none(tmp_path: Path) -> None:
-    assert Runs(tmp_path / "work").view() == RunView("none", None, None, (), 0, "")
+    assert Runs(tmp_path / "work").view() == RunView("none", None, None, (), 0, None, "")
 
 
 def test_a_run_says_what_a_terminal_would_hear(survey: Path) -> None:

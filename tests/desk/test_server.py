@@ -138,7 +138,7 @@ def test_pages_of_results_reach_nothing_of_the_server(server: DeskServer) -> Non
 
 def test_the_survey_is_told_as_it_lies_on_the_disk(server: DeskServer, folder: Path) -> None:
     state = told(asked(server, "api/state"))
-    assert state["survey"]["folder"] == str(folder) == state["recent"][0]
+    assert state["survey"]["folder"] == str(folder) == told(asked(server, "api/recent"))[0]["folder"]
     overview = told(asked(server, "api/overview"))
     assert len(overview["photographs"]) == state["survey"]["photographs"]
     assert all(len(p["position_map_m"]) == 3 for p in overview["photographs"])

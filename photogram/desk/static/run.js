@@ -4,7 +4,7 @@ import { get, post } from "./api.js";
 import { renew } from "./main.js";
 import { $, duration, element, fill, guarded } from "./page.js";
 
-const TITLES = {
+export const TITLES = {
   photographs: "Photographs", features: "Features", pairs: "Pairs", matches: "Matching", tie_points: "Tie points",
   orientation: "Orientation", transfer: "Tie points between", intersection: "Linear intersection", comparison: "Comparison", adjustment: "Joint adjustment", dense: "Dense matching",
   surface: "Surface", volumes: "Volumes", relief: "Terrain and contours", orthophoto: "Orthophoto", results: "Results",
@@ -96,14 +96,19 @@ function row(name, stage) {
 export function toldNow() { draw(); }
 export { toldNow as told };
 
+let saving = Promise.resolve(); // a start that follows a choice at once waits for it
+
 const act = name => guarded(async () => {
+  const before = saving;
+  saving = Promise.resolve();
+  await before;
   await post(name);
   await renew();
   await show();
 });
 const length = field => (field.value === "" ? null : Number(field.value));
 $("settings").addEventListener("submit", event => event.preventDefault());
-$("settings").addEventListener("change", guarded(async () => {
+async function save() {
   const fields = $("settings").elements;
   try {
     await post("settings", {
@@ -113,7 +118,8 @@ $("settings").addEventListener("change", guarded(async () => {
   } finally {
     await show();
   }
-}));
+}
+$("settings").addEventListener("change", guarded(() => (saving = save())));
 $("run-start").addEventListener("click", act("start"));
 $("run-pause").addEventListener("click", act("pause"));
 $("run-resume").addEventListener("click", act("resume"));

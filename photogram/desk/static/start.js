@@ -2,7 +2,10 @@
 
 import { get, post } from "./api.js";
 import { go, renew, show as showStep } from "./main.js";
-import { $, element, fill, guarded, plural } from "./page.js";
+import { $, duration, element, fill, guarded, plural } from "./page.js";
+import { TITLES } from "./run.js";
+
+const ASK_EVERY_MS = 3000;
 
 let listed = null;
 
@@ -11,17 +14,33 @@ export async function show(state) {
   $("start-title").textContent = survey ? survey.name : "Which survey?";
   $("open-survey").hidden = !survey;
   if (survey) fill($("open-survey"), ...beginning(survey));
-  const others = state.recent.filter(folder => folder !== survey?.folder);
-  $("recent").hidden = !others.length;
-  fill($("recent-list"), ...others.map(folder => choice(folder, () => open(folder))));
+  await others(survey?.folder);
   await list(listed?.path ?? survey?.folder ?? "");
+}
+
+// The other surveys, and what their runs do, as long as anybody looks.
+let asking = null;
+async function others(own) {
+  clearTimeout(asking);
+  const surveys = (await get("recent")).filter(survey => survey.folder !== own), focused = document.activeElement?.dataset.folder;
+  $("recent").hidden = !surveys.length;
+  fill($("recent-list"), ...surveys.map(survey => choice(survey.folder, () => open(survey.folder), doing(survey))));
+  if (focused) $("recent-list").querySelector(`[data-folder="${CSS.escape(focused)}"]`)?.focus();
+  asking = setTimeout(guarded(() => others(own)), ASK_EVERY_MS);
+}
+
+export const leave = () => clearTimeout(asking);
+
+function doing({ run, stage, seconds_left: left, has_results: results }) {
+  const words = { running: stage ? `running: ${TITLES[stage]}` : "running", paused: "paused", failed: "failed", stopped: "stopped" }[run];
+  return [words, left ? `${duration(left)} left` : null, results ? "has results" : null].filter(Boolean).join(", ");
 }
 
 const list = guarded(async path => {
   listed = await get("folders", path ? { path } : {});
   $("path").value = listed.path;
-  const inside = [listed.has_project ? "a survey" : null, listed.photographs ? plural(listed.photographs, "photograph") : null];
-  $("inside").textContent = `Here: ${inside.filter(Boolean).join(", ") || "no photographs, no survey"}.`;
+  const photographs = listed.photographs ? plural(listed.photographs, "photograph") : "no photographs, no survey";
+  $("inside").textContent = `Here: ${listed.has_project ? "a survey" : photographs}.`;
   fill($("folders"), ...(listed.above ? [choice("..", () => list(listed.above), "the folder above")] : []),
     ...listed.folders.map(folder => choice(folder.name, () => list(folder.path),
       folder.has_project ? "survey" : folder.photographs ? plural(folder.photographs, "photograph") : "")));
@@ -35,7 +54,7 @@ const open = guarded(async folder => {
 });
 
 function choice(name, act, words = "") {
-  return element("li", {}, element("button", { type: "button", onclick: act }, name, words ? element("small", {}, words) : null));
+  return element("li", {}, element("button", { type: "button", onclick: act, "data-folder": name }, name, words ? element("small", {}, words) : null));
 }
 
 function beginning(survey) {
