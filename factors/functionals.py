@@ -11,9 +11,9 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 
-from photogram.arrays import FloatArray, IntArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.loss import RobustLoss, robust_terms
 from photogram.factors.elimination.reduced import Factor, Layout
@@ -236,27 +236,54 @@ def functions_of_border(layout: Layout) -> Functions:
     return Functions(columns, np.zeros((columns.shape[1],) * 2))
 
 
-def intersected_covariances(
-    observations: Observations, points_world_m: FloatArray, state: State, solvable: Solvable
-) -> FloatArray:
-    """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
-    took no part in the adjustment; infinite where the rays do not fix a point."""
-    count, layout = len(points_world_m), solvable.layout
+@dataclass(frozen=True, eq=False)
+class Intersected:
+    """P points that are intersected from observations and took no part in the adjustment: which of them ``known`` (P,)
+    their rays fix, V⁻¹ (P, 3, 3) of their own normal matrices, zero for others, and W V⁻¹ (6 free + border, 3 P)."""
+
+    known: BoolArray
+    inverse: FloatArray
+    columns: csc_array
+
+    def joint(self, solvable: Solvable) -> FloatArray:
+        """Return the joint covariance (3 P, 3 P) of all points in the world, m², NaN for those that are not known."""
+        columns = self.columns.toarray()
+        joint = columns.T @ solvable.solve(columns)
+        own = np.arange(columns.shape[1]).reshape(-1, 3)
+        joint[own[:, :, None], own[:, None, :]] += self.inverse
+        unknown = np.repeat(~self.known, 3)
+        joint[unknown], joint[:, unknown] = np.nan, np.nan
+        return joint
+
+
+def intersected(observations: Observations, points_world_m: FloatArray, state: State, layout: Layout) -> Intersected:
+    """Return points at ``points_world_m`` (P, 3) as ``observations``, sorted by point, intersect them."""
+    count = len(points_world_m)
     linear = linearise(observations, state.cameras, points_world_m)
     V = _normal(observations, linear, count)
     known = np.bincount(observations.point, minlength=count) >= 2
     known[known] = np.linalg.cond(V[known]) < 1e12
-    covariance = np.full((count, 3, 3), np.inf)
     inverse = np.zeros((count, 3, 3))
     inverse[known] = np.linalg.inv(V[known])
     rows, ray = _camera_rows(layout, observations, linear), np.arange(2 * len(observations))
     at = 3 * np.repeat(observations.point, 2)[:, None] + np.arange(3)
     moved = (linear.point @ inverse[observations.point]).reshape(-1, 3)
     shape = len(ray), 3 * count
-    W = (rows.T @ csr_array((moved.ravel(), (np.repeat(ray, 3), at.ravel())), shape=shape)).tocsc()
+    W = rows.T @ csr_array((moved.ravel(), (np.repeat(ray, 3), at.ravel())), shape=shape)
+    return Intersected(known, inverse, W.tocsc())
+
+
+def intersected_covariances(
+    observations: Observations, points_world_m: FloatArray, state: State, solvable: Solvable
+) -> FloatArray:
+    """Return the covariances (P, 3, 3), m², of points that are intersected from ``observations``, sorted by point, and
+    took no part in the adjustment; infinite where the rays do not fix a point."""
+    points = intersected(observations, points_world_m, state, solvable.layout)
+    count, known, inverse = len(points_world_m), points.known, points.inverse
+    covariance = np.full((count, 3, 3), np.inf)
     for start in range(0, count, POINTS_AT_ONCE):
         end = min(count, start + POINTS_AT_ONCE)
-        columns = W[:, 3 * start : 3 * end].toarray()
+        columns = points.columns[:, 3 * start : 3 * end].toarray()
         each = columns.shape[0], end - start, 3
         shared = np.einsum("cpi,cpj->pij", columns.reshape(each), solvable.solve(columns).reshape(each))
         covariance[start:end] = np.where(known[start:end, None, None], inverse[start:end] + shared, np.inf)

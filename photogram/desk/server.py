@@ -109,6 +109,7 @@ class _Addresses:
             got("/api/overview", lambda _: desk.survey.overview()),
             got("/api/settings", lambda _: desk.survey.settings()),
             got("/api/coverage", lambda _: desk.survey.coverage()),
+            got("/api/expected", lambda _: desk.survey.expected_accuracy()),
             got("/api/results", lambda _: desk.survey.results()),
             got("/api/layers", lambda _: desk.survey.layers()),
             got("/api/run", lambda query: self._run(int(query.get("after", "0")))),

@@ -11,6 +11,8 @@ from typing_extensions import TypedDict
 from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
+from photogram.desk.coverage.expected_accuracy import ExpectedAccuracy, expected_accuracy, unplaced
+from photogram.desk.coverage.tagged_flight import tagged_flight
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
@@ -140,6 +142,7 @@ class SurveyFolder:
         self._runs: dict[Path, Runs] = {}
         self._overview: tuple[tuple[int, int], Overview] | None = None
         self._coverage: tuple[tuple[int, int], Coverage] | None = None
+        self._expected: tuple[tuple[int, int], ExpectedAccuracy] | None = None
 
     @property
     def photographs(self) -> Path:
@@ -241,6 +244,17 @@ class SurveyFolder:
                 project = self.project()
                 self._coverage = key, coverage(project, tags_of(project))
             return self._coverage[1]
+
+    def expected_accuracy(self) -> ExpectedAccuracy:
+        """Return what accuracy is to be expected of the flight. Raises FrameError where positions lie outside the
+        CRS."""
+        key = self._version()
+        with self._lock:
+            if self._expected is None or self._expected[0] != key:
+                project = self.project()
+                flight = tagged_flight(project, tags_of(project))
+                self._expected = key, unplaced() if flight is None else expected_accuracy(flight)
+            return self._expected[1]
 
     def gaps_kml(self) -> bytes:
         """Return the gaps of the coverage as KML. Raises WorkspaceError where there is none."""

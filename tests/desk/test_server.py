@@ -160,6 +160,9 @@ def test_coverage_is_told_and_gaps_come_as_kml_where_there_are_any(server: DeskS
     assert len(grid["counts"]) == grid["rows"] * grid["columns"]
     assert max(grid["counts"]) == 4
     assert found["sentences"][0]["severity"] in ("warning", "note")
+    expected = told(asked(server, "api/expected"))
+    assert "A ground point that is marked in all photographs" in expected["sentences"][0]["text"]
+    assert len(expected["grid"]["height_m"]) == expected["grid"]["rows"] * expected["grid"]["columns"]
     status, headers, content = asked(server, "gaps.kml")
     assert (status == 200) == found["has_kml"] == bool(found["gaps"])
     if found["gaps"]:

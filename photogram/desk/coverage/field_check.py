@@ -1,5 +1,6 @@
 """How many photographs see each place of level ground, how finely, and over which base; where too few of them look."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,24 +42,31 @@ def looks_down(rotation_world_from_camera: FloatArray) -> BoolArray:
     return np.asarray(rotation_world_from_camera[:, 2, 2] <= -LOOKS_DOWN)
 
 
-def count_views(
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a photograph sees of places: their numbers ``place`` (N,), ``pixel`` (N, 2), ``ray`` (N, 3) from the
+    projection centre, m."""
+
+    photograph: int
+    place: IntArray
+    pixel: FloatArray
+    ray: FloatArray
+
+
+def sights(
     place_world_m: FloatArray,
     cameras: tuple[Camera, ...],
     camera_of: IntArray,
     rotation: FloatArray,
     centre: FloatArray,
-) -> Views:
-    """Count the photographs that see places (K, 3) on level ground: of ``cameras`` by ``camera_of`` (F,), of rotations
-    world from camera (F, 3, 3), from projection centres (F, 3).
+) -> Iterator[Sight]:
+    """Yield what each photograph sees of places (K, 3) on the ground: of ``cameras`` by ``camera_of`` (F,), of
+    rotations world from camera (F, 3, 3), from projection centres (F, 3).
 
     Rays that meet the ground at less than 30° see nothing: nobody could match there.
     """
     order = np.argsort(place_world_m[:, 0])  # so that the neighbourhood of a photograph is found in a part of them
     place, lowest_m = place_world_m[order], float(place_world_m[:, 2].min(initial=np.inf))
-    count, gsd = np.zeros(len(place), dtype=np.int64), np.full(len(place), np.inf)
-    turn = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    along = centre[:, :2] @ np.array([np.cos(turn), np.sin(turn)])
-    far, near = np.full((len(place), _DIRECTIONS), -np.inf), np.full((len(place), _DIRECTIONS), np.inf)
     for i, c in enumerate(camera_of.tolist()):
         camera, reach_m = cameras[c], _reach(cameras[c], rotation[i]) * (centre[i, 2] - lowest_m)
         if not reach_m > 0.0:
@@ -68,15 +76,34 @@ def count_views(
         ray = place[within] - centre[i]
         pixel = project_points(camera, Pose(rotation[i], centre[i]), place[within])
         seen = camera.contains(pixel) & (-ray[:, 2] >= LOOKS_DOWN * np.linalg.norm(ray, axis=1))
-        cell, depth_m = within[seen], ray[seen] @ rotation[i, :, 2]
+        yield Sight(i, order[within[seen]], pixel[seen], ray[seen])
+
+
+def count_views(
+    place_world_m: FloatArray,
+    cameras: tuple[Camera, ...],
+    camera_of: IntArray,
+    rotation: FloatArray,
+    centre: FloatArray,
+) -> Views:
+    """Count the photographs that see places (K, 3) on level ground, as ``sights``."""
+    size = len(place_world_m)
+    count, gsd = np.zeros(size, dtype=np.int64), np.full(size, np.inf)
+    turn = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    along = centre[:, :2] @ np.array([np.cos(turn), np.sin(turn)])
+    far, near = np.full((size, _DIRECTIONS), -np.inf), np.full((size, _DIRECTIONS), np.inf)
+    for sight in sights(place_world_m, cameras, camera_of, rotation, centre):
+        i, cell = sight.photograph, sight.place
+        depth_m = sight.ray @ rotation[i, :, 2]
         count[cell] += 1
         # a pixel's area on level ground is depth³ / (focal² · height); the side of the square of that area
-        gsd[cell] = np.minimum(gsd[cell], np.sqrt(depth_m**3 / -ray[seen, 2]) / camera.focal_px)
+        finest = np.sqrt(depth_m**3 / -sight.ray[:, 2]) / cameras[camera_of[i]].focal_px
+        gsd[cell] = np.minimum(gsd[cell], finest)
         far[cell] = np.maximum(far[cell], along[i])
         near[cell] = np.minimum(near[cell], along[i])
-    back, none = np.argsort(order), (count == 0)[:, None]
+    none = (count == 0)[:, None]
     base_m = np.where(none, 0.0, far - np.where(none, 0.0, near)).max(axis=1, initial=0.0)
-    return Views(count[back], np.where(count > 0, gsd, np.nan)[back], base_m[back])
+    return Views(count, np.where(count > 0, gsd, np.nan), base_m)
 
 
 def _border(camera: Camera) -> FloatArray:

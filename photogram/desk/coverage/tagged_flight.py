@@ -25,7 +25,8 @@ class TaggedFlight:
 
     ``rotation`` (F, 3, 3) world from camera, straight down along the track where ``turned`` (F,) says that nothing
     tells it; ``centre_world_m`` (F, 3); ``ground_world_m`` the height of the ground, by ground points or, where
-    ``ground_by_tags``, by the heights above take-off. ``unplaced`` counts the photographs without a position.
+    ``ground_by_tags``, by the heights above take-off. ``unplaced`` counts the photographs without a position. ``block``
+    has these photographs with their poses, and ground points without marks.
     """
 
     frame: LocalFrame
@@ -40,6 +41,7 @@ class TaggedFlight:
     ground_world_m: float | None
     ground_by_tags: bool
     unplaced: int
+    block: Block
 
     @property
     def height_m(self) -> FloatArray:
@@ -91,6 +93,7 @@ def tagged_flight(project: Project, tags: Sequence[PhotographTags | None]) -> Ta
         ground_level_m(posed, surveyed),
         not len(surveyed),
         len(block.photographs) - len(placed),
+        posed,
     )
 
 

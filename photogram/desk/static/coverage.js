@@ -1,14 +1,15 @@
-// What the photographs cover by their tags alone: counts as colours under the map, gaps outlined, and sentences.
+// What the photographs cover by their tags alone, and how accurate it will be: colours under the map, gaps, sentences.
 
 import { get } from "./api.js";
-import { PROJECTION, vectorLayer } from "./maps.js";
+import { PROJECTION, ramp, vectorLayer } from "./maps.js";
 import { $, element, fill, guarded } from "./page.js";
 
 const { ol } = window;
 // Least number of photographs of each class, its colour, and what it is called; red to blue, which most eyes tell apart.
-const CLASSES = [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [254, 224, 118], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], "9 or more"]];
+const COUNTS = [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [254, 224, 118], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], "9 or more"]];
+const SIGMA_CLASSES = 5;
 const OPACITY = .7;
-let map = null, drawn = [];
+let map = null, drawn = [], counted = null, expected = null;
 
 // A new map begins without coverage.
 export function onMap(made) {
@@ -17,43 +18,82 @@ export function onMap(made) {
 }
 
 export async function show() {
-  const wanted = $("coverage-switch").checked;
-  for (const layer of drawn) map.removeLayer(layer);
-  drawn = [];
-  for (const id of ["coverage", "coverage-legend", "gaps-kml"]) $(id).hidden = true;
-  if (!wanted) return;
+  clear();
+  for (const id of ["coverage", "coverage-legend", "coverage-kind-label", "gaps-kml"]) $(id).hidden = true;
+  if (!$("coverage-switch").checked) return;
   $("coverage-words").textContent = "Counting …";
   try {
-    draw(await get("coverage"));
+    [counted, expected] = await Promise.all([get("coverage"), get("expected")]);
+    draw();
   } finally {
     $("coverage-words").textContent = "";
   }
 }
 
-function draw(coverage) {
+function clear() {
+  for (const layer of drawn) map.removeLayer(layer);
+  drawn = [];
+}
+
+const said = sentences => sentences.map(one => element("li", { class: one.severity }, one.text));
+
+function draw() {
   if (!$("coverage-switch").checked) return;
-  fill($("coverage-sentences"), ...coverage.sentences.map(one => element("li", { class: one.severity }, one.text)));
+  clear();
+  fill($("coverage-sentences"), ...said(counted.sentences));
+  fill($("expected-sentences"), ...said(expected.sentences));
   $("coverage").hidden = false;
-  $("gaps-kml").hidden = !coverage.has_kml;
-  if (!coverage.grid) return;
-  fill($("coverage-legend"), ...CLASSES.map(([, colour, words]) => {
+  $("coverage-kind-label").hidden = !expected.grid;
+  $("gaps-kml").hidden = !counted.has_kml;
+  const kind = expected.grid ? $("coverage-kind").value : "counts";
+  const grid = kind === "counts" ? counted.grid : expected.grid;
+  if (!grid) return;
+  const values = grid[kind], classes = kind === "counts" ? COUNTS : sigmaClasses(values);
+  legend(classes, kind === "counts" ? "photographs" : "cm");
+  const edge = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#b2182b", width: 3, lineDash: [8, 5] }) });
+  const gaps = counted.gaps.map(gap => new ol.Feature(new ol.geom.Polygon(gap.rings_map_m)));
+  drawn = [picture(grid, values, classes), vectorLayer(gaps, edge)];
+  map.getLayers().insertAt(0, drawn[0]);
+  map.addLayer(drawn[1]);
+  if (expected.next_point) {
+    drawn.push(further(expected.next_point));
+    map.addLayer(drawn[2]);
+  }
+}
+
+function legend(classes, unit) {
+  fill($("coverage-legend"), ...classes.map(([, colour, words]) => {
     const swatch = element("i");
     swatch.style.background = `rgba(${colour.join(" ")} / ${OPACITY})`;
     return element("li", {}, swatch, words);
-  }), element("li", {}, "photographs"));
+  }), element("li", {}, unit));
   $("coverage-legend").hidden = false;
-  const edge = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#b2182b", width: 3, lineDash: [8, 5] }) });
-  const gaps = coverage.gaps.map(gap => new ol.Feature(new ol.geom.Polygon(gap.rings_map_m)));
-  drawn = [picture(coverage.grid), vectorLayer(gaps, edge)];
-  map.getLayers().insertAt(0, drawn[0]);
-  map.addLayer(drawn[1]);
 }
 
-function picture(grid) {
+// Classes in equal steps of the logarithm, from the best place to one that nine of ten are better than.
+function sigmaClasses(values) {
+  const known = values.filter(value => value !== null).sort((a, b) => a - b);
+  const low = known[0], high = Math.max(known[Math.floor(.9 * (known.length - 1))], 1.02 * low);
+  const colours = ramp("sigma"), least = n => low * (high / low) ** (n / (SIGMA_CLASSES - 1));
+  return Array.from({ length: SIGMA_CLASSES }, (_, n) => {
+    const colour = colours[Math.round(n * (colours.length - 1) / (SIGMA_CLASSES - 1))];
+    return [n ? least(n) : 0, [1, 3, 5].map(at => parseInt(colour.slice(at, at + 2), 16)), `${n ? "from " : "to "}${Number((100 * least(n || 1)).toPrecision(2))}`];
+  });
+}
+
+function further({ position_map_m: [east, north] }) {
+  const style = new ol.style.Style({
+    image: new ol.style.RegularShape({ points: 5, radius: 11, radius2: 5, fill: new ol.style.Fill({ color: "#ffd500" }), stroke: new ol.style.Stroke({ color: "#333", width: 1.5 }) }),
+    text: new ol.style.Text({ text: "one more control point", offsetY: 20, font: "12px sans-serif", fill: new ol.style.Fill({ color: "#111" }), stroke: new ol.style.Stroke({ color: "#fff", width: 3 }) }),
+  });
+  return vectorLayer([new ol.Feature({ geometry: new ol.geom.Point([east, north]), item: {} })], style);
+}
+
+function picture(grid, values, classes) {
   const canvas = element("canvas", { width: grid.columns, height: grid.rows });
   const context = canvas.getContext("2d"), image = context.createImageData(grid.columns, grid.rows);
-  grid.counts.forEach((count, cell) => {
-    const colour = CLASSES.findLast(([least]) => count >= least)?.[1];
+  values.forEach((value, cell) => {
+    const colour = value === null ? null : classes.findLast(([least]) => value >= least)?.[1];
     if (colour) image.data.set([...colour, 255], 4 * cell);
   });
   context.putImageData(image, 0, 0);
@@ -63,3 +103,4 @@ function picture(grid) {
 }
 
 $("coverage-switch").addEventListener("change", guarded(show));
+$("coverage-kind").addEventListener("change", guarded(draw));
