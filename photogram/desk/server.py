@@ -111,6 +111,7 @@ class _Addresses:
             got("/api/coverage", lambda _: desk.survey.coverage()),
             got("/api/expected", lambda _: desk.survey.expected_accuracy()),
             got("/api/results", lambda _: desk.survey.results()),
+            got("/api/residuals", lambda _: desk.survey.residuals()),
             got("/api/layers", lambda _: desk.survey.layers()),
             got("/api/run", lambda query: self._run(int(query.get("after", "0")))),
             posted("/api/open", _Folder, lambda asked: desk.open(Path(asked.folder).expanduser())),

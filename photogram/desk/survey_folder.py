@@ -17,6 +17,7 @@ from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
+from photogram.desk.residuals import Residuals, residuals
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
@@ -324,6 +325,10 @@ class SurveyFolder:
     def layers(self) -> list[Layer]:
         """Return the rasters that a map can draw."""
         return layers(self.project().results)
+
+    def residuals(self) -> Residuals:
+        """Return what the results say of ground points and suspects. Raises as ``residuals``."""
+        return residuals(self.project().results)
 
     def measurements(self) -> KeptMeasurements:
         """Return what was measured on the surface, and is kept."""

@@ -3,6 +3,7 @@
 import { get, post, resultAddress } from "./api.js";
 import { features, newMap, photographStyle, pointStyle, ramp, rasterLayer, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded } from "./page.js";
+import { residualLayer } from "./residuals.js";
 
 const { ol } = window;
 const TOOLS = {
@@ -37,6 +38,8 @@ async function begin(layers) {
   ];
   over[0].setVisible(false);
   map = newMap("result-map", over);
+  over.push(residualLayer(map));
+  map.addLayer(over.at(-1));
   map.on("pointermove", event => { $("cursor").textContent = `E ${event.coordinate[0].toFixed(2)}  N ${event.coordinate[1].toFixed(2)}`; });
   const choose = async layer => {
     if (!rasters.has(layer.name)) {
@@ -49,7 +52,7 @@ async function begin(layers) {
     legend(layer);
   };
   const radios = layers.map((layer, n) => element("label", {}, element("input", { type: "radio", name: "layer", value: layer.name, checked: n === 0, onchange: guarded(() => choose(layer)) }), layer.title));
-  const boxes = [["Photographs", over[0]], ["Points", over[1]]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
+  const boxes = [["Photographs", over[0]], ["Points", over[1]], ["Residuals", over.at(-1)]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
   fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes);
   fill($("tools"), element("legend", {}, "Measure"), ...NAMES.map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, TOOLS[kind][0])));
   await choose(layers[0]);

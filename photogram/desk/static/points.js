@@ -3,7 +3,12 @@
 import { post } from "./api.js";
 import { $ } from "./page.js";
 
-let shown = null;
+let shown = null, wanted = null;
+
+// Which point is shown when the page of marking is next.
+export function markingOf(point) {
+  wanted = point;
+}
 
 export async function show(state) {
   $("no-points").hidden = state.survey.has_points;
@@ -12,6 +17,12 @@ export async function show(state) {
   const { address, notes } = await post("mark");
   $("points-notes").hidden = !notes.length;
   $("points-notes").textContent = notes.join("\n");
-  if (address !== shown || !$("marking").src) $("marking").src = shown = address;
+  if (address !== shown || !$("marking").src || wanted !== null) {
+    shown = address;
+    // another address of the same page would only move its hash
+    $("marking").contentWindow.location.replace("about:blank");
+    $("marking").src = wanted === null ? address : `${address}#${encodeURIComponent(wanted)}`;
+    wanted = null;
+  }
   $("marking").hidden = false;
 }
