@@ -21,7 +21,7 @@ from photogram.camera import VERTICAL, rotation_from_gimbal
 from photogram.errors import ImageError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.files.photographs import identification, images
-from photogram.files.photographs.identification import MOST_BYTES, read_content
+from photogram.files.photographs.identification import MOST_BYTES, read_content, read_ends
 from photogram.files.photographs.images import (
     check_photograph,
     inspect_photograph,
@@ -767,3 +767,23 @@ def test_patches_are_parts_of_the_photograph_from_one_decoding(tmp_path: Path, m
         read_patches(path, boxes, None, "0" * 64)
     with pytest.raises(ImageError, match="but its camera has 81 × 60 px"):
         read_patches(path, boxes, (81, 60))
+
+
+def test_the_pixels_of_a_sound_jpeg_are_not_read(photograph: Path) -> None:
+    ends = read_ends(photograph)
+    assert len(ends) < 0.2 * photograph.stat().st_size
+    assert ends.endswith(b"\xff\xd9")
+    assert inspect_photograph(photograph) == read_tags(photograph)
+    whole = photograph.read_bytes()
+    for changed in (whole + bytes(1000), whole[:-2] + bytes(2), whole[:-2]):
+        assert read_ends(damaged(photograph, changed)) == changed
+
+
+def test_of_several_pictures_all_is_read(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    first, second = (Image.fromarray(rng.integers(0, 256, (64, 80, 3), dtype=np.uint8)) for _ in range(2))
+    path = tmp_path / "pair.jpg"
+    first.save(path, format="MPO", save_all=True, append_images=[second])
+    whole = path.read_bytes()
+    assert read_ends(path) == whole
+    assert inspect_photograph(path) == read_tags(path)

@@ -5,6 +5,7 @@ Nothing is decoded here. Of a DNG file the picture is the JPEG of full size in i
 
 import hashlib
 import io
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,6 +42,8 @@ _MODES = ("RGB", "L", "RGBA")
 _MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
 START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
 _LEADING_BYTES = 1 << 17  # more than most cameras write before the pixels
+_END = bytes((0xFF, _END_OF_IMAGE))
+_FURTHER_PICTURES = b"MPF\0"  # CIPA DC-007, Multi-Picture Format
 JPEGS = ("JPEG", "MPO")
 
 
@@ -103,6 +106,20 @@ def read_leading(path: Path) -> bytes:
             if end is not None or len(more) < wanted:
                 return data[:end]
             wanted *= 4
+
+
+def read_ends(path: Path) -> bytes:
+    """Return a JPEG file without its pixels: what stands before them, and the marker of its end; the whole file of
+    another format, of several pictures, and where the file does not end with that marker. Raises ImageError as
+    read_content does."""
+    leading = read_leading(path)
+    if not leading.startswith(_SIGNATURES[0]):
+        return leading
+    with _opened_file(path) as (_, stream):
+        size = stream.seek(-len(_END), os.SEEK_END)
+        if size >= len(leading) and _FURTHER_PICTURES not in leading and stream.read() == _END:
+            return leading + _END
+    return read_content(path)
 
 
 def _end_of_headers(data: bytes) -> int | None:

@@ -26,6 +26,7 @@ from photogram.files.photographs.identification import (
     identify,
     open_picture,
     read_content,
+    read_ends,
     read_leading,
     segments_of,
     usable,
@@ -181,11 +182,12 @@ def read_leading_tags(path: Path, size_px: tuple[int, int]) -> PhotographTags:
 
 
 def inspect_photograph(path: Path) -> PhotographTags:
-    """Return what read_tags returns of a photograph that photogram can use, in one reading and without decoding it.
+    """Return what read_tags returns of a photograph that photogram can use, without decoding it; of most JPEG files the
+    beginning and the end are read alone.
 
     Raises ImageError as read_tags does, and where the pixels are of another kind or the file has no end.
     """
-    return usable(path, read_content(path), None).tags(path)
+    return usable(path, read_ends(path), None).tags(path)
 
 
 def sample_values(path: Path) -> Values:
