@@ -23,6 +23,15 @@ def desk(
     port: Annotated[
         int, typer.Option(min=0, max=65535, metavar="N", help="Port of the page; 0 picks a free port.")
     ] = 0,
+    basemap: Annotated[
+        str | None,
+        typer.Option(
+            "--basemap",
+            metavar="URL",
+            help="Tiles under the map: https://tile.example.org/{z}/{x}/{y}.png. The browser asks their server.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Work on a survey on one page in the browser of this machine: photographs, points, run, results, deliverables.
 
@@ -31,4 +40,4 @@ def desk(
     """
     from photogram.desk import work
 
-    work.run(folder, browser, port)
+    work.run(folder, browser, port, basemap)

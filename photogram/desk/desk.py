@@ -14,6 +14,7 @@ from starlette.routing import Router
 from starlette.types import Receive, Scope, Send
 from typing_extensions import TypedDict
 
+from photogram.desk.basemap import Basemap, tile_origin
 from photogram.desk.recent import RecentSurveys, recent_file
 from photogram.desk.survey_folder import SurveyFolder
 from photogram.errors import WorkspaceError
@@ -72,8 +73,10 @@ class _Marking:
 class Desk:
     """The surveys of a session. May be asked from several threads at once."""
 
-    def __init__(self, recent: Path | None = None) -> None:
-        """``recent`` is the file that remembers which surveys were open; that of this user if None."""
+    def __init__(self, recent: Path | None = None, tiles: str | None = None) -> None:
+        """``recent`` is the file that remembers which surveys were open; that of this user if None. ``tiles`` is the
+        address of a basemap. Raises WorkspaceError where that is none."""
+        self.tiles, self.tile_origin = tiles, None if tiles is None else tile_origin(tiles)
         self.recent = RecentSurveys(recent or recent_file())
         self._lock = Lock()
         self._survey: SurveyFolder | None = None
@@ -98,6 +101,10 @@ class Desk:
         if self._survey is None:
             raise WorkspaceError("no survey is open: choose a folder first")
         return self._survey
+
+    def basemap(self) -> Basemap | None:
+        """Return the tiles under the map of the survey, None without."""
+        return None if self.tiles is None else self.survey.basemap(self.tiles)
 
     def open(self, folder: Path) -> None:
         """Open a folder. Raises WorkspaceError where it is none."""

@@ -50,6 +50,8 @@ class KeptMeasurements:
     def all(self) -> list[KeptMeasurement]:
         """Return them, measured anew where the surface has changed. Raises ProjectError where their file is damaged."""
         stored = read_measurements(self.path, self.crs) if self.path.is_file() else []
+        if not stored:
+            return []
         mark, kept, fresh = self._mark(), list[KeptMeasurement](), True
         for item in stored:
             record = _record_of(item.record)

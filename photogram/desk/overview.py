@@ -11,7 +11,7 @@ from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS, crs_label
-from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
+from photogram.pipeline.input_validation import CheckedProject, predicted_costs
 from photogram.project.document import Document
 from photogram.project.measured.measured_positions import positions_map_m
 from photogram.project.measured.measured_survey import stated_positions
@@ -101,9 +101,8 @@ def assumed_places(path: Path, name: str) -> list[tuple[str | int, ...]]:
     return places
 
 
-def overview(project: Project) -> Overview:
-    """Return a survey on its map. Looks at the tags of the photographs; decodes none."""
-    checked = checked_project(project)
+def overview(project: Project, checked: CheckedProject) -> Overview:
+    """Return a survey on its map, with what the check of its project has found."""
     return {
         "title": project.report.name or project.path.absolute().parent.name,
         "crs": "none" if project.crs == NO_CRS else crs_label(project.crs),
@@ -159,10 +158,10 @@ def assumptions(project: Project) -> list[Assumption]:
     return assumed
 
 
-def prediction(project: Project) -> Prediction:
+def prediction(project: Project, tags: Sequence[PhotographTags | None]) -> Prediction:
     """Return what the work that is not done yet is predicted to take on this machine, as if it were as fast as the
     reference. Where an earlier run has left anything it reads the photographs whole, for their checksums."""
-    costs = predicted_costs(project, tags_of(project), test=False)
+    costs = predicted_costs(project, tags, test=False)
     return {
         "seconds": costs.seconds,
         "memory_bytes": costs.memory_bytes,

@@ -1,7 +1,7 @@
 """What a person chooses of a run on the page, as lines of the project file, and what each choice is predicted to
 take."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -10,6 +10,7 @@ from typing_extensions import TypedDict
 
 from photogram.desk.overview import Prediction, prediction
 from photogram.errors import SettingError
+from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
@@ -56,16 +57,16 @@ def settings_of(project: Project) -> RunSettings:
     }
 
 
-def choices(project: Project) -> list[ChoiceView]:
-    """Return what can be chosen, the other settings being as they are."""
+def choices(project: Project, tags: Sequence[PhotographTags | None]) -> list[ChoiceView]:
+    """Return what can be chosen, the other settings being as they are; ``tags`` are those of the photographs."""
     full = replace(project, quality="high", dense=replace(project.dense, enabled=True))
     quick = replace(project, quality="medium", dense=replace(project.dense, enabled=False))
     offered: list[ChoiceView] = [
-        {"choice": "full", "prediction": prediction(full)},
-        {"choice": "quick", "prediction": prediction(quick)},
+        {"choice": "full", "prediction": prediction(full, tags)},
+        {"choice": "quick", "prediction": prediction(quick, tags)},
     ]
     if settings_of(project)["choice"] == "own":
-        offered.append({"choice": "own", "prediction": prediction(project)})
+        offered.append({"choice": "own", "prediction": prediction(project, tags)})
     return offered
 
 

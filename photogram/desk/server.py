@@ -107,6 +107,7 @@ class _Addresses:
             got("/api/recent", lambda _: desk.recent.views()),
             got("/api/folders", lambda query: listing(Path(query.get("path") or Path.home()))),
             got("/api/overview", lambda _: desk.survey.overview()),
+            got("/api/basemap", lambda _: desk.basemap()),
             got("/api/settings", lambda _: desk.survey.settings()),
             got("/api/coverage", lambda _: desk.survey.coverage()),
             got("/api/expected", lambda _: desk.survey.expected_accuracy()),
@@ -172,4 +173,6 @@ class DeskServer(LoopbackServer):
     """Serves the page of a desk; ``port`` 0 picks a free port. Raises OSError where the port is taken."""
 
     def __init__(self, desk: Desk, port: int = 0) -> None:
-        super().__init__(_Addresses(desk).routes(), POLICY, port)
+        own = "img-src 'self'"
+        policy = POLICY if desk.tile_origin is None else POLICY.replace(own, f"{own} {desk.tile_origin}")
+        super().__init__(_Addresses(desk).routes(), policy, port)

@@ -1,15 +1,17 @@
 """One survey on disk, as the page sees it: its photographs, tables, project file, runs and results."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
+import numpy as np
 from typing_extensions import TypedDict
 
 from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
+from photogram.desk.basemap import Basemap, basemap
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.coverage.expected_accuracy import ExpectedAccuracy, expected_accuracy, unplaced
 from photogram.desk.coverage.tagged_flight import tagged_flight
@@ -22,7 +24,7 @@ from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settin
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.geodesy.height_systems import HeightSystem
-from photogram.pipeline.input_validation import tags_of
+from photogram.pipeline.input_validation import CheckedProject, checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.photograph_folder import look_into
 from photogram.pipeline.pipeline import load_project
@@ -36,6 +38,8 @@ from photogram.result_files import ResultFolder, contents_of, rank_of, result_pa
 
 TABLES = (".txt", ".csv", ".xml")
 """Of files that may hold ground points or marks, in small letters."""
+
+KnownT = TypeVar("KnownT")
 
 PHOTOGRAPHS = "photographs"
 WORK = "work"
@@ -141,9 +145,8 @@ class SurveyFolder:
         self.project_path = self.folder / PROJECT_FILE
         self._lock = Lock()
         self._runs: dict[Path, Runs] = {}
-        self._overview: tuple[tuple[int, int], Overview] | None = None
-        self._coverage: tuple[tuple[int, int], Coverage] | None = None
-        self._expected: tuple[tuple[int, int], ExpectedAccuracy] | None = None
+        self._known: dict[str, tuple[object, Any]] = {}
+        self._computing: dict[str, Lock] = {}
 
     @property
     def photographs(self) -> Path:
@@ -222,16 +225,19 @@ class SurveyFolder:
 
     def overview(self) -> Overview:
         """Return the survey on its map, as its project file now stands."""
-        key = self._version()
-        with self._lock:
-            if self._overview is None or self._overview[0] != key:
-                self._overview = key, overview(self.project())
-            return self._overview[1]
+        project = self.project()
+        return self._once("overview", project, lambda: overview(project, self._checked(project)))
+
+    def basemap(self, tiles: str) -> Basemap | None:
+        """Return what puts ``tiles`` under the map. Raises as ``basemap``."""
+        shown = self.overview()
+        places = [p["position_map_m"] for p in (*shown["photographs"], *shown["points"]) if p["position_map_m"]]
+        return basemap(tiles, self.project().crs, np.array(places, dtype=np.float64).reshape(-1, 3))
 
     def settings(self) -> SettingsView:
         """Return what a run makes, and what each choice is predicted to take."""
         project = self.project()
-        return {"settings": settings_of(project), "choices": choices(project)}
+        return {"settings": settings_of(project), "choices": choices(project, self._checked(project).tags)}
 
     def choose(self, wanted: RunSettings) -> None:
         """Choose what a run makes. Raises as ``write_settings``."""
@@ -239,31 +245,39 @@ class SurveyFolder:
 
     def coverage(self) -> Coverage:
         """Return what the photographs cover by their tags. Raises FrameError where positions lie outside the CRS."""
-        key = self._version()
-        with self._lock:
-            if self._coverage is None or self._coverage[0] != key:
-                project = self.project()
-                self._coverage = key, coverage(project, tags_of(project))
-            return self._coverage[1]
+        project = self.project()
+        return self._once("coverage", project, lambda: coverage(project, self._checked(project).tags))
 
     def expected_accuracy(self) -> ExpectedAccuracy:
         """Return what accuracy is to be expected of the flight. Raises FrameError where positions lie outside the
         CRS."""
-        key = self._version()
-        with self._lock:
-            if self._expected is None or self._expected[0] != key:
-                project = self.project()
-                flight = tagged_flight(project, tags_of(project))
-                self._expected = key, unplaced() if flight is None else expected_accuracy(flight)
-            return self._expected[1]
+        project = self.project()
+
+        def expected() -> ExpectedAccuracy:
+            flight = tagged_flight(project, self._checked(project).tags)
+            return unplaced() if flight is None else expected_accuracy(flight)
+
+        return self._once("expected", project, expected)
 
     def gaps_kml(self) -> bytes:
         """Return the gaps of the coverage as KML. Raises WorkspaceError where there is none."""
         return gaps_kml(self.coverage(), self.folder.name, self.project().crs)
 
-    def _version(self) -> tuple[int, int]:
-        status = self.project_path.stat()
-        return status.st_mtime_ns, status.st_size
+    def _checked(self, project: Project) -> CheckedProject:
+        """Return what the check of a project finds, and the tags of its photographs, of which none is decoded."""
+        return self._once("checked", project, lambda: checked_project(project))
+
+    def _once(self, name: str, project: Project, computed: Callable[[], KnownT]) -> KnownT:
+        """Return what is computed of a project, the same until its file, a table beside it or a folder of photographs
+        changes."""
+        tables = (self.folder / table["file"] for table in self._tables())
+        places = {self.project_path, *tables, *(photograph.path.parent for photograph in project.photographs)}
+        version = sorted((str(place), place.stat().st_mtime_ns, place.stat().st_size) for place in places)
+        with self._computing.setdefault(name, Lock()):
+            if name not in self._known or self._known[name][0] != version:
+                self._known[name] = version, computed()
+            known: KnownT = self._known[name][1]
+            return known
 
     def state_accuracy(self, name: str, sigma_m: Sequence[float]) -> None:
         """State a figure that was assumed (``ASSUMED``): standard deviations of easting, northing and height. Raises

@@ -12,9 +12,9 @@ from photogram.loopback.server import ADDRESS
 from photogram.terminal.console import console
 
 
-def run(folder: Path | None, browser: bool, port: int) -> None:
+def run(folder: Path | None, browser: bool, port: int, tiles: str | None = None) -> None:
     """Serve the page until Ctrl-C."""
-    with Desk() as desk:
+    with Desk(tiles=tiles) as desk:
         if folder is not None:
             desk.open(folder)
         try:

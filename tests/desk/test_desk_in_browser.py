@@ -10,9 +10,10 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -356,6 +357,50 @@ def test_the_switch_draws_the_coverage(flown_with_a_gap: Path, browser: Chrome, 
             assert not legend.is_displayed()
             assert not browser.find_element(By.ID, "gaps-kml").is_displayed()
             assert not complaints(browser)
+
+
+class Tiles(BaseHTTPRequestHandler):
+    """Gives one magenta tile at every address, and notes them."""
+
+    addresses: ClassVar[list[str]] = []
+
+    def do_GET(self) -> None:
+        self.addresses.append(self.path)
+        content = io.BytesIO()
+        Image.new("RGB", (256, 256), (255, 0, 255)).save(content, "PNG")
+        self.send_response(200)
+        self.send_header("Content-Type", "image/png")
+        self.end_headers()
+        self.wfile.write(content.getvalue())
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+def test_tiles_of_the_address_that_was_given_lie_under_the_map(
+    flown_with_a_gap: Path, browser: Chrome, tmp_path: Path
+) -> None:
+    tiles = ThreadingHTTPServer(("127.0.0.1", 0), Tiles)
+    Thread(target=tiles.serve_forever, daemon=True).start()
+    with Desk(tmp_path / "desk.json", f"http://127.0.0.1:{tiles.server_port}/{{z}}/{{x}}/{{y}}.png") as desk:
+        desk.open(flown_with_a_gap)
+        with served(desk) as server:
+            browser.get(f"{server.url}#map")
+            Person(browser).sees("#overview-map .ol-attribution", "127.0.0.1")
+            end, share = time.monotonic() + PATIENCE_S, 0.0
+            while share < 0.5 and time.monotonic() < end:
+                png = browser.find_element(By.ID, "overview-map").screenshot_as_png
+                share = float(
+                    np.mean(np.all(np.array(Image.open(io.BytesIO(png)).convert("RGB")) == [255, 0, 255], axis=2))
+                )
+                time.sleep(0.2)
+    tiles.shutdown()
+    tiles.server_close()
+    assert share > 0.5
+    lon, lat = 9.0 + (602340.0 - 500000.0) / (111320.0 * np.cos(np.radians(52.28))), 52.28
+    z, x, y = map(int, Tiles.addresses[-1].removesuffix(".png").split("/")[1:])
+    assert x == pytest.approx(2**z * (lon + 180) / 360, abs=2 + 2**z * 1e-5)
+    assert y == pytest.approx(2**z * (1 - np.arcsinh(np.tan(np.radians(lat))) / np.pi) / 2, abs=2 + 2**z * 1e-4)
 
 
 def colours(browser: Chrome) -> int:

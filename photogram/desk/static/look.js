@@ -1,6 +1,7 @@
 // Look and measure: rasters of the results on a map, and what is drawn on them, each figure with its standard deviation.
 
 import { get, post, resultAddress } from "./api.js";
+import { addBasemap } from "./basemap.js";
 import { features, newMap, photographStyle, pointStyle, ramp, rasterLayer, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded } from "./page.js";
 import { residualLayer } from "./residuals.js";
@@ -56,6 +57,7 @@ async function begin(layers) {
   fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes);
   fill($("tools"), element("legend", {}, "Measure"), ...NAMES.map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, TOOLS[kind][0])));
   await choose(layers[0]);
+  await addBasemap(map);
   list(await get("measurements"));
   window.desk = { map, rasters, measure: measured };
 }

@@ -1,4 +1,4 @@
-// Maps in the plane of the survey's own grid, in metres: nothing is fetched from elsewhere.
+// Maps in the plane of the survey's own grid, in metres: nothing is fetched from elsewhere, but tiles that the command names.
 
 const { ol } = window;
 

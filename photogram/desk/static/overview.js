@@ -1,6 +1,7 @@
 // The survey on its map before any work: photographs, points, what is odd, what is assumed.
 
 import { get, post } from "./api.js";
+import { addBasemap } from "./basemap.js";
 import * as coverage from "./coverage.js";
 import { features, newMap, photographStyle, pointStyle, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded, plural } from "./page.js";
@@ -15,6 +16,7 @@ export async function show() {
   if (JSON.stringify(overview) !== shown) {
     shown = JSON.stringify(overview);
     draw(overview);
+    await addBasemap(map);
   }
   await coverage.show();
   fill($("facts"), ...facts(overview));
