@@ -26,9 +26,9 @@ COMMANDS = (
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "babel": ("languages",),
     "contourpy": ("surface.contours",),
-    "defusedxml": ("files.xml_elements", "files.photographs"),
+    "defusedxml": ("files.xml_elements", "files.photographs", "files.triangulations"),
     "distributed": ("pipeline.store.cluster",),
-    "ezdxf": ("delivery.drawing",),
+    "ezdxf": ("delivery.drawing", "files.triangulations"),
     "gtsam": ("factors",),
     "jinja2": ("report", "exchange.audit.page"),
     "laspy": ("files.clouds", "change.files"),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,15 +16,18 @@ from photogram.files.maps.polygon_files import SitePolygon, read_polygons
 from photogram.grid import MapGrid, Window, block_of
 from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import statistics
-from photogram.report.surveyed_surfaces import open_surface
+from photogram.report.surveyed_surfaces import NamedSurface, open_surface, open_surfaces
 from photogram.volumes.differences import Correction, Difference, DifferenceCells, difference_of
 from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes, over_height, over_rim, sum_of
-from photogram.volumes.outlines import coverage, window_of
+from photogram.volumes.outlines import box_of, coverage, window_of
 from photogram.volumes.rim_base import over_level
 from photogram.volumes.stable_ground import Motion, Registration, registration_of
 from photogram.volumes.surfaces import StatedSigma, labels
 from photogram.volumes.volumes import VolumeSums
 from photogram.wording import Progress, silent
+
+EVERYWHERE = "everywhere"
+"""What the volume of all that two surfaces cover is called."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class SurfaceRequest:
     earlier: Path | None
     """None: ``level_m``, or planes through the rims of the polygons."""
     polygons: Path | None = None
-    """What volumes are asked for."""
+    """What volumes are asked for; None: everything that both surfaces cover."""
     stable: Path | None = None
     """Ground that has not moved."""
     coregister: Motion | None = None
@@ -50,6 +53,8 @@ class SurfaceRequest:
     """Standard deviation of the corners of the polygons, east and north each."""
     level_m: float | None = None
     """A height that volumes count from, in place of an earlier surface; None without."""
+    parts: tuple[str, ...] = ()
+    """Which surfaces of a LandXML file, or layers of a drawing, are read; none: the only one."""
 
 
 def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress = silent) -> SurfaceChange:
@@ -68,12 +73,15 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
     if request.level_m is not None and (request.earlier is not None or not np.isfinite(request.level_m)):
         raise ProjectError(f"volumes over the height {request.level_m:g} m: give one base, a height or a surface")
     progress(0, 0, "reading")
-    later = open_surface(request.later, request.sigma, request.correlation_m)
     if request.earlier is None:
+        later = open_surface(request.later, request.sigma, request.correlation_m)
         return _over_bases(request, over_level(later), output, progress)
-    difference = difference_of(open_surface(request.earlier, request.earlier_sigma, request.correlation_m), later)
+    named = NamedSurface(request.earlier, request.earlier_sigma), NamedSurface(request.later, request.sigma)
+    opened = open_surfaces(*named, request.correlation_m, request.parts)
+    difference = difference_of(opened.earlier, opened.later)
     crs = difference.later.heights.crs
-    polygons = [] if request.polygons is None else read_polygons(request.polygons, crs)
+    drawn = [] if request.polygons is None else read_polygons(request.polygons, crs)
+    polygons = drawn or [SitePolygon(EVERYWHERE, box_of(difference.grid))]
     stable = [] if request.stable is None else read_polygons(request.stable, crs)
     registration, correction = None, None
     if stable:
@@ -82,14 +90,18 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
         registration, correction = registration_of(difference, [p.polygon for p in stable], motion)
         correction = correction if request.coregister is not None else None
     _check_place(request, polygons, difference.grid)
+    outline_sigma_m = request.outline_sigma_m if drawn else 0.0
     with _scratch_layers(output, difference.grid) as layers:
-        sums, counts = _over_tiles(difference, correction, polygons, request.outline_sigma_m, layers, progress)
+        sums, counts = _over_tiles(difference, correction, polygons, outline_sigma_m, layers, progress)
         names = labels(difference.later.heights.path, difference.earlier.heights.path)
+        if not drawn:
+            sums[0].area_m2 = sums[0].measured_m2 + sums[0].interpolated_m2
         change = _summary(
             difference, names, registration, correction is not None, (), sums, counts, layers, own_bases=False
         )
+        change = replace(change, remarks=opened.remarks)
         progress(0, 0, "writing")
-        write_change(output, change, difference, layers, polygons, stable)
+        write_change(output, change, difference, layers, drawn, stable)
     return change
 
 

@@ -9,6 +9,7 @@ from photogram.errors import FrameError
 from photogram.geodesy.crs import crs_label, height_system_of, same_plan
 from photogram.grid import MapGrid, Window
 from photogram.volumes.correlation import gathered, reach_cells
+from photogram.volumes.extents import extent_of, no_overlap
 from photogram.volumes.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
 
 LEVEL = 1.959964
@@ -192,7 +193,7 @@ def difference_of(earlier: SurfaceFiles, later: SurfaceFiles) -> Difference:
     fine, other = (a.grid, b.grid) if a.grid.cell_m <= b.grid.cell_m * (1 + 1e-9) else (b.grid, a.grid)
     grid = _overlap(fine, other)
     if grid is None:
-        raise FrameError(f"{where}: they do not overlap: check that both are of the same site")
+        raise FrameError(no_overlap((str(b.path), extent_of(b.grid)), (str(a.path), extent_of(a.grid))))
     return Difference(earlier, later, grid)
 
 

@@ -38,6 +38,12 @@ def window_of_all(polygons: Sequence[Geometry], grid: MapGrid) -> Window:
     )  # fmt: skip
 
 
+def box_of(grid: MapGrid) -> Geometry:
+    """Return a polygon that every cell of a grid lies in, a cell wider on each side."""
+    west, east, south, north = grid.extent_map_m
+    return shapely.box(west - grid.cell_m, south - grid.cell_m, east + grid.cell_m, north + grid.cell_m)
+
+
 def _boxes(grid: MapGrid, row: IntArray, column: IntArray, row_end: IntArray, column_end: IntArray) -> Any:  # noqa: ANN401
     west, east = grid.west_map_m + column * grid.cell_m, grid.west_map_m + column_end * grid.cell_m
     north, south = grid.north_map_m - row * grid.cell_m, grid.north_map_m - row_end * grid.cell_m

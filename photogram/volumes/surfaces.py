@@ -125,18 +125,26 @@ def surface_path(path: Path) -> Path:
 
 
 def open_rasters(
-    path: Path, stated: StatedSigma | None, correlation_m: float | None, block: BlockErrors | None, *, local: bool
+    path: Path,
+    stated: StatedSigma | None,
+    correlation_m: float | None,
+    block: BlockErrors | None,
+    *,
+    local: bool,
+    assumed_crs: str | None = None,
 ) -> SurfaceFiles:
     """Return a surface and the rasters beside it: of ``NAME.tif`` or ``NAME_filled.tif`` ``NAME_sigma``,
     ``NAME_sigma_own`` and ``NAME_source``. ``block`` is what is known of the errors of its whole block, ``local``
-    whether it may lie in a frame without a CRS.
+    whether it may lie in a frame without a CRS, ``assumed_crs`` that of a file that names none.
 
     Raises ProjectError or FrameError where one is damaged or does not fit the others, or nothing says how large its
     errors are.
     """
-    heights = open_raster(path, local=local)
+    heights = open_raster(path, local=local, assumed_crs=assumed_crs)
     name = path.stem.removesuffix("_filled")
-    sigma, own, source = (_beside(heights, f"{name}_{part}.tif", local) for part in ("sigma", "sigma_own", "source"))
+    sigma, own, source = (
+        _beside(heights, f"{name}_{part}.tif", local, assumed_crs) for part in ("sigma", "sigma_own", "source")
+    )
     if stated is None and sigma is None:
         raise ProjectError(
             f"surface {path}: no standard deviations beside it ({name}_sigma.tif): state two, of a height by itself "
@@ -147,10 +155,17 @@ def open_rasters(
             f"surface {path}: no {name}_source.tif beside it, it was not matched cell by cell: state over which length "
             "its errors are alike (--correlation, m), of a triangulated surface the distance of its points"
         )
-    length_m = WINDOW_CELLS * heights.grid.cell_m if correlation_m is None else correlation_m
+    length_m = correlation_over(heights.grid, correlation_m)
+    return SurfaceFiles(heights, sigma, own, source, stated, None if stated is not None else block, length_m)
+
+
+def correlation_over(grid: MapGrid, stated_m: float | None) -> float:
+    """Return the width over which own errors of cells correlate, m: as stated, else that of the windows of the
+    matching. Raises SettingError for no length."""
+    length_m = WINDOW_CELLS * grid.cell_m if stated_m is None else stated_m
     if not 0.0 < length_m < np.inf:
         raise SettingError("correlation", f"must be a positive length, found {length_m:g} m")
-    return SurfaceFiles(heights, sigma, own, source, stated, None if stated is not None else block, length_m)
+    return length_m
 
 
 def accompanying(surface: Path, name: str) -> Path:
@@ -160,11 +175,11 @@ def accompanying(surface: Path, name: str) -> Path:
     return results / ResultFolder.QUALITY / name if sorted_out else beside
 
 
-def _beside(heights: RasterFile, name: str, local: bool) -> RasterFile | None:
+def _beside(heights: RasterFile, name: str, local: bool, assumed_crs: str | None) -> RasterFile | None:
     path = accompanying(heights.path, name)
     if not path.is_file():
         return None
-    raster = open_raster(path, local=local)
+    raster = open_raster(path, local=local, assumed_crs=assumed_crs)
     if raster.grid != heights.grid:
         raise ProjectError(f"raster {path}: its cells are not those of {heights.path.name}: make both again together")
     return raster

@@ -14,14 +14,15 @@ def compare(
     clouds: Annotated[
         list[Path],
         typer.Argument(
-            help="Point clouds: .txt, .csv, .xyz, .las, .laz; or the later surface: GeoTIFF, or a folder of results.",
+            help="Point clouds: .txt, .csv, .xyz, .las, .laz; or the later surface: GeoTIFF, LandXML, DXF, or a folder "
+            "of results.",
             show_default=False,
         ),
     ],
     reference: Annotated[
         Path,
         typer.Option(
-            help="Reference, or the earlier epoch: a surface (GeoTIFF) or cloud; rim: the ground around each polygon.",
+            help="Reference, or the earlier epoch: a surface (as above) or cloud; rim: the ground around each polygon.",
             show_default=False,
         ),
     ],
@@ -36,7 +37,7 @@ def compare(
     polygons: Annotated[
         Path | None,
         typer.Option(
-            help="Polygons for cut/fill volumes: .gpkg, .geojson.",
+            help="Polygons for cut/fill volumes: .gpkg, .geojson; default: everything that both surfaces cover.",
             show_default=False,
             rich_help_panel=_CHANGE,
         ),
@@ -61,7 +62,8 @@ def compare(
     sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            help="Standard deviations of the later epoch, m: random, and systematic (common to all heights).",
+            help="Standard deviations of the later epoch, m: random, and systematic (common to all heights); 0 0 of a "
+            "design.",
             metavar="RANDOM SYSTEMATIC",
             show_default=False,
             rich_help_panel=_CHANGE,
@@ -88,6 +90,15 @@ def compare(
         float,
         typer.Option(help="Standard deviation of the corners of the polygons, m.", rich_help_panel=_CHANGE),
     ] = 0.0,
+    part: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Surface of a LandXML file, or layer of a DXF, where it has several; may be repeated.",
+            metavar="NAME",
+            show_default=False,
+            rich_help_panel=_CHANGE,
+        ),
+    ] = None,
     radius: Annotated[
         float | None,
         typer.Option(help="Radius of the cylinder, m; default: 4 spacings.", show_default=False, rich_help_panel=_M3C2),
@@ -114,6 +125,6 @@ def compare(
 
     options = Options(
         method, polygons, stable, coregister, sigma, reference_sigma, correlation, polygon_sigma, radius,
-        normal_radius, spacing, max_distance,
+        normal_radius, spacing, max_distance, tuple(part or ()),
     )  # fmt: skip
     run(clouds, reference, output, sor, options)

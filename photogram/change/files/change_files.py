@@ -80,7 +80,9 @@ class SurfaceChange:
     """Planes through the rims of the polygons, over height 0, where there is one epoch alone."""
     volumes: tuple[Volume, ...]
     total: Volume | None
-    """Of all polygons; None without any, or where they overlap."""
+    """Of all polygons; None where they overlap."""
+    remarks: tuple[str, ...] = ()
+    """What was assumed of a surface or converted, in sentences."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from photogram.change.reference_comparison import compare_files_to_reference, wr
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.change.work.tables import show_cloud_change, show_surface_change
 from photogram.errors import ProjectError
+from photogram.files.triangulations.reading import READERS
 from photogram.quality.cloud_comparison import Comparison
 from photogram.terminal.console import console, steps
 from photogram.volumes.stable_ground import Motion
@@ -51,12 +52,14 @@ class Options:
     normal_radius_m: float | None = None
     spacing_m: float | None = None
     max_distance_m: float = M3C2Settings().depth_m
+    parts: tuple[str, ...] = ()
 
 
 def run(clouds: list[Path], reference: Path, output: Path, sor: bool, options: Options | None = None) -> None:
     """Compare clouds with a reference, or two epochs; show the figures and write them and a picture."""
     options = options or Options()
-    surfaces = [path for path in clouds if path.is_dir() or path.suffix.lower() in SURFACE_SUFFIXES]
+    readable = (*SURFACE_SUFFIXES, *READERS)
+    surfaces = [path for path in clouds if path.is_dir() or path.suffix.lower() in readable]
     if options.method != "height":
         _epochs_of_clouds(clouds, reference, output, options)
     elif surfaces:
@@ -86,7 +89,7 @@ def _epochs_of_surfaces(clouds: list[Path], reference: Path, output: Path, optio
     earlier = None if reference == RIM else reference
     request = SurfaceRequest(
         _one(clouds), earlier, options.polygons, options.stable, options.coregister, _stated(options.sigma),
-        _stated(options.reference_sigma), options.correlation_m, options.polygon_sigma_m,
+        _stated(options.reference_sigma), options.correlation_m, options.polygon_sigma_m, parts=options.parts,
     )  # fmt: skip
     with steps("Comparison") as progress:
         change = compare_surfaces(request, output, progress)

@@ -61,6 +61,8 @@ def show_surface_change(change: SurfaceChange) -> None:
     _figures(f"{change.later} minus {change.reference}", rows)
     if change.bases:
         _say("The base of each polygon is the plane through the ground around it.")
+    for remark in change.remarks:
+        _say(remark)
     if change.resampled:
         _say(f"Interpolated on cells of {change.cell_m:g} m: {', '.join(change.resampled)}.")
     for name in change.undeclared_heights:

@@ -134,11 +134,12 @@ class RasterFile:
         return values
 
 
-def open_raster(path: Path | str, *, local: bool = False) -> RasterFile:
-    """Return a GeoTIFF of one band of which windows are read. Raises as ``read_raster``, of its cells nothing."""
+def open_raster(path: Path | str, *, local: bool = False, assumed_crs: str | None = None) -> RasterFile:
+    """Return a GeoTIFF of one band of which windows are read; one that names no CRS is taken in ``assumed_crs``, and in
+    its units, if there is one. Raises as ``read_raster``, of its cells nothing."""
     path = Path(path)
     with _opened(path) as dataset:
-        return _described(path, dataset, local)
+        return _described(path, dataset, local, assumed_crs)
 
 
 @contextmanager
@@ -163,13 +164,13 @@ def _opened(path: Path) -> Iterator[rasterio.DatasetReader]:
         raise ProjectError(f"raster {path}: cannot be read ({words}): export it again as GeoTIFF") from error
 
 
-def _described(path: Path, dataset: rasterio.DatasetReader, local: bool) -> RasterFile:
+def _described(path: Path, dataset: rasterio.DatasetReader, local: bool, assumed_crs: str | None = None) -> RasterFile:
     """Return the grid and the CRS of an open file. Raises FrameError as ``read_raster``."""
     transform, crs, scale, offset = dataset.transform, dataset.crs, dataset.scales[0], dataset.offsets[0]
     if not np.isfinite([*transform[:6], scale, offset]).all() or np.abs(transform[:6]).max() > LARGEST_COORDINATE_M:
         raise FrameError(f"raster {path}: its affine {tuple(transform)[:6]} is damaged: export it again as GeoTIFF")
     cell = _cell_size(path, transform, dataset.height, dataset.width)
-    name, units = _crs_name(path, crs, local)
+    name, units = _crs_name(path, crs, local) if crs or assumed_crs is None else (assumed_crs, map_units(assumed_crs))
     west, north = float(transform.c * units.plan_m), float(transform.f * units.plan_m)
     grid = MapGrid(west, north, cell * units.plan_m, dataset.height, dataset.width)
     unit = _height_unit_m(path, dataset.units[0], units)
