@@ -12,6 +12,9 @@ from starlette.staticfiles import StaticFiles
 
 from photogram import __version__
 from photogram.desk.desk import Desk, listing
+from photogram.desk.map_layers.asked import Asked as AskedComparison
+from photogram.desk.map_layers.asked import Own, Taken, With
+from photogram.desk.map_layers.choosing import surfaces_in
 from photogram.desk.measurements import Kind
 from photogram.desk.run_settings import Choice, RunSettings, Terrain
 from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
@@ -84,6 +87,35 @@ class _Places(Asked):
     corners_map_m: list[list[float]] = Field(max_length=1000)
 
 
+class _Comparison(Asked):
+    path: str = Field(max_length=4096)
+    relation: With
+    own: Own
+    parts: list[str] = Field(max_length=100)
+    sigma_m: list[float] | None = Field(min_length=2, max_length=2)
+    correlation_m: float | None
+    outlines: list[int] = Field(max_length=500)
+    stable: list[int] = Field(max_length=500)
+    taken_off: Taken | None
+
+    def wanted(self) -> AskedComparison:
+        return {
+            "path": self.path,
+            "relation": self.relation,
+            "own": self.own,
+            "parts": self.parts,
+            "sigma_m": self.sigma_m,
+            "correlation_m": self.correlation_m,
+            "outlines": self.outlines,
+            "stable": self.stable,
+            "taken_off": self.taken_off,
+        }
+
+
+class _Name(Asked):
+    name: str = Field(max_length=255)
+
+
 class _Number(Asked):
     number: int
 
@@ -133,10 +165,16 @@ class _Addresses:
             ),
             posted("/api/rename", _Renamed, lambda asked: desk.survey.measurements().rename(asked.number, asked.name)),
             posted("/api/forget", _Number, lambda asked: desk.survey.measurements().remove(asked.number)),
+            got("/api/contours", lambda query: desk.survey.contours(_length(query.get("interval_m")))),
+            got("/api/surfaces", lambda query: surfaces_in(Path(query.get("path") or desk.survey.folder))),
+            got("/api/comparisons", lambda _: desk.survey.comparisons.view()),
+            posted("/api/compare", _Comparison, lambda asked: desk.survey.compare(asked.wanted())),
+            posted("/api/forget-comparison", _Name, lambda asked: desk.survey.comparisons.remove(asked.name)),
             posted("/api/view", Nothing, lambda _: {"file": desk.survey.three_d()}),
             posted("/api/deliver", _Products, lambda asked: desk.survey.hand_over(asked.products)),
             got("/gaps.kml", lambda _: self._gaps()),
             got("/results/{name:path}", self._result),
+            got("/compared/{name}/{file:path}", self._compared),
             Mount("/marking/{key}", desk.marking),
             Mount("/static", StaticFiles(directory=str(static))),
         ]
@@ -167,6 +205,14 @@ class _Addresses:
         if path.suffix == ".html":
             headers["Content-Security-Policy"] = PAGE_OF_RESULTS
         return FileResponse(path, headers=headers)
+
+    def _compared(self, query: Query) -> Response:
+        path = self._desk.survey.comparisons.file(query["name"], query["file"])
+        return FileResponse(path, headers={"Cache-Control": "private, no-cache"})
+
+
+def _length(text: str | None) -> float | None:
+    return float(text) if text else None
 
 
 class DeskServer(LoopbackServer):

@@ -18,6 +18,9 @@ from photogram.desk.coverage.tagged_flight import tagged_flight
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.layers import Layer, layers
+from photogram.desk.map_layers.asked import Asked
+from photogram.desk.map_layers.contour_layer import ContourLayer, contour_layer
+from photogram.desk.map_layers.kept_comparisons import KeptComparisons
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
 from photogram.desk.residuals import Residuals, residuals
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
@@ -144,6 +147,7 @@ class SurveyFolder:
         self.folder = folder.absolute()
         self.project_path = self.folder / PROJECT_FILE
         self._lock = Lock()
+        self.comparisons = KeptComparisons(self.folder)
         self._runs: dict[Path, Runs] = {}
         self._known: dict[str, tuple[object, Any]] = {}
         self._computing: dict[str, Lock] = {}
@@ -348,6 +352,15 @@ class SurveyFolder:
         """Return what was measured on the surface, and is kept."""
         project = self.project()
         return KeptMeasurements(self.folder / MEASUREMENTS, project.results, project.crs)
+
+    def compare(self, asked: Asked) -> None:
+        """Begin to compare with another surface. Raises as ``KeptComparisons.start``."""
+        self.comparisons.start(asked, self.project().results, self.measurements())
+
+    def contours(self, interval_m: float | None) -> ContourLayer:
+        """Return the contour lines, of another interval if one is given. Raises as ``contour_layer``."""
+        project = self.project()
+        return contour_layer(project.results, project.product_crs, interval_m)
 
     def three_d(self) -> str:
         """Return the page of the 3-D view, from the folder of results on; it is made where it is not there."""

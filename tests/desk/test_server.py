@@ -286,3 +286,66 @@ def test_a_role_that_is_switched_stands_in_the_project(server: DeskServer, desk:
     desk.end_marking()
     assert posted(server, "role", {"name": "nobody", "role": "check"})[0] == 400
     assert posted(server, "role", {"name": name, "role": "tie"})[0] == 400
+
+
+def test_a_comparison_is_made_shown_in_parts_and_removed(server: DeskServer, folder: Path) -> None:
+    """With the survey itself as an earlier one: only what was chosen by its path can be read, and by no other name."""
+    earlier = Path(shutil.copytree(folder, folder.parent / "earlier"))
+    asked_for: dict[str, object] = {
+        "path": str(earlier), "relation": "earlier", "own": "surface", "parts": [], "sigma_m": None,
+        "correlation_m": None, "outlines": [], "stable": [], "taken_off": None,
+    }  # fmt: skip
+    assert told(posted(server, "compare", asked_for)) == {}
+    while (view := told(asked(server, "api/comparisons")))["under_way"]["name"] is not None:
+        time.sleep(0.05)
+    (comparison,) = view["comparisons"]
+    name, whole = comparison["name"], (folder / "comparisons" / comparison["name"] / "difference.tif").read_bytes()
+    status, headers, content = asked(server, f"compared/{name}/difference.tif", Range="bytes=0-99")
+    assert (status, content, headers["Content-Range"]) == (206, whole[:100], f"bytes 0-99/{len(whole)}")
+    assert (
+        asked(server, f"compared/{name}/other/surface")[2] == result_path(earlier / "results", "dsm.tif").read_bytes()
+    )
+    for path in (
+        f"compared/{name}/asked.json", f"compared/{name}/other/dsm.tif", f"compared/{name}/../../project.yaml",
+        f"compared/{name}/%2e%2e/%2e%2e/project.yaml", f"compared/{name}/other/../../../project.yaml",
+        "compared/../project.yaml", "compared/%2e%2e/project.yaml", f"compared/{name}//etc/passwd", f"compared/{name}/",
+    ):  # fmt: skip
+        status, _, content = asked(server, path)
+        assert status in (400, 404), path
+        assert b"photogram: 1" not in content
+        assert b"root:" not in content
+    assert posted(server, "forget-comparison", {"name": f"{name}/../{name}"})[0] == 400
+    assert told(posted(server, "forget-comparison", {"name": name})) == {}
+    assert asked(server, f"compared/{name}/difference.tif")[0] == 400
+    assert told(asked(server, "api/comparisons"))["comparisons"] == []
+    assert not (folder / "comparisons" / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"relation": "sister"}, "relation"),
+        ({"outlines": ["1"]}, "outlines.0"),
+        ({"sigma_m": [0.1]}, "sigma_m"),
+        ({"output": "/tmp/elsewhere"}, "output"),
+        ({"path": ""}, "choose a file"),
+    ],
+)
+def test_a_comparison_that_cannot_be_asked_for_is_refused(
+    more: dict[str, Any], message: str, server: DeskServer
+) -> None:
+    asked_for = {
+        "path": "/nowhere", "relation": "design", "own": "surface", "parts": [], "sigma_m": None, "correlation_m": None,
+        "outlines": [], "stable": [], "taken_off": None, **more,
+    }  # fmt: skip
+    status, _, content = posted(server, "compare", asked_for)
+    assert (status, message in json.loads(content)["error"]) == (400, True), content
+
+
+def test_surfaces_and_contour_lines_are_listed(server: DeskServer, folder: Path) -> None:
+    listing = told(asked(server, f"api/surfaces?path={folder.parent}"))
+    assert {"name": "survey", "path": str(folder), "is_folder": True, "is_survey": True} in listing["entries"]
+    assert asked(server, "api/surfaces?path=/nowhere")[0] == 400
+    assert told(asked(server, "api/contours"))["lines"]
+    assert asked(server, "api/contours?interval_m=0")[0] == 400
+    assert asked(server, "api/contours?interval_m=much")[0] == 400

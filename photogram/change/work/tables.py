@@ -5,9 +5,8 @@ from rich.table import Table
 
 from photogram.change.cloud_change import CloudChange
 from photogram.change.files.change_files import SurfaceChange
-from photogram.files.maps.rasters import HIGHEST_M, LOWEST_M
+from photogram.change.sentences import registration_words, sentences_of, volume_sentences
 from photogram.terminal.console import console
-from photogram.volumes.stable_ground import Registration
 from photogram.volumes.volumes import Volume, volume_label
 from photogram.wording import percent
 
@@ -23,24 +22,6 @@ def _figures(title: str, rows: dict[str, str]) -> None:
     for name, value in rows.items():
         table.add_row(name, value)
     console.print(table)
-
-
-def registration_words(registration: Registration, applied: bool) -> str:
-    """Return what stable ground says of two epochs, in a sentence."""
-    values = ", ".join(
-        f"{name} {value:+.6f} ± {sigma:.6f}" if "tilt" in name or "rotation" in name else
-        f"{name.removesuffix('_m')} {value:+.4f} ± {sigma:.4f} m"
-        for name, value, sigma in zip(registration.names, registration.value, registration.sigma, strict=True)
-    ).replace("_", " ")  # fmt: skip
-    stated = registration.expected_sigma[0]
-    expected = "" if not stated > 0.0 else f"; both epochs state ± {stated:.4f} m for the offset"
-    remaining_m = registration.remaining_m
-    rest = f", ± {remaining_m:.4f} m between its parts beyond noise" if remaining_m > 0.0 else ""
-    done = "taken off" if applied else "not taken off (--coregister does)"
-    return (
-        f"Stable ground: {values}{expected}; {done}. Residuals: RMS {registration.after_rms_m:.4f} m over "
-        f"{registration.cells}{rest}; {registration.rejected} contradict the rest."
-    )
 
 
 def show_surface_change(change: SurfaceChange) -> None:
@@ -59,23 +40,8 @@ def show_surface_change(change: SurfaceChange) -> None:
         "higher": percent(change.raised / told, 1),
     }
     _figures(f"{change.later} minus {change.reference}", rows)
-    if change.bases:
-        _say("The base of each polygon is the plane through the ground around it.")
-    for remark in change.remarks:
-        _say(remark)
-    if change.resampled:
-        _say(f"Interpolated on cells of {change.cell_m:g} m: {', '.join(change.resampled)}.")
-    for name in change.undeclared_heights:
-        _say(f"Heights of {name}: no height system is stated; they are taken to count from that of the other surface.")
-    for name in change.zeros_without_data:
-        _say(f"Zeros of {name} lie at its rim, far from all other heights: they are taken for no data.")
-    for name in change.impossible_heights:
-        low, high = f"{LOWEST_M:.0f}".replace("-", "−"), f"{HIGHEST_M:.0f}"
-        _say(f"{name} declares no value for no data: heights below {low} m and above {high} m are taken for it.")
-    if change.interpolated_cells:
-        _say(f"{change.interpolated_cells} cells are filled or without a sigma: they have no level of detection.")
-    if change.registration is not None:
-        _say(registration_words(change.registration, change.registration_applied))
+    for sentence in sentences_of(change):
+        _say(sentence)
     if change.volumes:
         _show_volumes(change)
 
@@ -87,14 +53,8 @@ def _show_volumes(change: SurfaceChange) -> None:
     for volume in (*change.volumes, *([change.total] if change.total and len(change.volumes) > 1 else [])):
         table.add_row(*_volume_row(volume))
     console.print(table)
-    if change.total is None:
-        _say("Polygons overlap: no sum of them is given.")
-    missing = [v.name for v in change.volumes if v.unmeasured_m2 > 0.0]
-    if missing:
-        _say(f"Not measured in both everywhere, and no volume is counted there: {', '.join(missing)}.")
-    filled = [f"{v.name} ({v.interpolated_m3:+.2f} m³)" for v in change.volumes if v.interpolated_m2 > 0.0]
-    if filled:
-        _say(f"Partly from filled cells, which no sigma covers: {', '.join(filled)}.")
+    for sentence in volume_sentences(change):
+        _say(sentence)
 
 
 def _volume_row(v: Volume) -> tuple[str, ...]:

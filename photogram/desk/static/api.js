@@ -30,3 +30,7 @@ export function post(name, body = {}) {
 export function resultAddress(file) {
   return new URL(`results/${file.split("/").map(encodeURIComponent).join("/")}`, document.baseURI).href;
 }
+
+export function comparedAddress(comparison, file) {
+  return new URL(`compared/${encodeURIComponent(comparison)}/${file}`, document.baseURI).href;
+}

@@ -2,6 +2,8 @@
 
 import { get, post, resultAddress } from "./api.js";
 import { addBasemap } from "./basemap.js";
+import * as compare from "./compare.js";
+import { contourLayer } from "./contours.js";
 import { features, newMap, photographStyle, pointStyle, ramp, rasterLayer, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded } from "./page.js";
 import { residualLayer } from "./residuals.js";
@@ -32,16 +34,19 @@ async function begin(layers) {
   drawn = new ol.source.Vector();
   const line = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#d9480f", width: 2.5 }), fill: new ol.style.Fill({ color: "rgba(217, 72, 15, .15)" }), image: new ol.style.Circle({ radius: 5, fill: new ol.style.Fill({ color: "#d9480f" }) }) });
   const rasters = new Map();
+  const contours = contourLayer();
   const over = [
+    contours.layer,
     vectorLayer(features(overview.photographs), photographStyle("#0b5573")),
     vectorLayer(features(overview.points, point => ({ role: point.role })), pointStyle),
     new ol.layer.Vector({ source: drawn, style: line }),
   ];
-  over[0].setVisible(false);
+  over[1].setVisible(false);
   map = newMap("result-map", over);
   over.push(residualLayer(map));
   map.addLayer(over.at(-1));
   map.on("pointermove", event => { $("cursor").textContent = `E ${event.coordinate[0].toFixed(2)}  N ${event.coordinate[1].toFixed(2)}`; });
+  let base = layers[0];
   const choose = async layer => {
     if (!rasters.has(layer.name)) {
       const made = rasterLayer(layer, resultAddress(layer.file));
@@ -49,15 +54,21 @@ async function begin(layers) {
       map.getLayers().insertAt(0, made.layer);
       if (rasters.size === 1) shownFully(map, (await made.source.getView()).extent);
     }
+    base = layer;
+    compare.clear();
     for (const [name, made] of rasters) made.layer.setVisible(name === layer.name);
     legend(layer);
   };
   const radios = layers.map((layer, n) => element("label", {}, element("input", { type: "radio", name: "layer", value: layer.name, checked: n === 0, onchange: guarded(() => choose(layer)) }), layer.title));
-  const boxes = [["Photographs", over[0]], ["Points", over[1]], ["Residuals", over.at(-1)]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
-  fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes);
+  const boxes = [["Photographs", over[1]], ["Points", over[2]], ["Measurements", over[3]], ["Residuals", over.at(-1)]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
+  fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes, ...contours.controls);
   fill($("tools"), element("legend", {}, "Measure"), ...NAMES.map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, TOOLS[kind][0])));
   await choose(layers[0]);
   await addBasemap(map);
+  await compare.begin({
+    map, layers, legend, address: layer => resultAddress(layer.file), rasterCount: () => rasters.size,
+    others: visible => { for (const [name, made] of rasters) made.layer.setVisible(visible && name === base.name); if (visible) legend(base); },
+  });
   list(await get("measurements"));
   window.desk = { map, rasters, measure: measured };
 }
@@ -96,6 +107,8 @@ function list(kept) {
     return new ol.Feature({ geometry, number });
   }));
   fill($("measurements"), ...kept.map(entry).toReversed());
+  $("measurements-title").hidden = !kept.length;
+  compare.outlines(kept);
 }
 
 function entry(item, number) {
@@ -155,5 +168,5 @@ $("three-d").addEventListener("click", guarded(async () => {
   }
   $("three-d").setAttribute("aria-pressed", String(!flat));
   $("view").hidden = flat;
-  $("result-map").hidden = !flat;
+  $("result-map-frame").hidden = !flat;
 }));

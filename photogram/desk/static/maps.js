@@ -1,5 +1,7 @@
 // Maps in the plane of the survey's own grid, in metres: nothing is fetched from elsewhere, but tiles that the command names.
 
+import { element, fill } from "./page.js";
+
 const { ol } = window;
 
 export const PROJECTION = new ol.proj.Projection({ code: "survey", units: "m", axisOrientation: "enu" });
@@ -66,7 +68,39 @@ const RAMPS = {
 
 export const ramp = kind => RAMPS[kind];
 
-export function rasterLayer(layer, address) {
+// Of differences: lower, in between and higher, as in comparison.png; grey is within the level of detection.
+const LOWER = ["#053061", "#2166ac", "#4393c3", "#92c5de"], HIGHER = ["#f4a582", "#d6604d", "#b2182b", "#67001f"];
+const AROUND_ZERO = [...LOWER, "#f7f7f7", ...HIGHER], WITHIN = "#9aa3a8", UNTOLD = "#d8c48f";
+const NOTHING = -9000, NO_LEVEL = 255, NO_VALUE = -1e6;
+
+// A difference and what has changed, two rasters with the same cells: cells within the level of detection are grey, and
+// those that were filled, which have none, of a colour of their own. What stands for no data is told apart here.
+export function differenceLayer(address, half) {
+  const source = new ol.source.GeoTIFF({
+    sources: ["difference.tif", "change.tif"].map(name => ({ url: address(name), bands: [1], nodata: NO_VALUE })),
+    projection: PROJECTION, normalize: false, convertToRGB: false, interpolate: false, wrapX: false, transition: 0,
+  });
+  const stops = AROUND_ZERO.flatMap((colour, n) => [half * (2 * n / (AROUND_ZERO.length - 1) - 1), colour]);
+  const color = ["case", ["any", ["==", ["band", 3], 0], ["<", ["band", 1], NOTHING]], ["color", 0, 0, 0, 0],
+    ["==", ["band", 2], 0], WITHIN, ["==", ["band", 2], NO_LEVEL], UNTOLD, ["interpolate", ["linear"], ["band", 1], ...stops]];
+  return new ol.layer.WebGLTile({ source, style: { color } });
+}
+
+export function differenceLegend(parent, { half_range: half, unit, has_untold: hasUntold }) {
+  const bar = element("span", { class: "bar" });
+  bar.style.background = `linear-gradient(to right, ${AROUND_ZERO.join(", ")})`;
+  const swatch = (colour, words) => {
+    const square = element("i");
+    square.style.background = colour;
+    return element("span", { class: "swatch" }, square, words);
+  };
+  parent.hidden = false;
+  fill(parent, element("span", {}, `cut −${half}`), bar, element("span", {}, `+${half} ${unit} fill`),
+    swatch(WITHIN, "within the level of detection"), hasUntold ? swatch(UNTOLD, "filled, without one") : null);
+}
+
+// A raster; layers of another class than their neighbours have a canvas of their own.
+export function rasterLayer(layer, address, className = "ol-layer") {
   const picture = layer.kind === "picture";
   const source = new ol.source.GeoTIFF({
     sources: [{ url: address, ...(picture ? { bands: [1, 2, 3, 4] } : {}) }],
@@ -78,5 +112,5 @@ export function rasterLayer(layer, address) {
     const stops = colours.flatMap((colour, n) => [low + (high - low) * n / (colours.length - 1), colour]);
     style = { color: ["case", ["==", ["band", 2], 0], ["color", 0, 0, 0, 0], ["interpolate", ["linear"], ["band", 1], ...stops]] };
   }
-  return { layer: new ol.layer.WebGLTile({ source, style }), source };
+  return { layer: new ol.layer.WebGLTile({ source, style, className }), source };
 }
