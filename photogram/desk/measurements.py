@@ -118,6 +118,11 @@ class _Heights:
         """Return their standard deviations (N,) in the map."""
         return np.asarray(np.sqrt(self.own_m**2 + (self.pattern_m**2).sum(axis=1)))
 
+    def sigma_of(self, gradient: FloatArray) -> float:
+        """Return the standard deviation of a figure with the derivatives (N,) by the heights, all of them known."""
+        shared = gradient @ self.pattern_m
+        return float(np.sqrt(gradient**2 @ self.own_m**2 + shared @ shared))
+
     def step_sigma_m(self, first: int, last: int) -> float:
         """Return the standard deviation of the difference of two."""
         shared = self.pattern_m[first] - self.pattern_m[last]
@@ -156,10 +161,13 @@ def _distance(difference: Difference, corners: FloatArray, errors: PlanErrors | 
         return figures, [], "No measured height at one of the places: no slope distance."
     step = float(heights.height_m[-1] - heights.height_m[0])
     slope = float(np.hypot(plan, np.diff(heights.height_m)).sum())
+    gradient = length_gradient(np.column_stack([corners, heights.height_m]))
+    upright = heights.sigma_of(gradient[:, 2])
+    sigma = None if errors is None else float(np.hypot(errors.sigma(gradient[:, :2]), upright))
     return (
         [
             *figures,
-            _figure("slope distance", slope, None, "m"),
+            _figure("slope distance", slope, sigma, "m"),
             _figure("height difference", step, heights.step_sigma_m(0, len(corners) - 1), "m"),
         ],
         [],

@@ -67,7 +67,7 @@ def _total_m(results: Path, place_map_m: FloatArray) -> FloatArray:
 
 
 def length_gradient(corners: FloatArray) -> FloatArray:
-    """Return the derivatives (N, 2) of the length of a line in plan by its corners (N, 2)."""
+    """Return the derivatives (N, D) of the length of a line by its corners: (N, 2) in plan, (N, 3) along the slope."""
     step = np.diff(corners, axis=0)
     unit = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
     gradient = np.zeros_like(corners)

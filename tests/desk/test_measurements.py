@@ -67,6 +67,27 @@ def test_a_height_difference_loses_what_both_ends_share(results: Path) -> None:
     assert figures(measure(results, "distance", ends.tolist()))["length in plan"][0] == pytest.approx(3.0)
 
 
+def test_a_slope_distance_has_the_errors_of_plan_and_height(results: Path) -> None:
+    """Against derivatives by small steps of the heights and of the places, and what the report says of both."""
+    ends = middle(results) + np.array([[-3.0, -2.0], [3.0, 2.0]])
+    measured = figures(measure(results, "distance", ends.tolist()))
+    (slope, sigma), (plan, plan_sigma) = measured["slope distance"], measured["length in plan"]
+    step, step_sigma = measured["height difference"]
+    assert None not in (slope, sigma, plan, plan_sigma, step, step_sigma)
+    both = np.array([plan, step], dtype=float)
+    assert slope == pytest.approx(float(np.hypot(*both)))
+    share = both / slope
+    expected = np.hypot(share[0] * float(plan_sigma or 0.0), share[1] * float(step_sigma or 0.0))
+    assert sigma == pytest.approx(expected, rel=1e-9)
+    moved = np.column_stack([ends - ends[0], [0.0, float(step or 0.0)]])
+    gradient = length_gradient(moved)
+    for n, axis in np.ndindex(moved.shape):
+        change = np.zeros_like(moved)
+        change[n, axis] = 1e-5
+        lengths = [np.linalg.norm(np.diff(moved + sign * change, axis=0)) for sign in (1.0, -1.0)]
+        assert gradient[n, axis] == pytest.approx((lengths[0] - lengths[1]) / 2e-5, abs=1e-6)
+
+
 def test_a_profile_has_the_heights_of_its_cells(results: Path) -> None:
     line = (middle(results) + np.array([[-8.0, 0.0], [8.0, 2.0]])).tolist()
     profile = measure(results, "profile", line)["profile"]

@@ -121,6 +121,8 @@ def test_of_several_surfaces_one_is_chosen(tmp_path: Path) -> None:
         read_triangulation(tmp_path / "a.xml")
     assert len(read_triangulation(tmp_path / "a.xml", ["ground"]).corner) == 1
     assert len(read_triangulation(tmp_path / "a.xml", ["pit", "ground"]).corner) == 3
+    (tmp_path / "twice.xml").write_text(land_xml(surfaces=other, name="ground"))
+    assert len(read_triangulation(tmp_path / "twice.xml", ["ground (2)"]).corner) == 1
     with pytest.raises(ProjectError, match="no surface 'road' with triangles"):
         read_triangulation(tmp_path / "a.xml", ["road"])
 

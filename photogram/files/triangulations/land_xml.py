@@ -65,7 +65,8 @@ class _Reader(ContentHandler):
         self.root = self.root or tag
         if tag == "Surface":
             title = attrs.get("name") or f"surface {len(self.surfaces) + 1}"
-            self._surface = self.surfaces.setdefault(title, _Surface())
+            title = f"{title} ({len(self.surfaces) + 1})" if title in self.surfaces else title
+            self._surface = self.surfaces[title] = _Surface()
         elif tag in ("Metric", "Imperial"):
             self.units = dict(attrs.items())
         elif tag == "CoordinateSystem":
