@@ -9,7 +9,7 @@ from photogram.compilation import njit
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.rasters import RasterFile
 from photogram.files.triangulations.triangulation import Triangulation
-from photogram.geodesy.crs import crs_label, map_units, plan_of
+from photogram.geodesy.crs import NO_CRS, crs_label, height_system_of, map_units, plan_of
 from photogram.grid import MapGrid, Window
 from photogram.volumes.extents import Extent, extent_of, no_overlap
 from photogram.volumes.surfaces import StatedSigma, SurfaceFiles
@@ -93,6 +93,8 @@ def _remarks(tin: Triangulation, over: RasterFile) -> list[str]:
         said.append(f"{name} is in {tin.unit.name}: converted to metres.")
     if tin.heights:
         said.append(f"{name} counts its heights from {tin.heights!r}, which is not compared with those of {other}.")
+    elif all(height_system_of(crs)[0] is None for crs in (tin.crs or NO_CRS, over.crs)):
+        said.append(f"Neither {name} nor {other} says what its heights count from: they are taken for the same.")
     return said
 
 

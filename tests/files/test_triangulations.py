@@ -268,4 +268,11 @@ def test_what_is_assumed_of_a_design_is_said(tmp_path: Path) -> None:
         land_xml(before='<Units><Imperial linearUnit="USSurveyFoot"/></Units><CoordinateSystem epsgCode="25832"/>')
     )
     said = triangulated(read_triangulation(tmp_path / "feet.xml"), raster_file(grid), EXACT, 1.0)[1]
-    assert said[1:] == ("feet.xml is in US survey feet: converted to metres.",)
+    assert said[1:] == (
+        "feet.xml is in US survey feet: converted to metres.",
+        "Neither feet.xml nor dsm.tif says what its heights count from: they are taken for the same.",
+    )
+    declared = triangulated(
+        read_triangulation(tmp_path / "feet.xml"), raster_file(grid, "EPSG:25832+5783"), EXACT, 1.0
+    )[1]
+    assert declared == said[:2]

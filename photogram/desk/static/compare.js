@@ -63,11 +63,11 @@ function entry(item) {
     await post("forget-comparison", { name: item.name });
     await renew();
   });
-  if (!item.told) return element("li", {}, element("h4", {}, title), element("p", { class: "bad" }, item.problem), element("div", { class: "actions" }, remove));
+  if (!item.told) return element("li", {}, element("h3", {}, title), element("p", { class: "bad" }, item.problem), element("div", { class: "actions" }, remove));
   const { told } = item;
-  return element("li", {}, element("h4", {}, title),
+  return element("li", {}, element("h3", {}, title),
     item.is_outdated ? element("p", { class: "attention" }, "One of the two has changed since: compare again.") : null,
-    ...told.volumes.flatMap(volume => [element("h5", {}, volume.name), element("dl", {}, ...volume.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))]))]),
+    ...told.volumes.flatMap(volume => [element("h4", {}, volume.name), element("dl", {}, ...volume.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))]))]),
     element("p", { class: "muted" }, `${told.within} of the cells within the level of detection.`),
     element("div", { class: "actions" },
       button("Difference", () => (isShown(item, "difference") ? clear() : show(item)), isShown(item, "difference")),
