@@ -14,7 +14,7 @@ from starlette.routing import Router
 from starlette.types import Receive, Scope, Send
 from typing_extensions import TypedDict
 
-from photogram.desk.basemap import Basemap, tile_origin
+from photogram.desk.map_layers.basemap import Basemap, tile_origin
 from photogram.desk.recent import RecentSurveys, recent_file
 from photogram.desk.survey_folder import SurveyFolder
 from photogram.errors import WorkspaceError

@@ -11,18 +11,18 @@ from typing_extensions import TypedDict
 
 from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
-from photogram.desk.basemap import Basemap, basemap
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.coverage.expected_accuracy import ExpectedAccuracy, expected_accuracy, unplaced
 from photogram.desk.coverage.tagged_flight import tagged_flight
 from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
-from photogram.desk.layers import Layer, layers
 from photogram.desk.map_layers.asked import Asked
+from photogram.desk.map_layers.basemap import Basemap, basemap
 from photogram.desk.map_layers.contour_layer import ContourLayer, contour_layer
 from photogram.desk.map_layers.kept_comparisons import KeptComparisons
+from photogram.desk.map_layers.layers import Layer, layers
+from photogram.desk.map_layers.residuals import Residuals, residuals
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
-from photogram.desk.residuals import Residuals, residuals
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError

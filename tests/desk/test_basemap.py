@@ -8,8 +8,8 @@ from loopback import asked
 from pyproj import Transformer
 
 from photogram.arrays import FloatArray
-from photogram.desk.basemap import Basemap, Polynomials, basemap, tile_origin
 from photogram.desk.desk import Desk
+from photogram.desk.map_layers.basemap import Basemap, Polynomials, basemap, tile_origin
 from photogram.desk.server import DeskServer
 from photogram.errors import WorkspaceError
 

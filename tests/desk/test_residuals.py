@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from photogram.desk.residuals import residuals
+from photogram.desk.map_layers.residuals import residuals
 from photogram.errors import ReportError, WorkspaceError
 from photogram.result_files import result_path
 

@@ -68,9 +68,9 @@ def test_messages_are_translated(code: LanguageCode) -> None:
 
 @pytest.mark.parametrize("code", OTHERS)
 def test_a_catalog_that_is_written_anew_says_the_same(code: LanguageCode) -> None:
-    kept = {message.id: message.string for message in catalog(code)}
+    kept = {message.id: message.string for message in catalog(code) if message.id}
     again = read_po(io.BytesIO(text_of(updated(code)).encode("utf-8")), locale=LOCALES[code])
-    assert {message.id: message.string for message in again} == kept
+    assert {message.id: message.string for message in again if message.id} == kept
     assert again.num_plurals == 2
 
 

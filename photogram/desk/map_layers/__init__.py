@@ -1,5 +1,5 @@
-"""What the map of the results shows beside their rasters: comparisons with designs and other surveys, contour lines.
+"""What the map of the results shows: rasters, residuals, contour lines, tiles under it, comparisons with others.
 
-Computes nothing itself: `photogram.change` compares, as `photogram compare` does, and the page reads the same files.
-`kept_comparisons.KeptComparisons`, `choosing.surfaces_in`, `contour_layer.contour_layer`.
+Computes no comparison itself: `photogram.change` compares, as `photogram compare` does, and the page reads the same
+files. `layers.layers`, `residuals.residuals`, `basemap.basemap`, `kept_comparisons.KeptComparisons`.
 """

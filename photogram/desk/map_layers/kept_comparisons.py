@@ -14,8 +14,8 @@ from typing_extensions import TypedDict
 from photogram import __version__
 from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.desk.kept_measurements import KeptMeasurement, KeptMeasurements
-from photogram.desk.layers import Layer
 from photogram.desk.map_layers.asked import Asked, checked, request_of
+from photogram.desk.map_layers.layers import Layer
 from photogram.desk.map_layers.told import Told, command_of, other_layers, told_of
 from photogram.desk.measurements import OUTLINES
 from photogram.errors import PhotogramError, SettingError, WorkspaceError

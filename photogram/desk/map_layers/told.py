@@ -8,8 +8,8 @@ from typing_extensions import TypedDict
 from photogram.change.files.change_files import SurfaceChange
 from photogram.change.sentences import sentences_of, volume_sentences
 from photogram.change.surface_change import SurfaceRequest
-from photogram.desk.layers import Layer, layers
 from photogram.desk.map_layers.asked import Asked, meaning_of
+from photogram.desk.map_layers.layers import Layer, layers
 from photogram.desk.measurements import Figure
 from photogram.errors import PhotogramError
 from photogram.files.maps.rasters import open_raster, value_range
