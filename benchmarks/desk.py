@@ -13,8 +13,8 @@ FOLDER are used again.
     memory          of the server at its most, after all of it and the orthophoto
     first picture   in Chromium, from the step until the orthophoto is drawn
     panning         at one pixel of the orthophoto to one of the screen, 400 px a second for ten seconds: frames that
-                    the map has drawn a second, and the longest time between two of them. Without a graphics card the
-                    browser draws with the processor (SwiftShader)
+                    the map has drawn a second, and the longest time between two of them. The browser draws with the
+                    processor alone
 
 Held: map within 2 s, coverage and expected accuracy within 60 s, memory within 1 GiB, first picture within 1 s, 30
 frames a second.
@@ -39,7 +39,6 @@ from photogram.result_files import ResultFolder
 
 CELL_M, TILE = 0.02, 4096
 MAP_S, FIELD_S, MEMORY_BYTES, FIRST_S, FRAMES = 2.0, 60.0, 2**30, 1.0, 30.0
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 FIRST = """
 const end = arguments[0], from = performance.now();
@@ -129,7 +128,7 @@ def said(what: str, value: float, unit: str, limit: float, *, least: bool = Fals
 
 def in_browser(port: int, token: str, scratch: Path) -> None:
     """Measure the orthophoto in Chromium."""
-    with chromium(scratch, SOFTWARE) as chrome:
+    with chromium(scratch) as chrome:
         if chrome is None:
             print("no Chromium: not measured in the browser")
             return

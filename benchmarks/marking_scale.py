@@ -354,8 +354,8 @@ def served(project: Path, count: int, pause_s: float) -> Measurement:
 
 
 @contextmanager
-def chromium(folder: Path, drawing: Sequence[str] = ()) -> Iterator[Chrome | None]:
-    """Give a browser without a window, which draws as its options ``drawing`` say, None where there is none."""
+def chromium(folder: Path) -> Iterator[Chrome | None]:
+    """Give a browser without a window, None where there is none."""
     binary, driver = find_browser(), shutil.which("chromedriver")
     if binary is None or driver is None:
         yield None
@@ -365,8 +365,7 @@ def chromium(folder: Path, drawing: Sequence[str] = ()) -> Iterator[Chrome | Non
 
     options = ChromeOptions()
     options.binary_location = binary
-    usual = [option for option in browser_options(folder / "profile") if not (drawing and option == "--disable-gpu")]
-    for option in (*usual, *drawing, "--window-size=1600,1000"):
+    for option in (*browser_options(folder / "profile"), "--window-size=1600,1000"):
         options.add_argument(option)
     chrome = Chrome(options=options, service=Service(driver))
     try:

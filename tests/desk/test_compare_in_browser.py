@@ -28,7 +28,6 @@ from photogram.files.maps.rasters import read_raster  # noqa: E402
 from photogram.grid import MapGrid  # noqa: E402
 from photogram.result_files import result_path  # noqa: E402
 
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PATIENCE_S = 120.0
 GREY, RED = (154, 163, 168), (178, 24, 43)
 
@@ -70,7 +69,7 @@ def design(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iterator[Chrome]:
-    with open_browser(SOFTWARE, without={"--disable-gpu"}) as chrome:
+    with open_browser() as chrome:
         chrome.set_window_size(1280, 900)
         yield chrome
 

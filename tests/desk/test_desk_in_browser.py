@@ -8,7 +8,7 @@ import time
 import urllib.request
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -21,6 +21,7 @@ from PIL import Image
 
 selenium = pytest.importorskip("selenium", reason="selenium is not installed")
 
+from selenium.common.exceptions import StaleElementReferenceException  # noqa: E402
 from selenium.webdriver import Chrome  # noqa: E402
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
@@ -34,7 +35,6 @@ from photogram.pipeline.pipeline import load_project, run_pipeline  # noqa: E402
 from photogram.project.draft.edits import write_values  # noqa: E402
 from photogram.result_files import result_path  # noqa: E402
 
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PATIENCE_S = 600.0
 MOST_CLICKS = 15
 GSD_M = 0.067
@@ -46,7 +46,7 @@ SAME = ("deliverables/dsm.tif", "deliverables/contours.gpkg", "quality/dsm_sigma
 
 @pytest.fixture(scope="module")
 def browser(open_browser: Callable[..., AbstractContextManager[Chrome]]) -> Iterator[Chrome]:
-    with open_browser(SOFTWARE, without={"--disable-gpu"}) as chrome:
+    with open_browser() as chrome:
         chrome.set_window_size(1280, 800)
         yield chrome
 
@@ -114,15 +114,19 @@ class Person:
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
             for one in self.browser.find_elements(By.CSS_SELECTOR, css):
-                if one.is_displayed() and words in one.text:
-                    return one
+                with suppress(StaleElementReferenceException):  # the page has drawn its list anew
+                    if one.is_displayed() and words in one.text:
+                        return one
             problem = self.browser.find_element(By.ID, "problem")
             assert not problem.is_displayed(), problem.text
             time.sleep(0.2)
         raise AssertionError(f"{css} {words!r} is not shown: {self.browser.find_element(By.TAG_NAME, 'main').text}")
 
     def clicks_on(self, css: str, words: str = "") -> None:
-        self.sees(css, words).click()
+        try:
+            self.sees(css, words).click()
+        except StaleElementReferenceException:
+            self.sees(css, words).click()
         self.clicks += 1
 
     def goes_to(self, step: str) -> None:

@@ -1,8 +1,8 @@
 // Compare: the survey with a design, another surface or another survey, as `photogram compare` does it.
 
 import { comparedAddress, get, post } from "./api.js";
-import { differenceLayer, differenceLegend, rasterLayer } from "./maps.js";
 import { $, element, fill, figure, guarded } from "./page.js";
+import { differenceLayer, differenceLegend, rasterLayer } from "./rasters.js";
 import * as swipe from "./swipe.js";
 
 const ASK_EVERY_MS = 700;
@@ -105,7 +105,7 @@ export function clear() {
 function show(item) {
   clear();
   shown = { name: item.name, how: "difference" };
-  const made = differenceLayer(name => comparedAddress(item.name, name), item.told.half_range);
+  const made = differenceLayer(name => comparedAddress(item.name, name), item.told.half_range).layer;
   drawn = [made];
   look.map.getLayers().insertAt(look.rasterCount(), made);
   differenceLegend($("legend"), item.told);

@@ -1,8 +1,9 @@
 // What the photographs cover by their tags alone, and how accurate it will be: colours under the map, gaps, sentences.
 
 import { get } from "./api.js";
-import { PROJECTION, ramp, vectorLayer } from "./maps.js";
+import { PROJECTION, vectorLayer } from "./maps.js";
 import { $, element, fill, guarded } from "./page.js";
+import { ramp } from "./rasters.js";
 
 const { ol } = window;
 // Least number of photographs of each class, its colour, and what it is called; red to blue, which most eyes tell apart.

@@ -4,8 +4,9 @@ import { get, post, resultAddress } from "./api.js";
 import { addBasemap } from "./basemap.js";
 import * as compare from "./compare.js";
 import { contourLayer } from "./contours.js";
-import { features, newMap, photographStyle, pointStyle, ramp, rasterLayer, shownFully, vectorLayer } from "./maps.js";
+import { features, newMap, photographStyle, pointStyle, shownFully, vectorLayer } from "./maps.js";
 import { $, element, fill, figure, guarded } from "./page.js";
+import { ramp, rasterLayer } from "./rasters.js";
 import { residualLayer } from "./residuals.js";
 
 const { ol } = window;
@@ -52,7 +53,7 @@ async function begin(layers) {
       const made = rasterLayer(layer, resultAddress(layer.file));
       rasters.set(layer.name, made);
       map.getLayers().insertAt(0, made.layer);
-      if (rasters.size === 1) shownFully(map, (await made.source.getView()).extent);
+      if (rasters.size === 1) shownFully(map, await made.extent);
     }
     base = layer;
     compare.clear();

@@ -1,7 +1,5 @@
 // Maps in the plane of the survey's own grid, in metres: nothing is fetched from elsewhere, but tiles that the command names.
 
-import { element, fill } from "./page.js";
-
 const { ol } = window;
 
 export const PROJECTION = new ol.proj.Projection({ code: "survey", units: "m", axisOrientation: "enu" });
@@ -58,59 +56,4 @@ export function features(items, more = () => ({})) {
 
 export function vectorLayer(list, style) {
   return new ol.layer.Vector({ source: new ol.source.Vector({ features: list }), style });
-}
-
-// Colours of heights (viridis, by 8 of its colours) and of standard deviations (light to dark red).
-const RAMPS = {
-  heights: ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"],
-  sigma: ["#fff5eb", "#fee0c2", "#fdbd82", "#f98b4a", "#e25a1c", "#b53b02", "#7f2704"],
-};
-
-export const ramp = kind => RAMPS[kind];
-
-// Of differences: lower, in between and higher, as in comparison.png; grey is within the level of detection.
-const LOWER = ["#053061", "#2166ac", "#4393c3", "#92c5de"], HIGHER = ["#f4a582", "#d6604d", "#b2182b", "#67001f"];
-const AROUND_ZERO = [...LOWER, "#f7f7f7", ...HIGHER], WITHIN = "#9aa3a8", UNTOLD = "#d8c48f";
-const NOTHING = -9000, NO_LEVEL = 255, NO_VALUE = -1e6;
-
-// A difference and what has changed, two rasters with the same cells: cells within the level of detection are grey, and
-// those that were filled, which have none, of a colour of their own. What stands for no data is told apart here.
-export function differenceLayer(address, half) {
-  const source = new ol.source.GeoTIFF({
-    sources: ["difference.tif", "change.tif"].map(name => ({ url: address(name), bands: [1], nodata: NO_VALUE })),
-    projection: PROJECTION, normalize: false, convertToRGB: false, interpolate: false, wrapX: false, transition: 0,
-  });
-  const stops = AROUND_ZERO.flatMap((colour, n) => [half * (2 * n / (AROUND_ZERO.length - 1) - 1), colour]);
-  const color = ["case", ["any", ["==", ["band", 3], 0], ["<", ["band", 1], NOTHING]], ["color", 0, 0, 0, 0],
-    ["==", ["band", 2], 0], WITHIN, ["==", ["band", 2], NO_LEVEL], UNTOLD, ["interpolate", ["linear"], ["band", 1], ...stops]];
-  return new ol.layer.WebGLTile({ source, style: { color } });
-}
-
-export function differenceLegend(parent, { half_range: half, unit, has_untold: hasUntold }) {
-  const bar = element("span", { class: "bar" });
-  bar.style.background = `linear-gradient(to right, ${AROUND_ZERO.join(", ")})`;
-  const swatch = (colour, words) => {
-    const square = element("i");
-    square.style.background = colour;
-    return element("span", { class: "swatch" }, square, words);
-  };
-  parent.hidden = false;
-  fill(parent, element("span", {}, `cut −${half}`), bar, element("span", {}, `+${half} ${unit} fill`),
-    swatch(WITHIN, "within the level of detection"), hasUntold ? swatch(UNTOLD, "filled, without one") : null);
-}
-
-// A raster; layers of another class than their neighbours have a canvas of their own.
-export function rasterLayer(layer, address, className = "ol-layer") {
-  const picture = layer.kind === "picture";
-  const source = new ol.source.GeoTIFF({
-    sources: [{ url: address, ...(picture ? { bands: [1, 2, 3, 4] } : {}) }],
-    projection: PROJECTION, normalize: picture, convertToRGB: false, interpolate: picture, wrapX: false, transition: 0,
-  });
-  let style = { color: ["array", ["band", 1], ["band", 2], ["band", 3], ["band", 4]] };
-  if (!picture) {
-    const [low, high] = layer.range, colours = RAMPS[layer.kind];
-    const stops = colours.flatMap((colour, n) => [low + (high - low) * n / (colours.length - 1), colour]);
-    style = { color: ["case", ["==", ["band", 2], 0], ["color", 0, 0, 0, 0], ["interpolate", ["linear"], ["band", 1], ...stops]] };
-  }
-  return { layer: new ol.layer.WebGLTile({ source, style, className }), source };
 }
