@@ -10,14 +10,22 @@ import ezdxf
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from changed_surveys import OUTLINES, write_epochs, write_polygons
-from lib.simulated_changes import CORNER, CRS
+from lib.simulated_changes import CORNER, CRS, Errors, epoch, grid_at, place_of, uneven
+from scipy.stats import chi2
 
 from photogram.change.surface_change import EVERYWHERE, SurfaceRequest, compare_surfaces
 from photogram.errors import FrameError, ProjectError
+from photogram.files.maps.polygon_files import SitePolygon
 from photogram.files.maps.rasters import read_raster, write_raster
+from photogram.files.triangulations.triangulation import Triangulation, Unit
 from photogram.survey import Raster
+from photogram.volumes.differences import difference_of
+from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes
+from photogram.volumes.outlines import coverage
 from photogram.volumes.surfaces import StatedSigma
+from photogram.volumes.triangulated_surfaces import triangulated
 
 EXACT = StatedSigma(0.0, 0.0)
 SIDE_M = 18.0
@@ -98,6 +106,30 @@ def test_cut_and_fill_of_a_platform_are_those_of_its_cells(site: Path, tmp_path:
     with rasterio.open(site / "later/results/quality/dsm_sigma.tif") as file:
         own = file.read(1, masked=True)[inside].compressed()
     np.testing.assert_allclose(np.sort(sigma), np.sort(own), rtol=1e-4)
+
+
+def test_volumes_to_a_design_are_as_uncertain_as_they_say() -> None:
+    """60 surveys of one ground against a level design: errors of net volumes over their standard deviations, whose sum
+    of squares is that of normal variables."""
+    grid = grid_at(0.0, 0.0, 24.0, 0.4)
+    true = uneven(*place_of(grid))
+    square = np.array(CORNER) + 8.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corner = np.column_stack([square, np.full(4, 0.3)])[np.array([[0, 1, 2], [0, 2, 3]])]
+    outline = SitePolygon("design", shapely.Polygon(square))
+    area_m2 = coverage(outline.polygon, grid, grid.whole) * grid.cell_m**2
+    expected = float((area_m2 * (0.3 - true)).sum())
+    ratios = list[float]()
+    for seed in range(60):
+        survey = epoch(uneven, grid, Errors(), np.random.default_rng(seed))
+        design, _ = triangulated(
+            Triangulation(Path("design.xml"), corner, Unit("metres", 1.0), CRS), survey.heights, EXACT, 1.0
+        )
+        volume = measured_volumes(difference_of(survey, design), [BasedPolygon(outline)])[0].volume()
+        assert volume.unmeasured_m2 == 0.0
+        ratios.append((volume.net_m3 - expected) / volume.net_sigma_m3)
+    low, high = (float(chi2.ppf(share, len(ratios))) for share in (0.005, 0.995))
+    assert low < float(np.sum(np.square(ratios))) < high
+    assert abs(float(np.mean(ratios))) < 3.0 / np.sqrt(len(ratios))
 
 
 def test_every_form_of_one_design_has_the_same_volumes(site: Path, tmp_path: Path) -> None:

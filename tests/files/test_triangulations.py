@@ -276,3 +276,33 @@ def test_what_is_assumed_of_a_design_is_said(tmp_path: Path) -> None:
         read_triangulation(tmp_path / "feet.xml"), raster_file(grid, "EPSG:25832+5783"), EXACT, 1.0
     )[1]
     assert declared == said[:2]
+
+
+@pytest.mark.parametrize("name", ["a.xml", "3DFACE.dxf", "polyface.dxf", "polymesh.dxf", "MESH.dxf"])
+def test_damage_is_refused_in_our_own_words_or_harmless(name: str, tmp_path: Path) -> None:
+    """Files that are cut off, lack lines, or have bytes replaced: triangles of finite places, or a ProjectError."""
+    path, rng = tmp_path / name, np.random.default_rng(7)
+    if path.suffix == ".xml":
+        path.write_text(land_xml(before='<Units><Metric linearUnit="meter"/></Units>'))
+    else:
+        drawing(6, path.stem).saveas(path)
+    sound, refused = path.read_bytes(), list[str]()
+    where = max(sound.find(b"<Pnts>"), sound.rfind(b"ENTITIES"), 0)
+    for case in range(60):
+        data = bytearray(sound)
+        if case % 3 == 0:
+            del data[rng.integers(0, len(data)) :]
+        elif case % 3 == 1:
+            lines = sound.split(b"\n")
+            first = int(rng.integers(0, len(lines)))
+            data = bytearray(b"\n".join(lines[:first] + lines[first + int(rng.integers(1, 4)) :]))
+        if case % 3:
+            at = where + int(rng.integers(0, len(sound) - where))
+            data[at : at + int(rng.integers(1, 8))] = rng.integers(32, 127, 5).astype(np.uint8).tobytes()
+        path.write_bytes(data)
+        try:
+            assert np.isfinite(read_triangulation(path).corner).all()
+        except ProjectError as error:
+            refused.append(str(error))
+    assert len(refused) > 10
+    assert all(name in words for words in refused)

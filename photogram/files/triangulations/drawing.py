@@ -1,6 +1,8 @@
 """TIN surfaces of drawings, DXF: 3DFACE entities, polyface and polygon meshes, MESH entities of the model space."""
 
+import logging
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import ezdxf
@@ -35,6 +37,21 @@ UNITS = {
 
 _KINDS = "3DFACE POLYLINE MESH"
 
+DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError, StopIteration)
+"""What ezdxf raises where a file is damaged, beside its own errors."""
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep what ezdxf says of a file from the terminal: an error of ours says what is wrong."""
+    log = logging.getLogger("ezdxf")
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+
 
 def read_drawing(path: Path, parts: Sequence[str] = ()) -> Triangulation:
     """Return the triangles of a layer, or of several by their names; a face of four corners is cut into two.
@@ -42,29 +59,36 @@ def read_drawing(path: Path, parts: Sequence[str] = ()) -> Triangulation:
     Raises ProjectError where the file is damaged or no DXF, has no faces, or has them on several layers and none is
     named.
     """
-    document = _opened(path)
-    layers: dict[str, list[FloatArray]] = {}
-    for entity in document.modelspace().query(_KINDS):
-        for corner in _faces(path, entity):
-            layers.setdefault(str(entity.dxf.layer), []).append(corner)
-    if not layers and len(document.modelspace().query("INSERT")):
+    layers, has_blocks, unit = _read(path)
+    if not layers and has_blocks:
         raise ProjectError(f"surface {path}: faces may lie in its blocks, which are not read: explode them")
-    found = {name: np.concatenate(corners) for name, corners in layers.items()}
-    wanted = chosen_parts(path, {name: len(corner) for name, corner in found.items()}, parts, "layer")
-    return Triangulation(path, np.concatenate([found[name] for name in wanted]), _unit(path, document), None)
+    wanted = chosen_parts(path, {name: len(corner) for name, corner in layers.items()}, parts, "layer")
+    return Triangulation(path, np.concatenate([layers[name] for name in wanted]), unit, None)
 
 
-def _opened(path: Path) -> Drawing:
+def _read(path: Path) -> tuple[dict[str, FloatArray], bool, Unit | None]:
+    """Return the triangles of each layer, whether there are blocks, and the unit. Raises ProjectError where the file is
+    damaged or no DXF."""
     try:
         check_size(path, MOST_BYTES)
-        return ezdxf.readfile(path)
+        with _silent():
+            document = ezdxf.readfile(path)
+            space = document.modelspace()
+            layers: dict[str, list[FloatArray]] = {}
+            for entity in space.query(_KINDS):
+                for corner in _faces(path, entity):
+                    layers.setdefault(str(entity.dxf.layer), []).append(corner)
+            joined = {name: np.concatenate(corners) for name, corners in layers.items()}
+            return joined, len(space.query("INSERT")) > 0, _unit(path, document)
+    except ProjectError:
+        raise
     except DXFError as error:
         words = printable(shortened(str(error)))
         raise ProjectError(f"surface {path}: is no drawing that is read ({words}): export it again as DXF") from error
     except OSError as error:
         words = error.strerror or printable(shortened(str(error)))
         raise ProjectError(f"surface {path}: cannot be read ({words}): export it again as DXF") from error
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:  # of damaged ones
+    except DAMAGE as error:
         raise ProjectError(f"surface {path}: is a damaged drawing: export it again as DXF") from error
 
 
