@@ -14,7 +14,7 @@ from photogram import __version__
 from photogram.desk.desk import Desk, listing
 from photogram.desk.map_layers.asked import Asked as AskedComparison
 from photogram.desk.map_layers.asked import Own, Taken, With
-from photogram.desk.map_layers.choosing import surfaces_in
+from photogram.desk.map_layers.choosing import parts_of, surfaces_in
 from photogram.desk.measurements import Kind
 from photogram.desk.run_settings import Choice, RunSettings, Terrain
 from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
@@ -167,6 +167,7 @@ class _Addresses:
             posted("/api/forget", _Number, lambda asked: desk.survey.measurements().remove(asked.number)),
             got("/api/contours", lambda query: desk.survey.contours(_length(query.get("interval_m")))),
             got("/api/surfaces", lambda query: surfaces_in(Path(query.get("path") or desk.survey.folder))),
+            got("/api/parts", lambda query: parts_of(Path(query.get("path", "")))),
             got("/api/comparisons", lambda _: desk.survey.comparisons.view()),
             posted("/api/compare", _Comparison, lambda asked: desk.survey.compare(asked.wanted())),
             posted("/api/forget-comparison", _Name, lambda asked: desk.survey.comparisons.remove(asked.name)),

@@ -161,6 +161,19 @@ def test_a_design_is_drawn_with_its_cut_and_fill(page: Chrome, design: Path, fol
     assert not (folder / "comparisons/001_platform").exists()
 
 
+def test_of_several_surfaces_one_is_ticked(page: Chrome, design: Path) -> None:
+    other = design.with_name("two.xml")
+    text = design.read_text()
+    surface = text[text.index("<Surface name") : text.index("</Surfaces>")]
+    other.write_text(text.replace("</Surfaces>", surface.replace('"platform"', '"rim"') + "</Surfaces>"))
+    one(page, "#compare-new > summary").click()
+    page.find_element(By.ID, "compare-path").send_keys(str(other), Keys.TAB)
+    assert "Which surface" in one(page, "#compare-parts").text
+    one(page, "#compare-parts label", "rim").click()
+    page.find_element(By.ID, "compare-start").click()
+    assert "everywhere" in one(page, "#comparisons li", "two.xml: a design").text
+
+
 def test_two_epochs_lie_side_by_side_under_a_line_that_keys_move(page: Chrome, raised: Path) -> None:
     begun(page, raised, "earlier")
     one(page, "#comparisons li", "may: an earlier survey")

@@ -14,7 +14,7 @@ import pytest
 import photogram as pg
 from photogram.desk.kept_measurements import FILE, KeptMeasurements
 from photogram.desk.map_layers.asked import Asked
-from photogram.desk.map_layers.choosing import surfaces_in
+from photogram.desk.map_layers.choosing import parts_of, surfaces_in
 from photogram.desk.map_layers.contour_layer import contour_layer
 from photogram.desk.map_layers.kept_comparisons import FOLDER, ComparisonView, KeptComparisons
 from photogram.errors import PhotogramError, ProjectError, SettingError, SurfaceError, WorkspaceError
@@ -272,6 +272,28 @@ def test_what_can_be_chosen_is_listed(own: Path, design: Path) -> None:
     assert "contours.gpkg" not in names
     with pytest.raises(WorkspaceError, match="cannot be read"):
         surfaces_in(own / "none")
+
+
+def test_parts_of_a_design_are_listed_and_chosen(own: Path, design: Path) -> None:
+    other = design.with_name("two.xml")
+    text = design.read_text()
+    surface = text[text.index("<Surface name") : text.index("</Surfaces>")]
+    other.write_text(
+        text.replace(
+            "</Surfaces>", surface.replace('"platform"', '"rim"').replace(">1 2 3<", " i='1'>1 2 3<") + "</Surfaces>"
+        )
+    )
+    assert parts_of(design) == {"what": "surface", "triangles": {"platform": 2}}
+    assert parts_of(other) == {"what": "surface", "triangles": {"platform": 2, "rim": 1}}
+    asked: Asked = {**DESIGN, "path": str(other)}
+    assert "choose (--part NAME) of 'platform'" in compared(own, asked)["problem"]
+    areas = [
+        figures(compared(own, {**asked, "parts": [part]}))["everywhere"]["area in plan"][0]
+        for part in ("rim", "platform")
+    ]
+    assert areas[0] == pytest.approx(0.5 * float(areas[1] or 0.0), rel=0.1)
+    with pytest.raises(ProjectError, match="are read as triangulations"):
+        parts_of(own)
 
 
 def test_contour_lines_are_those_delivered_or_of_another_interval(own: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing_extensions import TypedDict
 
 from photogram.errors import WorkspaceError
-from photogram.files.triangulations.reading import READERS
+from photogram.files.triangulations.reading import READERS, reader_of
 from photogram.volumes.surfaces import SURFACE_SUFFIXES, surface_path
 
 MOST_LISTED = 500
@@ -27,6 +27,21 @@ class SurfaceListing(TypedDict):
     path: str
     above: str | None
     entries: list[SurfaceEntry]
+
+
+class PartsListing(TypedDict):
+    """The surfaces of a LandXML file, or the layers of a drawing, that have triangles."""
+
+    what: str
+    """What one is called."""
+    triangles: dict[str, int]
+
+
+def parts_of(path: Path) -> PartsListing:
+    """Return the parts of a triangulation. Raises ProjectError where it is none, or cannot be read."""
+    path = path.expanduser().absolute()
+    reader = reader_of(path)
+    return {"what": reader.part, "triangles": {name: count for name, count in reader.parts(path).items() if count}}
 
 
 def surfaces_in(folder: Path) -> SurfaceListing:

@@ -130,11 +130,29 @@ function sideBySide(item, layer) {
   list();
 }
 
+// Which surfaces of a LandXML file, or layers of a drawing, where there are several.
+const askParts = guarded(async () => {
+  const path = $("compare-path").value.trim();
+  fill($("compare-parts"));
+  $("compare-parts").hidden = true;
+  if (!/\.(xml|landxml|dxf)$/i.test(path)) return;
+  const { what, triangles } = await get("parts", { path }), names = Object.keys(triangles);
+  if (names.length < 2 || path !== $("compare-path").value.trim()) return;
+  fill($("compare-parts"), element("legend", {}, `Which ${what}`),
+    ...names.map(name => element("label", {}, element("input", { type: "checkbox", value: name }), name, element("small", {}, ` ${triangles[name]} triangles`))));
+  $("compare-parts").hidden = false;
+});
+
 // A file or a folder of this machine, chosen in a list.
 const browse = guarded(async path => {
   const listed = await get("surfaces", path ? { path } : {});
   const choice = (words, act, more = "") => element("li", {}, element("button", { type: "button", onclick: act }, words, more ? element("small", {}, more) : null));
-  const take = path => { $("compare-path").value = path; $("compare-listing").hidden = true; $("compare-path").focus(); };
+  const take = async path => {
+    $("compare-path").value = path;
+    $("compare-listing").hidden = true;
+    $("compare-path").focus();
+    await askParts();
+  };
   $("compare-folder").textContent = listed.path;
   fill($("compare-entries"), ...(listed.above ? [choice("..", () => browse(listed.above), "the folder above")] : []),
     ...listed.entries.map(one => (one.is_folder && !one.is_survey ? choice(one.name, () => browse(one.path), "folder") : choice(one.name, () => take(one.path), one.is_survey ? "survey" : ""))));
@@ -144,6 +162,7 @@ const browse = guarded(async path => {
 
 $("compare-choose").addEventListener("click", () => ($("compare-listing").hidden ? browse("") : ($("compare-listing").hidden = true)));
 $("compare-form").addEventListener("change", relation);
+$("compare-path").addEventListener("change", askParts);
 $("compare-form").addEventListener("submit", guarded(async event => {
   event.preventDefault();
   const form = $("compare-form").elements, design = form.relation.value === "design";
@@ -152,7 +171,7 @@ $("compare-form").addEventListener("submit", guarded(async event => {
   if (!design && sigmas.filter(value => value === null).length === 1) throw new Error("Give both standard deviations, or neither.");
   await post("compare", {
     path: form.path.value, relation: form.relation.value, own: form.own.value || "surface",
-    parts: form.parts.value.split(";").map(part => part.trim()).filter(Boolean),
+    parts: [...$("compare-parts").querySelectorAll("input:checked")].map(box => box.value),
     sigma_m: design || sigmas[0] === null ? null : sigmas, correlation_m: number("correlation"),
     outlines: chosen("compare-outlines"), stable: design ? [] : chosen("compare-stable"), taken_off: design ? null : form.taken_off.value || null,
   });

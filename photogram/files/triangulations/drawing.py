@@ -66,6 +66,12 @@ def read_drawing(path: Path, parts: Sequence[str] = ()) -> Triangulation:
     return Triangulation(path, np.concatenate([layers[name] for name in wanted]), unit, None)
 
 
+def layers_of(path: Path) -> dict[str, int]:
+    """Return the layers of a file with faces and how many triangles each has. Raises ProjectError where it is damaged
+    or no DXF."""
+    return {name: len(corner) for name, corner in _read(path)[0].items()}
+
+
 def _read(path: Path) -> tuple[dict[str, FloatArray], bool, Unit | None]:
     """Return the triangles of each layer, whether there are blocks, and the unit. Raises ProjectError where the file is
     damaged or no DXF."""

@@ -97,6 +97,25 @@ def read_land_xml(path: Path, parts: Sequence[str] = ()) -> Triangulation:
     Raises ProjectError where the file is damaged or no LandXML, has no triangles, or several surfaces and none is
     named.
     """
+    reader = _gathered(path)
+    wanted = chosen_parts(path, _counts(reader), parts, "surface")
+    corners = [_corners(path, name, reader.surfaces[name]) for name in wanted]
+    return Triangulation(
+        path, np.concatenate(corners), _unit(path, reader.units), _crs(reader.system), _heights(reader.system)
+    )
+
+
+def surfaces_of(path: Path) -> dict[str, int]:
+    """Return the surfaces of a file and how many triangles each has. Raises ProjectError where it is damaged or no
+    LandXML."""
+    return _counts(_gathered(path))
+
+
+def _counts(reader: _Reader) -> dict[str, int]:
+    return {name: len(surface.faces) for name, surface in reader.surfaces.items()}
+
+
+def _gathered(path: Path) -> _Reader:
     reader = _Reader()
     try:
         check_size(path, MOST_BYTES)
@@ -112,12 +131,7 @@ def read_land_xml(path: Path, parts: Sequence[str] = ()) -> Triangulation:
         raise ProjectError(f"surface {path}: is XML that is not read ({words}): {_REMEDY}") from error
     if reader.root != "LandXML":
         raise ProjectError(f"surface {path}: XML of another kind ({shortened(reader.root)!r}): LandXML is expected")
-    known = {name: len(surface.faces) for name, surface in reader.surfaces.items()}
-    wanted = chosen_parts(path, known, parts, "surface")
-    corners = [_corners(path, name, reader.surfaces[name]) for name in wanted]
-    return Triangulation(
-        path, np.concatenate(corners), _unit(path, reader.units), _crs(reader.system), _heights(reader.system)
-    )
+    return reader
 
 
 def _corners(path: Path, name: str, surface: _Surface) -> FloatArray:
