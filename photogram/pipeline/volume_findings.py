@@ -9,12 +9,14 @@ import shapely
 from photogram.errors import FrameError, ProjectError
 from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.photographs.tags import PhotographTags
+from photogram.files.triangulations.reading import read_triangulation
 from photogram.geodesy.crs import crs_label, same_plan
-from photogram.pipeline.stages.surfaces.volumes import reference_surface
+from photogram.pipeline.stages.surfaces.volumes import named_reference
 from photogram.project.findings import Finding
 from photogram.project.measured.measured_survey import control_positions, usable_survey
 from photogram.project.project import Project
 from photogram.quality.far_references import BESIDE_REMEDY, beside, extent_of
+from photogram.report.surveyed_surfaces import open_surface
 from photogram.volumes.surfaces import accompanying, surface_path
 from photogram.volumes.volume_settings import VolumeSettings
 from photogram.wording import some
@@ -32,8 +34,13 @@ def volume_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
         return [unknown]
     try:
         if settings.reference is not None:
-            crs = reference_surface(settings).heights.crs
-            if not same_plan(crs, project.crs):
+            crs = _crs_of_reference(settings)
+            if crs is None:
+                text = (
+                    f"{settings.reference} names no CRS: it is taken in that of the project, {crs_label(project.crs)}"
+                )
+                findings.append(Finding("note", "volumes.reference", text))
+            elif not same_plan(crs, project.crs):
                 text = (
                     f"{settings.reference}: its CRS is {crs_label(crs)}, that of the project {crs_label(project.crs)}"
                 )
@@ -65,10 +72,23 @@ def volume_findings(project: Project, tags: Sequence[PhotographTags | None]) -> 
     return findings
 
 
+def _crs_of_reference(settings: VolumeSettings) -> str | None:
+    """Return the CRS of a reference, None of a triangulation that names none. Raises FrameError or ProjectError where
+    it cannot be read."""
+    named = named_reference(settings)
+    if named.is_triangulation:
+        return read_triangulation(named.path).crs
+    return open_surface(named.path, named.stated, settings.correlation_m).heights.crs
+
+
 def _without_sigma(settings: VolumeSettings) -> Finding | None:
     """Return what is wrong with a reference whose errors nothing tells, in the words of the project file."""
     if settings.reference is None or settings.reference_own_sigma_m is not None:
         return None
+    if named_reference(settings).is_triangulation:
+        text = f"{settings.reference}: a triangulation says nothing of its errors"
+        remedy = "state reference_own_sigma_m and reference_common_sigma_m, 0 both for a design"
+        return Finding("error", "volumes.reference", text, remedy)
     path = surface_path(Path(settings.reference))
     name = f"{path.stem.removesuffix('_filled')}_sigma.tif"
     if not path.is_file() or accompanying(path, name).is_file():

@@ -83,16 +83,25 @@ def open_surfaces(
         opened, remarks = zip(*(_raster(one, correlation_m, other) for one, other in (both, both[::-1])), strict=True)
         return OpenedSurfaces(opened[0], opened[1], tuple(filter(None, remarks)))
     tin, other = tins[0], both[1 - both.index(tins[0])]
+    raster = open_surface(other.path, other.stated, correlation_m)
+    made, said = triangulation_over(tin, raster.heights, correlation_m, parts)
+    return OpenedSurfaces(made, raster, said) if tin is earlier else OpenedSurfaces(raster, made, said)
+
+
+def triangulation_over(
+    tin: NamedSurface, over: RasterFile, correlation_m: float | None, parts: Sequence[str] = ()
+) -> tuple[SurfaceFiles, tuple[str, ...]]:
+    """Return a triangulation on the cells of another surface, and what was assumed or converted, in sentences. Raises
+    ProjectError where it cannot be read or states no errors, FrameError where the two do not overlap."""
     if tin.stated is None:
         raise ProjectError(
             f"surface {tin.path}: a triangulation says nothing of its errors: state two standard deviations, of a "
             "height by itself and of what all share (--sigma OWN COMMON, --reference-sigma OWN COMMON, m); 0 0 for a "
             "design, which has none"
         )
-    raster = open_surface(other.path, other.stated, correlation_m)
-    read = read_triangulation(tin.path, parts)
-    made, said = triangulated(read, raster.heights, tin.stated, correlation_over(raster.heights.grid, correlation_m))
-    return OpenedSurfaces(made, raster, said) if tin is earlier else OpenedSurfaces(raster, made, said)
+    return triangulated(
+        read_triangulation(tin.path, parts), over, tin.stated, correlation_over(over.grid, correlation_m)
+    )
 
 
 def _raster(surface: NamedSurface, correlation_m: float | None, other: NamedSurface) -> tuple[SurfaceFiles, str]:

@@ -29,8 +29,8 @@ class VolumeSettings(Settings):
     ] = None
     reference: Annotated[
         str | None,
-        "Surface that is the base, GeoTIFF in the CRS of the project or a folder of results, relative to the project "
-        "file.",
+        "Surface that is the base, relative to the project file: GeoTIFF in the CRS of the project, a folder of "
+        "results, or a design as TIN of LandXML or DXF.",
         Default("none: for `base: reference`"),
     ] = None
     reference_own_sigma_m: Annotated[

@@ -21,6 +21,7 @@ from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.result_files import result_path
 from photogram.terminal.volume_table import volume_table
 from photogram.volumes.outlines import coverage
+from photogram.volumes.surfaces import StatedSigma
 
 Edit = Callable[[Path, Callable[[dict[str, Any]], object]], None]
 
@@ -177,3 +178,38 @@ def test_without_dense_matching_the_correlation_must_be_stated(asked: Path, edit
     load_project(ask(edit, asked))
     with pytest.raises(ProjectError, match=r"volumes.correlation_m: is missing: without dense matching"):
         load_project(ask(edit, asked, correlation_m=None))
+
+
+def test_a_design_is_a_reference(asked: Path, edit: Edit, tmp_path: Path) -> None:
+    """A level platform half a metre below the middle of the survey, as LandXML without a CRS."""
+    results = asked / "results"
+    with rasterio.open(results / "deliverables/dsm.tif") as file:
+        west, south, east, north = file.bounds
+        level_m = float(np.median(file.read(1, masked=True).compressed())) - 0.5
+    rows = [(south, west), (south, east), (north, east), (north, west)]
+    points = "".join(f'<P id="{n}">{y:.4f} {x:.4f} {level_m:.4f}</P>' for n, (y, x) in enumerate(rows, 1))
+    design = asked / "platform.xml"
+    design.write_text(
+        f'<LandXML><Surfaces><Surface name="platform"><Definition surfType="TIN"><Pnts>{points}</Pnts><Faces>'
+        "<F>1 2 3</F><F>1 3 4</F></Faces></Definition></Surface></Surfaces></LandXML>"
+    )
+    project = ask(edit, asked, base="reference", reference="platform.xml")
+    (finding,) = [f for f in check_project(project) if f.where == "volumes.reference"]
+    assert (finding.severity, "says nothing of its errors" in finding.text) == ("error", True)
+    exact = {"reference_own_sigma_m": 0.0, "reference_common_sigma_m": 0.0}
+    project = ask(edit, asked, base="reference", reference="platform.xml", **exact)
+    (finding,) = [f for f in check_project(project) if f.where == "volumes.reference"]
+    assert (finding.severity, "names no CRS" in finding.text) == ("note", True)
+    report = run_pipeline(load_project(project))
+    assert report is not None
+    request = SurfaceRequest(
+        results, design, asked / "heaps.gpkg", earlier_sigma=StatedSigma(0.0, 0.0), correlation_m=2.0
+    )
+    expected = compare_surfaces(request, tmp_path / "compared")
+    found = report["volumes"]
+    assert "left_out" not in found
+    assert found["base_words"] == "the surface platform.xml"
+    for mine, theirs in zip(found["polygons"], expected.volumes, strict=True):
+        for key, value in mine.items():
+            if key in ("net_m3", "net_sigma_m3", "fill_m3", "cut_m3"):
+                assert value == pytest.approx(getattr(theirs, key), abs=1e-9)

@@ -22,7 +22,7 @@ from photogram.pipeline.stages.surfaces.volume_files import PICTURE, PICTURE_GRI
 from photogram.pipeline.store.run import Run
 from photogram.quality.datum_precision import datum_precision
 from photogram.report.record.volumes import UnmeasuredPolygonRecord, VolumeRecord, VolumesRecord
-from photogram.report.surveyed_surfaces import open_surface
+from photogram.report.surveyed_surfaces import NamedSurface, open_surface, triangulation_over
 from photogram.report.values import record_of
 from photogram.results import AdjustmentCovariances
 from photogram.volumes.differences import Difference, DifferenceCells, difference_of
@@ -64,12 +64,21 @@ def survey_surface(run: Run) -> SurfaceFiles:
     return open_rasters(path, None, settings.correlation_m, block, local=run.project.crs == NO_CRS)
 
 
-def reference_surface(settings: VolumeSettings) -> SurfaceFiles:
-    """Return the surface that is the base. Raises as ``open_surface``."""
+def named_reference(settings: VolumeSettings) -> NamedSurface:
+    """Return the surface that is the base, with what is stated of its errors."""
     assert settings.reference is not None
     own_m, common_m = settings.reference_own_sigma_m, settings.reference_common_sigma_m
     stated = None if own_m is None or common_m is None else StatedSigma(own_m, common_m)
-    return open_surface(Path(settings.reference), stated, settings.correlation_m)
+    return NamedSurface(Path(settings.reference), stated)
+
+
+def _reference(settings: VolumeSettings, survey: SurfaceFiles) -> SurfaceFiles:
+    """Return the surface that is the base, a triangulation on the cells of the survey's. Raises as ``open_surface`` and
+    ``triangulation_over``."""
+    named = named_reference(settings)
+    if named.is_triangulation:
+        return triangulation_over(named, survey.heights, settings.correlation_m)[0]
+    return open_surface(named.path, named.stated, settings.correlation_m)
 
 
 def measure_volumes(run: Run, folder: Path, progress: Progress) -> VolumesSummary:
@@ -86,7 +95,7 @@ def measure_volumes(run: Run, folder: Path, progress: Progress) -> VolumesSummar
     survey = survey_surface(run)
     difference = over_level(survey)
     if settings.base == "reference":
-        difference = difference_of(reference_surface(settings), survey)
+        difference = difference_of(_reference(settings, survey), survey)
     based, unmeasured = _based(run, difference)
     picture = _Picture.of(difference, based)
     sums = measured_volumes(difference, based, settings.polygon_sigma_m, picture.take, progress)
