@@ -13,7 +13,7 @@ import pytest
 
 import photogram as pg
 from photogram.desk.kept_measurements import FILE, KeptMeasurements
-from photogram.desk.map_layers.asked import Asked
+from photogram.desk.map_layers.asked import Asked, request_of
 from photogram.desk.map_layers.choosing import parts_of, surfaces_in
 from photogram.desk.map_layers.contour_layer import contour_layer
 from photogram.desk.map_layers.kept_comparisons import FOLDER, ComparisonView, KeptComparisons
@@ -163,6 +163,21 @@ def test_another_epoch_and_what_it_says(own: Path, earlier: Path) -> None:
     assert abs(net) < 1e-3 * everywhere["area in plan"][0]
     turned = figures(compared(own, {**asked, "relation": "later"}))["everywhere"]
     assert turned["cut"][0] == pytest.approx(everywhere["fill"][0], abs=1e-9)
+
+
+def test_terrain_is_compared_with_terrain_alone(own: Path, earlier: Path) -> None:
+    """Never with the plants on the other survey's surface."""
+    asked: Asked = {**DESIGN, "path": str(earlier), "relation": "earlier", "own": "terrain"}
+    terrains = [result_path(folder / "results", "dtm.tif") for folder in (own, earlier)]
+    assert all(path.is_file() for path in terrains)
+    request = request_of(asked, own / "results", None, None)
+    assert [request.later, request.earlier] == terrains
+    terrains[1].rename(terrains[1].with_name("away.tif"))
+    try:
+        with pytest.raises(ProjectError, match="that survey has no terrain"):
+            request_of(asked, own / "results", None, None)
+    finally:
+        terrains[1].with_name("away.tif").rename(terrains[1])
 
 
 def test_what_changes_afterwards_is_said(own: Path, design: Path) -> None:

@@ -10,7 +10,7 @@ from photogram.errors import ProjectError, SettingError
 from photogram.files.triangulations.reading import READERS
 from photogram.result_files import result_path
 from photogram.volumes.stable_ground import Motion
-from photogram.volumes.surfaces import StatedSigma, surface_path
+from photogram.volumes.surfaces import StatedSigma, in_survey, surface_path
 
 With = Literal["design", "earlier", "later"]
 Own = Literal["surface", "terrain"]
@@ -28,7 +28,7 @@ class Asked(TypedDict):
     relation: With
     """A design, or a survey before or after this one."""
     own: Own
-    """Which surface of this survey."""
+    """Which surface of this survey, and of the other where that is the folder of one."""
     parts: list[str]
     """Surfaces of a LandXML file, or layers of a drawing; none: the only one."""
     sigma_m: list[float] | None
@@ -69,6 +69,10 @@ def request_of(asked: Asked, results: Path, polygons: Path | None, stable: Path 
     other, own = checked(asked), result_path(results, OWN_FILES[asked["own"]])
     if not own.is_file():
         raise ProjectError(f"{own.name}: the results have none: run the survey first, or choose another surface")
+    if other.is_dir():
+        other = in_survey(other, OWN_FILES[asked["own"]])
+        if not other.is_file():
+            raise ProjectError(f"{other}: that survey has no {asked['own']}: compare the surfaces, or make its terrain")
     is_design = asked["relation"] == "design"
     stated = EXACT if is_design else None if asked["sigma_m"] is None else StatedSigma(*asked["sigma_m"])
     other_is_later = asked["relation"] != "earlier"

@@ -56,7 +56,7 @@ const renew = guarded(async () => {
 });
 
 function entry(item) {
-  const title = `${item.asked.path.split("/").filter(Boolean).at(-1)}: ${RELATIONS[item.asked.relation]}`;
+  const title = `${item.asked.path.split("/").filter(Boolean).at(-1)}: ${RELATIONS[item.asked.relation]}${item.asked.own === "terrain" ? ", against the terrain" : ""}`;
   const button = (words, act, pressed = null) => element("button", { type: "button", "data-act": `${item.name} ${words}`, "aria-pressed": pressed === null ? null : String(pressed), onclick: guarded(act) }, words);
   const remove = button("Remove", async () => {
     if (shown.name === item.name) clear();
