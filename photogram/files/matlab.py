@@ -1,4 +1,4 @@
-"""MATLAB's .mat files: a calibrated camera in, tie points out."""
+"""MATLAB's .mat files: a calibrated camera in, which the extra ``matlab`` reads; tie points out."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,8 +29,13 @@ def _load(path: Path) -> dict[str, object]:
     if not path.is_file():
         raise ProjectError(f"camera file {path}: file not found: check its path")
     # matio brings pandas, half a second that only a survey with such a camera pays.
-    from matio import load_from_mat
-
+    try:
+        from matio import load_from_mat
+    except ImportError as error:
+        raise ProjectError(
+            f"camera file {path}: a MATLAB file, which this installation does not read: pip install "
+            '"photogram[matlab]", or give focal_px, principal_point_px, radial and tangential in the project file'
+        ) from error
     try:
         variables = load_from_mat(str(path))
     # Of a damaged file the reader raises whatever it trips over: zlib.error, TypeError, OSError and more.
@@ -122,7 +127,8 @@ def read_camera(path: Path, name: str, width_px: int, height_px: int, pixel_orig
 
     MATLAB's distortion is Brown–Conrady with k1 k2 [k3] and p1 p2 as photogram's; of K's focal lengths the second is f,
     and b1 = fx − fy, b2 its skew. ``pixel_origin`` says in whose pixel frame the principal point is; from "matlab" 1 px
-    is subtracted. Raises ProjectError where the file is missing or damaged, something is missing or contradicts itself.
+    is subtracted. Raises ProjectError where the file is missing or damaged, something is missing or contradicts itself,
+    or the extra is not installed.
     """
     fields = _calibration(path, _load(path))
     K = _matrix(path, fields)

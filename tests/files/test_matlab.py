@@ -1,5 +1,7 @@
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from photogram.errors import ProjectError
 from photogram.files.matlab import read_camera, write_tie_points
 from photogram.survey import TiePoints
 
+reads_matlab = pytest.mark.skipif(find_spec("matio") is None, reason='mat-io is not installed: "photogram[matlab]"')
 K = np.array([[3674.2, 0.0, 2740.9], [0.0, 3674.2, 1837.1], [0.0, 0.0, 1.0]])
 RADIAL, TANGENTIAL = np.array([[-0.26, 0.107, -0.0356]]), np.array([[-0.0011, 0.0008]])
 PLAIN = {"K": K, "RadialDistortion": RADIAL, "TangentialDistortion": TANGENTIAL}
@@ -27,6 +30,7 @@ def saved(tmp_path: Path, variables: Mapping[str, object]) -> Path:
 EXPECTED = np.array([3674.2, 2740.9, 1837.1, -0.26, 0.107, -0.0356, 0.0, -0.0011, 0.0008, 0.0, 0.0, 0.0])
 
 
+@reads_matlab
 @pytest.mark.parametrize(
     "variables",
     [PLAIN, {"cameraParams": STRUCT}, {"K": K, "cameraParams": STRUCT}, {"anything": STRUCT, "note": "calibrated"}],
@@ -38,17 +42,20 @@ def test_camera_from_variables_and_structs(tmp_path: Path, variables: dict[str, 
     np.testing.assert_array_equal(camera.sigmas, np.zeros(12))
 
 
+@reads_matlab
 def test_matlab_pixel_origin_moves_the_principal_point_by_one(tmp_path: Path) -> None:
     camera = read_camera(saved(tmp_path, PLAIN), "P4", 5472, 3648, "matlab")
     np.testing.assert_allclose(camera.principal_point_px, [2739.9, 1836.1], atol=1e-12)
     assert camera.focal_px == 3674.2
 
 
+@reads_matlab
 def test_two_radial_coefficients_leave_k3_zero(tmp_path: Path) -> None:
     path = saved(tmp_path, {**PLAIN, "RadialDistortion": [[-0.2, 0.1]]})
     np.testing.assert_array_equal(read_camera(path, "P4", 5472, 3648, "photogram").radial, [-0.2, 0.1, 0.0, 0.0])
 
 
+@reads_matlab
 def test_two_focal_lengths_and_skew_are_the_affinity(tmp_path: Path) -> None:
     skewed = K + np.array([[2.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     camera = read_camera(saved(tmp_path, {**PLAIN, "K": skewed}), "P4", 5472, 3648, "photogram")
@@ -64,6 +71,7 @@ def without(name: str) -> dict[str, object]:
     return {key: value for key, value in PLAIN.items() if key != name}
 
 
+@reads_matlab
 @pytest.mark.parametrize(
     ("variables", "message"),
     [
@@ -87,11 +95,13 @@ def test_calibrations_that_do_not_fit_are_refused(tmp_path: Path, variables: dic
         read_camera(saved(tmp_path, variables), "P4", 5472, 3648, "photogram")
 
 
+@reads_matlab
 def test_equal_focal_lengths_within_a_millionth_are_one(tmp_path: Path) -> None:
     path = saved(tmp_path, {**PLAIN, "K": K * [[1], [1 + 5e-7], [1]], "ImageSize": [[3648.0, 5472.0]]})
     assert read_camera(path, "P4", 5472, 3648, "photogram").focal_px == pytest.approx(3674.2, rel=1e-6)
 
 
+@reads_matlab
 def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
     path = saved(tmp_path, PLAIN)
     whole = path.read_bytes()
@@ -103,6 +113,13 @@ def test_missing_and_damaged_files_are_refused(tmp_path: Path) -> None:
         read_camera(tmp_path / "gone.mat", "P4", 5472, 3648, "photogram")
 
 
+def test_without_the_extra_a_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matio", None)
+    with pytest.raises(ProjectError, match=r'camera file .*camera\.mat: .*pip install "photogram\[matlab\]", or give'):
+        read_camera(saved(tmp_path, PLAIN), "P4", 5472, 3648, "photogram")
+
+
+@reads_matlab
 def test_real_camera_parameters_object(shared_data: SharedData) -> None:
     camera = read_camera(shared_data("dtu_phantom4/DJI_Phantom4_cam.mat"), "P4R", 5472, 3648, "photogram")
     np.testing.assert_allclose(

@@ -1,4 +1,5 @@
 import contextlib
+import importlib
 import json
 import re
 from pathlib import Path
@@ -345,8 +346,9 @@ def test_example_loads(tmp_path: Path) -> None:
 
 
 def test_example_agrees_with_the_data(shared_data: SharedData) -> None:
+    pytest.importorskip("matio", reason='mat-io is not installed: "photogram[matlab]"')
     data = shared_data("dtu_phantom4")
-    matlab = pytest.importorskip("photogram.files.matlab")
+    matlab = importlib.import_module("photogram.files.matlab")
     project = read_project(EXAMPLE, data / "images", read_matlab_camera=matlab.read_camera)
     camera = matlab.read_camera(data / "DJI_Phantom4_cam.mat", "phantom4", 5472, 3648, "photogram")
     np.testing.assert_allclose(project.cameras[0].parameters, camera.parameters, rtol=1e-15)

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,7 @@ def check_dense_surface(path: Path, numbers: Json, data: Path) -> None:
     assert abs(np.median(error_m)) < 0.05
 
 
+@pytest.mark.skipif(find_spec("matio") is None, reason='mat-io is not installed: "photogram[matlab]"')
 @pytest.mark.filterwarnings("ignore:The 'future.infer_string' option")
 def test_camera_from_the_matlab_file(
     project: Path, data: Path, photogram: Callable[..., Any], edit: Callable[[Path, Callable[[Json], object]], None]
