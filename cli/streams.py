@@ -1,5 +1,6 @@
 """What reaches the terminal: photogram's own words, in whatever characters the terminal has."""
 
+import codecs
 import io
 import logging
 import os
@@ -11,15 +12,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 
-from photogram.wording import printable
+from photogram.wording import THIN_SPACE, printable
+
+_PLAIN = {THIN_SPACE: " ", "–": "-", "…": "...", "×": "x", "σ": "sigma", "≤": "<=", "→": "->", "√": "sqrt"}
+"""Of characters that the code pages of Windows, for one, lack."""
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Answer a character that the terminal has not: as a handler of errors of codecs."""
+    if isinstance(error, UnicodeEncodeError) and error.object[error.start] in _PLAIN:
+        return _PLAIN[error.object[error.start]], error.start + 1
+    answer, place = codecs.backslashreplace_errors(error)
+    return str(answer), place
+
+
+codecs.register_error("photogram", _plain)
 
 
 def prepare_streams() -> logging.Handler:
     """Let nothing reach the terminal raw; returns the handler that keeps the log silent.
 
-    Names that the terminal cannot show stand as escapes; warnings and messages of libraries go to the log, which -v
-    shows, and so do exceptions that compiled code cannot hand on; what libraries in C write to standard error past
-    Python is dropped, unless -vv is asked for.
+    Characters that the terminal has not stand as plain ones or as escapes; warnings and messages of libraries go to
+    the log, which -v shows, and so do exceptions that compiled code cannot hand on; what libraries in C write to
+    standard error past Python is dropped, unless -vv is asked for.
     """
     if not _very_verbose():
         _keep_standard_error()
@@ -28,7 +43,7 @@ def prepare_streams() -> logging.Handler:
         sys.unraisablehook = _log_unraisable
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors="photogram")
     silent = logging.NullHandler()
     logging.getLogger().addHandler(silent)  # without any handler Python prints warnings
     logging.captureWarnings(True)
@@ -98,7 +113,7 @@ def _keep_standard_error() -> None:
         return  # there is none
     own = os.dup(2)
     sys.stderr = io.TextIOWrapper(
-        os.fdopen(own, "wb"), encoding=sys.stderr.encoding, errors="backslashreplace", line_buffering=True
+        os.fdopen(own, "wb"), encoding=sys.stderr.encoding, errors="photogram", line_buffering=True
     )
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)

@@ -231,7 +231,8 @@ def compile_time() -> Iterator[CompileTime]:
 @cache
 def cache_folder() -> Path | None:
     """Return the folder where compiled code is kept, None where none can be written."""
-    of_user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # stays ~ without a home
+    given = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")  # the latter is Windows's
+    of_user = given or os.path.expanduser("~/.cache")  # stays ~ without a home
     for folder in (config.CACHE_DIR, os.path.join(of_user, "photogram", "kernels")):
         if os.path.isabs(folder) and _is_writable(Path(folder)):
             return Path(folder)
@@ -259,7 +260,9 @@ def _prune(folder: Path) -> None:
 @cache
 def temporary_folder() -> Path | None:
     """Return the user's own folder for compiled code in the temporary directory, made if need be; None where there is
-    none that is safe: a real folder of this user that no one else may write or read."""
+    none that is safe: a real folder of this user that no one else may write or read, which Windows does not tell."""
+    if not hasattr(os, "getuid"):
+        return None
     try:
         folder = Path(tempfile.gettempdir()) / f"photogram-{os.getuid()}"
         folder.mkdir(mode=0o700, exist_ok=True)

@@ -5,8 +5,9 @@ from contextlib import suppress
 from math import ceil
 from pathlib import Path
 
+import psutil
+
 _CGROUP = Path("/sys/fs/cgroup")
-_AVAILABLE = Path("/proc/meminfo")
 _MEMBERSHIP = Path("/proc/self/cgroup")
 
 
@@ -22,8 +23,7 @@ def cores() -> int:
 
 def memory_bytes() -> int:
     """Return the memory that this process may take: the machine's, or less where a control group limits it."""
-    whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return min([whole, *_memory_limits()])
+    return min([int(psutil.virtual_memory().total), *_memory_limits()])
 
 
 def within_half_of_memory(bytes_each: float) -> int:
@@ -32,12 +32,8 @@ def within_half_of_memory(bytes_each: float) -> int:
 
 
 def free_memory_bytes() -> int:
-    """Return the memory that this process may take and that nothing else holds now, where the system tells (Linux);
-    else as ``memory_bytes``."""
-    with suppress(OSError, ValueError, LookupError):
-        entries = dict(line.split(":", 1) for line in _AVAILABLE.read_text().splitlines())
-        return min(memory_bytes(), 1024 * int(entries["MemAvailable"].split()[0]))
-    return memory_bytes()
+    """Return the memory that this process may take and that nothing else holds now."""
+    return min([int(psutil.virtual_memory().available), *_memory_limits()])
 
 
 def _groups(controller: str) -> list[Path]:

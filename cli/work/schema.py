@@ -27,4 +27,4 @@ SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
 
 def run(document: str) -> None:
     """Print the JSON Schema of a document."""
-    typer.echo(json.dumps(SCHEMAS[document](), indent=2, ensure_ascii=False))
+    typer.echo(json.dumps(SCHEMAS[document](), indent=2))

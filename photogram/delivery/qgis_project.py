@@ -1,6 +1,5 @@
 """The survey as a project of QGIS: its products in groups, styled, by paths relative to the project."""
 
-import os
 import zipfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -32,6 +31,7 @@ from photogram.files.maps.contour_files import LAYER as CONTOURS
 from photogram.files.maps.point_files import GROUND_POINTS, write_ground_points
 from photogram.files.maps.rasters import value_range
 from photogram.files.maps.seam_files import OUTLINE
+from photogram.files.portable import path_from
 from photogram.geodesy.crs import NO_CRS, any_crs, map_units, plan_of
 from photogram.pipeline.stages.surfaces.plan_quality import PICTURE_SOURCES
 from photogram.pipeline.stages.surfaces.relief import TERRAIN_SOURCES
@@ -245,8 +245,8 @@ def _checked(visible: bool) -> str:
 
 def _source(layer: _Layer, path: Path) -> str:
     """Return where a layer's data are, from the folder of the project."""
-    relative = Path(os.path.relpath(layer.path.resolve(), path.parent.resolve())).as_posix()
-    beside = relative if relative.startswith("../") else f"./{relative}"
+    relative = path_from(path.parent.resolve(), layer.path.resolve())
+    beside = relative.as_posix() if relative.is_absolute() or relative.parts[0] == ".." else f"./{relative.as_posix()}"
     return f"{beside}|layername={layer.table}" if layer.table else beside
 
 

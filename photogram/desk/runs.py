@@ -5,7 +5,6 @@ of intermediate results, from which this server, or the next one, reads what it 
 lock that the process holds as long as it lives.
 """
 
-import fcntl
 import json
 import os
 import signal
@@ -22,6 +21,7 @@ from typing_extensions import TypedDict
 
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within, replacing
+from photogram.files.portable import try_lock
 from photogram.terminal.events import Event
 
 FOLDER, NOTE, LOCK, OUTPUT, ERRORS, END = "desk", "run.json", "run.lock", "output.txt", "errors.txt", "end.json"
@@ -72,12 +72,17 @@ class Runs:
         self._child: subprocess.Popen[bytes] | None = None
 
     def start(self, kind: RunKind, arguments: Sequence[str]) -> None:
-        """Start a command of photogram. Raises WorkspaceError where one runs already, or the folder cannot be
-        written."""
+        """Start a command of photogram. Raises WorkspaceError where one runs already, the folder cannot be written, or
+        the system hands no lock on to the process (Windows)."""
+        if os.name == "nt":
+            raise WorkspaceError(
+                f"this page starts no commands on Windows: give photogram {kind} in a terminal, and look at its "
+                "results here"
+            )
         make_folder(self._folder.parent)
         make_folder_within(self._folder)
         with self._one_at_a_time, (self._folder / LOCK).open("w") as lock:
-            if not _taken(lock.fileno()):
+            if not try_lock(lock.fileno()):
                 raise WorkspaceError("a run is under way already: wait for its end, or stop it first")
             (self._folder / END).unlink(missing_ok=True)
             command = [sys.executable, "-m", "photogram.desk.runner", str(self._folder / END), *arguments]
@@ -164,7 +169,7 @@ class Runs:
     def _alive(self) -> bool:
         try:
             with (self._folder / LOCK).open() as lock:
-                return not _taken(lock.fileno(), fcntl.LOCK_SH)
+                return not try_lock(lock.fileno(), shared=True)
         except FileNotFoundError:
             return False
 
@@ -176,12 +181,3 @@ class Runs:
             for number in signals:
                 os.killpg(note["pid"], number)
             self._write({**note, "paused": paused})
-
-
-def _taken(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
-    """Take a lock, by itself or shared with others who only look, and return whether no run has it."""
-    try:
-        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -1,6 +1,5 @@
 """A project that starts from another program's solution: cameras, poses, tie points, ground points and marks."""
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from photogram.files.atomic import unwritable, write_whole
 from photogram.files.marks.mark_table import write_marks
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.names import SUFFIXES, JoinedNames, joined_names
+from photogram.files.portable import path_from
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution
 from photogram.files.solutions.stored_solutions import write_stored
 from photogram.files.tables.point_tables import write_point_table
@@ -110,7 +110,7 @@ def import_solution(
     if draft.points and draft.marks:
         write_marks(targets[MARKS], draft.marks)
         written.append(targets[MARKS])
-    folder_name = Path(os.path.relpath(folder.absolute(), path.absolute().parent)).as_posix()
+    folder_name = path_from(path.parent, folder).as_posix()
     write_whole(path, imported_text(draft, folder_name))
     return ImportedProject(path, draft, tuple(written), read_back(path), (*foreign.left_out, *draft.notes))
 

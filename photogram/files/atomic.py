@@ -73,7 +73,7 @@ def replacing(path: Path) -> Iterator[Path]:
     partial = temporary_name(path.parent)
     _at_work.add(partial)
     try:
-        os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
+        open(partial, "xb").close()
         yield partial
         for folder, observer in tuple(_observers.items()):
             if path.is_relative_to(folder):

@@ -80,8 +80,7 @@ def make_stage_folder(folder: Path) -> None:
     """Make the folder of a stage, with its marker. Raises WorkspaceError where that cannot be."""
     with errors_of(folder, "the folder cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(folder / MARKER, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+        with open(folder / MARKER, "x", encoding="utf-8") as stream:
             stream.write(_MARKER_TEXT)
 
 

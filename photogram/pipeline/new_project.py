@@ -1,6 +1,5 @@
 """A project file from a folder of photographs: their tags, files of ground points, and those of positions beside."""
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.images import inspect_photograph
 from photogram.files.photographs.masks import find_masks
 from photogram.files.photographs.names import deep_twins
+from photogram.files.portable import path_from
 from photogram.files.tables.point_file import PointFile
 from photogram.files.tables.position_files import PositionFile
 from photogram.files.tables.position_tables import read_positions
@@ -182,7 +182,7 @@ def _without_other_pngs(
 
 
 def _relative(path: Path, project: Path) -> str:
-    return Path(os.path.relpath(path.absolute(), project.absolute().parent)).as_posix()
+    return path_from(project.parent, path).as_posix()
 
 
 def _mark_table(file: PointFile, marks: Path | None, project: Path) -> Path | None:

@@ -20,6 +20,9 @@ BROWSERS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
     "/Applications/Microsoft Edge.app/Contents/MacOS/Microsoft Edge",
+    "C:/Program Files/Google/Chrome/Application/chrome.exe",
+    "C:/Program Files (x86)/Google/Chrome/Application/chrome.exe",
+    "C:/Program Files (x86)/Microsoft/Edge/Application/msedge.exe",
 )
 OFFLINE = (
     "--headless",
@@ -50,14 +53,18 @@ def _looked_for() -> str:
     named = os.environ.get("CHROME")
     if named:
         return f"CHROME names {named}, which cannot be run"
-    programs = [name for name in BROWSERS if not name.startswith("/")]
+    programs = [name for name in BROWSERS if "/" not in name]
     return f"looked for {', '.join(programs[:-1])} and {programs[-1]}"
 
 
 def browser_version(browser: str) -> int:
-    """Return the main version of a browser, 0 where it does not say."""
+    """Return the main version of a browser, 0 where it does not say: on Windows it would open a window instead."""
+    if os.name == "nt":
+        return 0
     try:
-        output = subprocess.run([browser, "--version"], capture_output=True, text=True, timeout=30, check=False).stdout
+        output = subprocess.run(
+            [browser, "--version"], capture_output=True, encoding="utf-8", errors="replace", timeout=30, check=False
+        ).stdout
     except (OSError, subprocess.TimeoutExpired):
         return 0  # printing itself will fail, and say why
     number = re.search(r"\b(\d{2,4})\.\d", output)
@@ -89,7 +96,9 @@ def print_pdf(page: Path, target: Path) -> None:
         options = [*browser_options(Path(profile)), "--no-pdf-header-footer", f"--print-to-pdf={target.absolute()}"]
         command = [browser, *options, page.absolute().as_uri()]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+            done = subprocess.run(
+                command, capture_output=True, encoding="utf-8", errors="replace", timeout=TIMEOUT_S, check=False
+            )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise ReportError(f"{browser} could not print the report ({error}): {remedy}") from error
     if done.returncode or not target.is_file():

@@ -5,9 +5,11 @@ import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 
 from rich.markup import escape
 
+from photogram.files.portable import path_from
 from photogram.pipeline.costs.forecast import Forecast
 from photogram.pipeline.stage import Watcher
 from photogram.pipeline.stages.publishing.report_files import PAGE
@@ -50,8 +52,8 @@ class Voice(ABC):
 
 def results_folder(survey: Project) -> str:
     """Return the folder of results as it is shown: from here, or absolute where it lies elsewhere."""
-    relative = os.path.relpath(survey.results)
-    return str(survey.results) if relative.startswith("..") else relative
+    relative = path_from(Path(), survey.results)
+    return str(survey.results if relative.parts[:1] == ("..",) else relative)
 
 
 def say_results(survey: Project) -> None:

@@ -29,6 +29,7 @@ from photogram.simulation.commands import plan
 from photogram.simulation.planning.flight_plan import Gnss, Layout
 from photogram.survey import Role
 from photogram.terminal.interruption import interruptible, raise_if_interrupted
+from photogram.wording import THIN_SPACE
 
 Run = Callable[..., Any]
 COMMAND = [sys.executable, "-m", "photogram.cli.main"]
@@ -261,12 +262,42 @@ def test_a_command_s_own_output_to_a_full_device(check_raises: Run, monkeypatch:
     assert "standard output cannot be written" in outcome.err
 
 
-def test_a_terminal_that_knows_ascii_only() -> None:
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = subprocess.run([*COMMAND, "plan", "--help"], capture_output=True, text=True, timeout=60, env=environment)
+@pytest.mark.parametrize("characters", ["ascii", "cp1252", "cp437"])
+def test_a_terminal_that_has_few_characters(characters: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": characters, "PYTHONUTF8": "0"}
+    done = subprocess.run([*COMMAND, "plan", "--help"], capture_output=True, timeout=60, env=environment)
     assert done.returncode == 0
-    assert done.stderr == ""
-    assert "Usage: photogram plan" in done.stdout
+    assert done.stderr == b""
+    assert "Usage: photogram plan" in done.stdout.decode(characters)
+
+
+SHOWN = """
+import sys
+from photogram.cli.streams import prepare_streams
+from rich.table import Table
+prepare_streams()
+from photogram.terminal.console import bars, console, errors
+from photogram.wording import THIN_SPACE
+table = Table(title="σ0 ± 1 px – 12 mm × 3…")
+table.add_row("Straße", f"1{THIN_SPACE}000 m²", "≤ ✓ ← →")
+for terminal in (console, errors):
+    terminal.print(table)
+    with bars(terminal) as shown:
+        shown.add_task("adjusting", total=None, text="σ")
+        shown.refresh()
+"""
+
+
+@pytest.mark.parametrize("characters", ["ascii", "cp1252", "cp437", "utf-8"])
+def test_tables_and_bars_are_shown_in_whatever_characters_there_are(characters: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": characters, "PYTHONUTF8": "0", "TERM": "xterm", "FORCE_COLOR": "1"}
+    done = subprocess.run([sys.executable, "-c", SHOWN], capture_output=True, timeout=60, env=environment)
+    assert done.returncode == 0, done.stderr
+    for shown in (done.stdout, done.stderr):
+        text = shown.decode(characters)
+        assert ("σ0 ±" if characters in ("utf-8", "cp437") else "sigma0 ") in text, text
+        assert f"1{THIN_SPACE if characters == 'utf-8' else ' '}000 m" in text
+        assert "adjusting" in text
 
 
 def test_completion_is_shown_for_a_shell() -> None:

@@ -4,13 +4,14 @@ import os
 import re
 from pathlib import Path
 
+import psutil
 import pytest
 
 from photogram import machine
 from photogram.machine import cores, memory_bytes
 
 ROOT = Path(__file__).resolve().parents[2]
-WHOLE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+WHOLE = psutil.virtual_memory().total
 
 
 @pytest.fixture

@@ -18,7 +18,6 @@ from pathlib import Path
 from threading import Lock
 from types import GenericAlias, TracebackType
 from typing import cast
-from urllib.parse import quote
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -136,7 +135,7 @@ def _connected(path: Path, mode: str) -> sqlite3.Connection:
         raise WorkspaceError(
             f"{path}: it has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} MB are read here: restore a copy of it"
         )
-    address = f"file:{quote(str(path.absolute()))}?mode={mode}"
+    address = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
     database.text_factory = lambda data: data.decode(errors="replace")  # which the CRC then notices
     database.execute("PRAGMA trusted_schema = OFF")

@@ -1,12 +1,14 @@
 """How much memory a stage of work takes at its highest, and what it leaves unused given back."""
 
 import ctypes
-import resource
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+
+import psutil
 
 _RESET, _STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
 _UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss: bytes on macOS, KiB elsewhere
@@ -19,8 +21,13 @@ class Peak:
     bytes: int | None = None
 
 
-def _lifetime_peak() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT
+def _lifetime_peak() -> int | None:
+    try:
+        resource = import_module("resource")
+    except ImportError:  # Windows tells it elsewhere
+        peak: int | None = getattr(psutil.Process().memory_info(), "peak_wset", None)
+        return peak
+    return int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * _UNIT
 
 
 def highest_memory() -> int | None:
@@ -61,5 +68,5 @@ def peak_memory() -> Iterator[Peak]:
         after = _lifetime_peak()
         if is_reset:
             peak.bytes = highest_memory()
-        elif after > before:
+        elif after is not None and before is not None and after > before:
             peak.bytes = after

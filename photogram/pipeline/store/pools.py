@@ -7,6 +7,7 @@ write the work folder, and any of them may be lost.
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -22,7 +23,8 @@ from photogram.errors import check_range
 
 ResultT = TypeVar("ResultT")
 
-MOST_PROCESSES = 1024
+MOST_PROCESSES = 61 if sys.platform == "win32" else 1024
+"""A process of Windows waits for 63 others at most, of which the pool takes two."""
 
 
 @dataclass(frozen=True)

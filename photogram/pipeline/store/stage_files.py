@@ -15,6 +15,7 @@ from pathlib import Path
 from threading import Lock
 
 from photogram.files.atomic import observed, remove_leftovers
+from photogram.files.portable import through_no_link
 from photogram.files.stage_folders import MARKER, NOTE, errors_of
 
 JOURNAL = "files.sha256"
@@ -100,13 +101,9 @@ def journalled(folder: Path, journal: str = JOURNAL, before: Callable[[], None] 
         before()
         known = checksum(temporary)
         line = f"{known.sha256} {known.bytes} {path.relative_to(folder).as_posix()}\n".encode()
-        with lock:
-            descriptor = os.open(folder / journal, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
-            try:
-                if os.write(descriptor, line) != len(line):
-                    raise OSError(f"the line of {path.name} was not written completely: is the disk full?")
-            finally:
-                os.close(descriptor)
+        with lock, open(folder / journal, "ab", buffering=0, opener=through_no_link) as stream:
+            if stream.write(line) != len(line):
+                raise OSError(f"the line of {path.name} was not written completely: is the disk full?")
 
     with observed(folder, note):
         yield

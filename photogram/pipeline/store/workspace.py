@@ -7,7 +7,6 @@ stage with one file per photograph goes on where it was killed. Of a complete st
 stage wrote. JSON for what people read, uncompressed npz for arrays, no pickle.
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -18,6 +17,7 @@ from pathlib import Path
 
 from photogram.errors import DamagedStageError, WorkspaceError
 from photogram.files.npz_json import FORMAT, plain, write_json
+from photogram.files.portable import through_no_link, try_lock
 from photogram.files.stage_folders import (
     COMPLETE,
     LOCK,
@@ -220,23 +220,21 @@ class Workspace:
         with errors_of(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             # neither a link is followed nor anything emptied that is called so
-            descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        try:
+            lock = open(self.folder / LOCK, "ab", opener=through_no_link)  # noqa: SIM115 - below
+        with lock:
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise WorkspaceError(
-                    f"{self.folder}: another photogram is running here; wait for it, "
-                    "or give each project file its own 'work' folder"
-                ) from error
+                is_free = try_lock(lock.fileno())
             except OSError as error:
                 raise WorkspaceError(
                     f"{self.folder}: its file system does not support locks ({error.strerror}): "
                     "put the 'work' folder on a local disk"
                 ) from error
+            if not is_free:
+                raise WorkspaceError(
+                    f"{self.folder}: another photogram is running here; wait for it, "
+                    "or give each project file its own 'work' folder"
+                )
             yield
-        finally:
-            os.close(descriptor)
 
 
 def _is_note(path: Path, note: Mapping[str, object]) -> bool:

@@ -5,13 +5,13 @@ What was marked or removed on the page then replaces the mark of the file, of th
 marks that the page took over and nobody has changed, of kind ``imported``, do not: the file may have been corrected.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from photogram.files.marks.formats import read_points
 from photogram.files.marks.mark_table import MARKS
+from photogram.files.portable import path_from
 from photogram.files.tables.surveyed_points import IMPORTED, REMOVED, Mark
 from photogram.project.document import Document
 
@@ -68,7 +68,7 @@ def lines_to_add(project: Path, marks: Path) -> tuple[str, ...]:
     """Return what a project file still needs in order to take its marks from a table, in lines; none where it names the
     table for all its points. Raises as ``mark_entries``."""
     entries, listed = mark_entries(project)
-    name = Path(os.path.relpath(marks.absolute(), project.absolute().parent)).as_posix()
+    name = path_from(project.parent, marks).as_posix()
     lines = list[str]()
     open_entries = [e for e in entries if not _is(project, e.marks, marks)]
     if open_entries:

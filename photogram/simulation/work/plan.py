@@ -126,7 +126,7 @@ def run(
     if picture is not None:
         prediction_picture(picture, prediction, tried)
     if as_json:
-        typer.echo(json.dumps(prediction_numbers(prediction, tried), indent=1, ensure_ascii=False))
+        typer.echo(json.dumps(prediction_numbers(prediction, tried), indent=1))
         return
     console.print(_facts(prediction))
     console.print(_accuracy(prediction))
