@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
+from photogram.factors.linearised.rotations import attitude_misfits
 from photogram.survey import Block, CommonError, Photograph
 
 GAP = 3.0
@@ -28,7 +28,6 @@ WHOLE_SECONDS_SIGMA_S = 0.41
 """Standard deviation of the difference of two times that were cut to whole seconds: 1/√6 s."""
 COARSE = 0.2
 """Relative error of a velocity, from coarse times, beyond which it is not used."""
-UP = np.array([0.0, 0.0, 1.0])
 
 
 class Effect(NamedTuple):
@@ -198,13 +197,5 @@ def attitude_residual(
 
     The bias is the boresight b, with h behind it where the compass counts, or nothing at all.
     """
-    boresight, heading = bias[:3] if len(bias) else np.zeros(3), bias[3:]
-    B = gtsam.Rot3.Expmap(boresight).matrix()
-    turned = rotation_world_from_camera @ B
-    predicted = gtsam.Rot3.Expmap(heading[0] * UP).matrix() @ turned if len(heading) else turned
-    e = gtsam.Rot3.Logmap(gtsam.Rot3(measured.T @ predicted))
-    inverse = gtsam.Rot3.LogmapDerivative(e)
-    columns = [gtsam.Rot3.ExpmapDerivative(boresight)] if len(bias) else []
-    columns += [turned[2][:, None]] if len(heading) else []
-    of_bias = np.hstack(columns) if columns else np.zeros((3, 0))
-    return e, inverse @ B.T, inverse @ of_bias
+    e, of_turn, of_bias = attitude_misfits(measured[None], rotation_world_from_camera[None], bias[None])
+    return e[0], of_turn[0], of_bias[0]

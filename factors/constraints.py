@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference
 from photogram.constraints.rigs import give_scale
+from photogram.factors.linearised.alike import Factors, Linearised, Values
+from photogram.factors.linearised.poses import DistanceFactors
 from photogram.factors.variables import CONTROL_POINT, POSE, key
 from photogram.geodesy.frames import LocalFrame
 from photogram.survey import Block
@@ -167,29 +168,38 @@ def is_scaled(block: Block) -> bool:
     return give_scale(block.rigs) or any(isinstance(placed.constraint, Distance) for placed in taking_part(block))
 
 
-def constraint_factor(placed: Placed, frame: LocalFrame, control_world_m: FloatArray) -> gtsam.NonlinearFactor:
-    """Return the factor of a constraint; heights are linearised about the control points (G, 3)."""
-    constraint, sigma_m = placed.constraint, placed.sigma_m
-    if isinstance(constraint, Distance):
-        kind = POSE if constraint.of_photographs else CONTROL_POINT
-        make = gtsam.RangeFactorPose3 if constraint.of_photographs else gtsam.RangeFactor3
-        first, second = placed.index.tolist()
-        noise = gtsam.noiseModel.Isotropic.Sigma(1, constraint.sigma_m)
-        return make(key(kind, first), key(kind, second), constraint.length_m, noise)
-    heights = Heights.near(frame, control_world_m[placed.index])
-    keys = [key(CONTROL_POINT, g) for g in placed.index.tolist()]
+@dataclass(frozen=True, eq=False)
+class SurfaceFactors(Factors):
+    """One constraint of heights or a surface on its control points, in the standard deviations ``sigma_m`` (m,) of its
+    observations, its own unknowns eliminated."""
 
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        places = np.array([values.atPoint3(variable) for variable in factor.keys()])  # noqa: SIM118
-        rows = rows_of(constraint, places, sigma_m, heights)
+    constraint: Constraint
+    sigma_m: tuple[float, ...]
+    heights: Heights
+
+    @property
+    def rows(self) -> int:
+        """Return how many observations are left where its own unknowns are eliminated."""
+        return len(self.sigma_m) - unknowns_of(self.constraint)
+
+    def linearised(self, values: Values) -> Linearised:
+        """Return the constraint linearised at values."""
+        sigma_m, places = np.array(self.sigma_m), values.vectors(self.variables[0])
+        rows = rows_of(self.constraint, places, sigma_m, self.heights)
         B = basis_across(rows.common / sigma_m[:, None]).T / sigma_m
-        if jacobians is not None:
-            for n in range(len(keys)):
-                jacobians[n] = B @ rows.jacobian[:, n]
-        return np.asarray(B @ rows.misfit_m)
+        jacobian = np.einsum("rm,mni->rni", B, rows.jacobian)
+        return Linearised((B @ rows.misfit_m)[None], jacobian.reshape(1, len(B), -1))
 
-    rows = len(sigma_m) - unknowns_of(constraint)
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)
+
+def constraint_factor(placed: Placed, frame: LocalFrame, control_world_m: FloatArray) -> Factors:
+    """Return the factor of a constraint; heights are linearised about the control points (G, 3)."""
+    constraint = placed.constraint
+    kind = POSE if constraint.of_photographs else CONTROL_POINT
+    variables = np.array([[key(kind, i) for i in placed.index.tolist()]], dtype=np.int64)
+    if isinstance(constraint, Distance):
+        return DistanceFactors(variables, np.array([constraint.length_m]), np.array([constraint.sigma_m]))
+    heights = Heights.near(frame, control_world_m[placed.index])
+    return SurfaceFactors(variables, constraint, tuple(placed.sigma_m.tolist()), heights)
 
 
 def without_shape(constraint: Constraint, places: FloatArray, used: BoolArray) -> bool:

@@ -14,7 +14,6 @@ known much worse than most, far behind the object, say nothing of it and have no
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray
@@ -27,7 +26,9 @@ from photogram.factors.elimination.state import State
 from photogram.factors.functionals import functions_of_tie_points
 from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import ground_columns, parts_of, ray_covariances
-from photogram.factors.priors import known_rotation
+from photogram.factors.linearised.alike import Factors
+from photogram.factors.linearised.poses import DistanceFactors
+from photogram.factors.priors import known_place, known_rotation
 from photogram.factors.variables import POSE, key
 from photogram.measures.open_scale import open_scale
 from photogram.measures.rough_place import rough_place
@@ -39,7 +40,7 @@ CONDITION = 1e-3
 """Of the distance between two photographs, and in rad: what the conditions of a minimal datum are weighted by."""
 
 
-def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
+def minimal_datum(block: Block) -> tuple[Factors, ...]:
     """Return the conditions that make the adjustment of a free network regular, at the poses of ``block``, all of them
     oriented: the pose of the photograph in the middle, and its distance from the farthest one where no distance is
     measured. None where the block is not free."""
@@ -51,24 +52,15 @@ def minimal_datum(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
     base = centre - centre[first]
     length = np.linalg.norm(base, axis=1)
     last = int(np.argmax(length))
-    sigma = np.repeat([CONDITION, CONDITION * float(length[last])], 3)
-    pose = gtsam.Pose3(gtsam.Rot3(poses[first].rotation_world_from_camera), centre[first])
-    fixed_pose = gtsam.PriorFactorPose3(key(POSE, first), pose, gtsam.noiseModel.Diagonal.Sigmas(sigma))
+    sigma_m = CONDITION * float(length[last])
+    rotation = known_rotation(first, poses[first].rotation_world_from_camera, np.full(3, CONDITION))
+    fixed_pose = rotation, known_place(first, centre[first], np.eye(3) / sigma_m)
     if is_scaled(block):
-        return (fixed_pose,)
-    along, place = base[last] / length[last], centre[last]
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        other = values.atPose3(factor.keys()[0])
-        if jacobians is not None:
-            jacobians[0] = np.concatenate([np.zeros(3), along @ other.rotation().matrix()])[None]
-        return np.array([along @ (other.translation() - place)])
-
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma[-1]))
-    return fixed_pose, gtsam.CustomFactor(noise, [key(POSE, last)], error)
+        return fixed_pose
+    return *fixed_pose, known_place(last, centre[last], base[last][None] / (length[last] * sigma_m))
 
 
-def datum_conditions(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
+def datum_conditions(block: Block) -> tuple[Factors, ...]:
     """Return what makes the datum of a block regular whose measurements do not: the conditions of a free network, and
     what holds a block upright, or at a positive scale, whose positions scatter by more than its photographs stand
     apart."""
@@ -77,11 +69,8 @@ def datum_conditions(block: Block) -> tuple[gtsam.NonlinearFactor, ...]:
     if rough is not None:
         conditions.append(known_rotation(rough.photograph, rough.rotation, rough.sigma_rad))
     if scale is not None:
-        ends, noise = (
-            (key(POSE, scale.first), key(POSE, scale.last)),
-            gtsam.noiseModel.Isotropic.Sigma(1, scale.sigma_m),
-        )
-        conditions.append(gtsam.RangeFactorPose3(*ends, scale.distance_m, noise))
+        ends = np.array([[key(POSE, scale.first), key(POSE, scale.last)]], dtype=np.int64)
+        conditions.append(DistanceFactors(ends, np.array([scale.distance_m]), np.array([scale.sigma_m])))
     return tuple(conditions)
 
 

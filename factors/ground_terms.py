@@ -1,5 +1,5 @@
-"""What is known of poses, control points, common errors and calibrations, linearised by GTSAM and laid out for the
-reduced system.
+"""What is known of poses, control points, common errors and calibrations, linearised and laid out for the reduced
+system.
 
 A factor on one variable goes to its diagonal block, or to the control point, which is eliminated with it. What joins
 several goes to the blocks between them: of poses and border, of two poses, of two variables of the border. A control
@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import gtsam
 import numpy as np
 
 from photogram.arrays import FloatArray, IntArray
@@ -22,8 +21,9 @@ from photogram.factors.elimination.points import first_observations, lay_out
 from photogram.factors.elimination.reduced import Layout, NormalEquations, Terms, make_layout
 from photogram.factors.elimination.reprojection import linearise, residuals
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import IndeterminateError, Problem, ground_graph, ground_values
-from photogram.factors.rigs.exposures import estimated, linearised, misfits, taking_part, values_by_rig
+from photogram.factors.graph import GroundValues, IndeterminateError, Problem, ground_factors
+from photogram.factors.linearised.alike import Factors
+from photogram.factors.rigs.exposures import estimated
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
@@ -33,17 +33,7 @@ from photogram.factors.variables import (
     RIG,
     TIE_POINT,
     WORDS,
-    kind_and_index,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Alike:
-    """Factors with the same kinds of variables: their numbers in the graph and the columns (n, c) of their Jacobians in
-    the numbering poses, border, control points."""
-
-    factor: IntArray
-    columns: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,85 +83,71 @@ class _Sums:
         return replace(self.terms, cost=cost, between_at=at, between=values)
 
 
-def _joined(graph: gtsam.NonlinearFactorGraph) -> tuple[IntArray, IntArray]:
+def _joined(ground: tuple[Factors, ...]) -> tuple[IntArray, IntArray]:
     """Return the control points (K,) that a factor joins to another variable, ascending, and the pairs (n, 2) of
     photographs that a factor joins."""
-    points: set[int] = set()
-    pairs: set[tuple[int, int]] = set()
-    for i in range(graph.size()):
-        variables = list(graph.at(i).keys())
-        if len(variables) > 1:
-            known = [kind_and_index(variable) for variable in variables]
-            points |= {index for kind, index in known if kind == CONTROL_POINT}
-            pairs |= set(combinations(sorted(index for kind, index in known if kind == POSE), 2))
-    return np.array(sorted(points), dtype=np.int64), np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+    several = [factors for factors in ground if len(factors.kinds) > 1]
+    points, pairs = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2), dtype=np.int64)]
+    for factors in several:
+        kinds = np.array(factors.kinds)
+        points.append(factors.index[:, kinds == CONTROL_POINT].ravel())
+        pairs += [factors.index[:, ends] for ends in combinations(np.flatnonzero(kinds == POSE).tolist(), 2)]
+    return np.unique(np.concatenate(points)), np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
 
 
 class GroundTerms:
-    """The factors of a problem on everything but image points, for one layout of the reduced system, the exposures of
-    rigs, and the marks of the layout's coupled control points.
+    """The factors of a problem on everything but image points, for one layout of the reduced system, and the marks of
+    the layout's coupled control points.
 
     Raises ValueError for a factor that the layout has no place for: one on a tie point, one between two photographs
     farther apart than its reach, one between a control point and another variable that is not among its ``coupled``.
     """
 
-    def __init__(self, problem: Problem, layout: Layout, graph: gtsam.NonlinearFactorGraph | None = None) -> None:
+    def __init__(self, problem: Problem, layout: Layout, ground: tuple[Factors, ...] | None = None) -> None:
         self._problem, self._layout = problem, layout
-        self._graph = ground_graph(problem, exposures=False) if graph is None else graph
-        self._exposures = taking_part(problem.block)
-        alike: dict[tuple[int, int], tuple[list[int], list[list[int]]]] = {}
-        for i in range(self._graph.size()):
-            factor = self._graph.at(i)
-            variables = list(factor.keys())
-            if len(variables) > 1:
-                self._check_place(variables)
-            columns = [column for variable in variables for column in self._columns(variable)]
-            numbers, rows = alike.setdefault((factor.dim(), len(columns)), ([], []))
-            numbers.append(i)
-            rows.append(columns)
-        self._alike = [
-            _Alike(np.array(numbers, dtype=np.int64), np.array(rows, dtype=np.int64))
-            for numbers, rows in alike.values()
-        ]
+        self._ground = ground_factors(problem) if ground is None else ground
+        self._columns = [self._columns_of(factors) for factors in self._ground]
         self._marks = problem.marks.select(np.isin(problem.marks.point, layout.coupled))
 
-    def _check_place(self, variables: list[int]) -> None:
-        known, layout = [kind_and_index(variable) for variable in variables], self._layout
-        lost = [g for kind, g in known if kind == CONTROL_POINT and g not in layout.coupled]
-        if lost:
-            raise ValueError(f"a factor joins control point {lost[0]} to another variable; the layout eliminates it")
-        places = [int(layout.place[i]) for kind, i in known if kind == POSE]
-        if places and max(places) - min(places) > layout.reach:
-            raise ValueError(f"a factor joins photographs {max(places) - min(places)} places apart: beyond the band")
+    def _columns_of(self, factors: Factors) -> IntArray:
+        """Return the columns (n, c) of factors in the numbering poses, border, control points."""
+        kinds, index, layout = factors.kinds, factors.index, self._layout
+        if len(kinds) > 1:
+            lost = np.setdiff1d(index[:, np.array(kinds) == CONTROL_POINT], layout.coupled)
+            if len(lost):
+                raise ValueError(
+                    f"a factor joins control point {lost[0]} to another variable; the layout eliminates it"
+                )
+            places = layout.place[index[:, np.array(kinds) == POSE]]
+            apart = int(np.ptp(places, axis=1).max()) if places.shape[1] else 0
+            if apart > layout.reach:
+                raise ValueError(f"a factor joins photographs {apart} places apart: beyond the band")
+        return np.hstack([self._columns_at(kind, own) for kind, own in zip(kinds, index.T, strict=True)])
 
-    def _columns(self, variable: int) -> list[int]:
-        kind, index = kind_and_index(variable)
+    def _columns_at(self, kind: str, index: IntArray) -> IntArray:
+        """Return the columns (n, d) of variables (n,) of one kind."""
         layout = self._layout
         if kind == POSE:
-            return list(range(6 * int(layout.place[index]), 6 * int(layout.place[index]) + 6))
+            return 6 * layout.place[index][:, None] + np.arange(6)
         if kind == CALIBRATION:
-            start = layout.columns + int(layout.camera_column[index])
-            return list(range(start, start + len(self._problem.free[index])))
+            own = [layout.camera_column[c] + np.arange(len(self._problem.free[c])) for c in index.tolist()]
+            return layout.columns + np.array(own, dtype=np.int64)
         if kind in (COMMON_ERROR, RIG):
-            own = layout.columns_of_rig(index) if kind == RIG else layout.columns_of_common(index)
-            return [layout.columns + int(column) for column in own]
+            of = layout.columns_of_rig if kind == RIG else layout.columns_of_common
+            return layout.columns + np.array([of(k) for k in index.tolist()], dtype=np.int64)
         if kind == GNSS_OFFSET:
             first = layout.offset_column + 3 * index
         elif kind != CONTROL_POINT:
-            raise ValueError(f"a factor on {WORDS.get(kind, kind)} {index}: only rays know tie points")
-        elif index in layout.coupled:
-            first = layout.ground_column + 3 * int(np.searchsorted(layout.coupled, index))
+            raise ValueError(f"a factor on {WORDS.get(kind, kind)} {index[0]}: only rays know tie points")
         else:
-            first = layout.border + 3 * index
-        return list(range(layout.columns + first, layout.columns + first + 3))
+            coupled = layout.ground_column + 3 * np.searchsorted(layout.coupled, index)
+            first = np.where(np.isin(index, layout.coupled), coupled, layout.border + 3 * index)
+        return layout.columns + first[:, None] + np.arange(3)
 
     def cost(self, state: State) -> float:
         """Return half the sum of squared whitened residuals."""
-        ground = float(self._graph.error(ground_values(self._problem, state)))
-        if len(self._exposures):
-            value = values_by_rig(self._problem.block, state.common)
-            off = misfits(self._exposures, state.rotation, state.position, value) / self._exposures.sigma
-            ground += 0.5 * float(np.sum(off**2))
+        values = GroundValues(self._problem, state)
+        ground = sum((factors.cost(values) for factors in self._ground), 0.0)
         if self._problem.summary is not None:
             ground += self._problem.summary.cost_at(state.cameras)
         return ground + self._mark_cost(state) if len(self._marks) else ground
@@ -183,14 +159,11 @@ class GroundTerms:
 
     def linearise(self, state: State) -> Terms:
         """Return the terms of all factors at ``state``."""
-        layout, linear = self._layout, self._graph.linearize(ground_values(self._problem, state))
+        layout, values = self._layout, GroundValues(self._problem, state)
         sums, cost = self._of_tie_points(state)
-        for alike in self._alike:
-            jacobians = [linear.at(i).jacobian() for i in alike.factor.tolist()]
-            A, b = np.array([a for a, _ in jacobians]), np.array([b for _, b in jacobians])
-            cost += sums.add(layout, alike.columns, A, b)
-        if len(self._exposures):
-            cost += self._add_exposures(state, sums)
+        for factors, columns in zip(self._ground, self._columns, strict=True):
+            linear = factors.linearised(values)
+            cost += sums.add(layout, columns, linear.jacobian, -linear.misfit)
         if len(self._marks):
             self._add_marks(state, sums)
             cost += self._mark_cost(state)
@@ -211,20 +184,6 @@ class GroundTerms:
             return _Sums(Terms.zero(self._layout, controls), []), 0.0
         terms = summary.terms(state.cameras, self._layout, controls)
         return _Sums(terms, [(terms.between_at, terms.between)]), terms.cost
-
-    def _add_exposures(self, state: State, sums: _Sums) -> float:
-        """Add the exposures of rigs, all at once; returns half the sum of their squared residuals."""
-        layout, own = self._layout, self._exposures
-        linear = linearised(own, state.rotation, state.position, values_by_rig(self._problem.block, state.common))
-        of_rig = np.array([layout.columns_of_rig(k) for k in layout.rigs.tolist()])
-        columns = np.hstack(
-            [
-                6 * layout.place[own.master][:, None] + np.arange(6),
-                6 * layout.place[own.companion][:, None] + np.arange(6),
-                layout.columns + of_rig[np.searchsorted(layout.rigs, own.rig)],
-            ]
-        )
-        return sums.add(layout, columns, linear.jacobian, -linear.misfit)
 
     def _add_marks(self, state: State, sums: _Sums) -> None:
         """Add the marks of the coupled control points, camera by camera."""
@@ -251,9 +210,8 @@ class GroundTerms:
 def bundle_of(problem: Problem, state: State) -> Bundle:
     """Return the problem laid out for elimination: a band of photographs, a border of calibrations, common errors, and
     the control points that a factor joins to another variable."""
-    graph = ground_graph(problem, exposures=False)
-    coupled, pairs = _joined(graph)
-    pairs = np.concatenate([pairs, taking_part(problem.block).pairs])
+    ground = ground_factors(problem)
+    coupled, pairs = _joined(ground)
     if problem.summary is not None:
         pairs = np.concatenate([pairs, problem.summary.pair])
     free = calibration_sigmas(problem.block.cameras) > 0
@@ -279,7 +237,7 @@ def bundle_of(problem: Problem, state: State) -> Bundle:
         layout,
         lay_out(problem.tie, index, layout),
         lay_out(marks, control, layout),
-        GroundTerms(problem, layout, graph),
+        GroundTerms(problem, layout, ground),
         steering(problem.robust_loss, problem.robust_threshold),
     )
 

@@ -1,4 +1,4 @@
-"""What is known before the adjustment, as GTSAM factors: surveyed positions, GNSS positions and their offsets, measured
+"""What is known before the adjustment, as factors: surveyed positions, GNSS positions and their offsets, measured
 attitudes, other common errors, calibrations.
 
 The projection centre is C = GNSS + R l + offset, with the lever arm l from the antenna in the camera's axes where it is
@@ -10,35 +10,45 @@ northing and height of the map.
 
 from collections.abc import Iterator, Sequence
 
-import gtsam
 import numpy as np
 
-from photogram.arrays import FloatArray
-from photogram.factors.common_errors import Effect, attitude_residual
+from photogram.arrays import FloatArray, IntArray
+from photogram.factors.common_errors import Effect
+from photogram.factors.linearised.alike import VectorFactors
+from photogram.factors.linearised.poses import AttitudeFactors, PositionFactors
+from photogram.factors.linearised.rotations import cross
 from photogram.factors.variables import COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, key
 
 OWN_OFFSET_SIGMA_M = 1e-6
 """Of an offset whose prior is 0 along an axis while it is more along another: it stays there."""
+NO_HEADING_SIGMA_RAD = 10.0
+"""Standard deviation of a heading that is not known: more than a turn, so that it says nothing."""
 
 
-def along_axes(sigma_m: FloatArray, axes: FloatArray | None) -> gtsam.noiseModel.Base:
-    """Return the noise of a position with sigmas (3,) in m along the columns of ``axes`` (3, 3), a rotation.
+def _keys(*variables: int) -> IntArray:
+    return np.array([variables], dtype=np.int64)
+
+
+def _known(variable: int, expected: FloatArray, whitening: FloatArray) -> VectorFactors:
+    return VectorFactors(_keys(variable), (whitening[None],), (expected[None],))
+
+
+def along_axes(sigma_m: FloatArray, axes: FloatArray | None) -> FloatArray:
+    """Return what whitens (3, 3) a position with sigmas (3,) in m along the columns of ``axes`` (3, 3), a rotation.
 
     Without ``axes`` the sigmas lie along the axes of the world itself. An infinite sigma leaves its axis open.
     """
-    if axes is None or np.array_equal(axes, np.eye(3)):
-        return gtsam.noiseModel.Diagonal.Sigmas(sigma_m)
-    return gtsam.noiseModel.Gaussian.SqrtInformation(axes.T / sigma_m[:, None])
+    return np.asarray((np.eye(3) if axes is None else axes.T) / sigma_m[:, None])
 
 
 def surveyed_position(
     point: int, position_world_m: FloatArray, sigma_m: FloatArray, axes: FloatArray | None = None
-) -> gtsam.NonlinearFactor:
+) -> VectorFactors:
     """Return the factor of control point ``point`` surveyed at a world position (3,), m.
 
     Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world.
     """
-    return gtsam.PriorFactorPoint3(key(CONTROL_POINT, point), position_world_m, along_axes(sigma_m, axes))
+    return _known(key(CONTROL_POINT, point), position_world_m, along_axes(sigma_m, axes))
 
 
 def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m: FloatArray | None) -> FloatArray:
@@ -46,20 +56,20 @@ def position_jacobian(rotation_world_from_camera: FloatArray, lever_arm_camera_m
 
     From (C + R v) − R Exp(ω) l = C − R l + R v − R (ω × l), and ω × l = −[l]× ω (Barfoot 2017, eq. 7.16).
     """
-    R = rotation_world_from_camera
-    if lever_arm_camera_m is None:
-        return np.hstack([np.zeros((3, 3)), R])
-    return np.hstack([R @ gtsam.Rot3.Hat(lever_arm_camera_m), R])
+    arm = np.zeros(3) if lever_arm_camera_m is None else lever_arm_camera_m
+    return np.hstack([rotation_world_from_camera @ cross(arm[None])[0], rotation_world_from_camera])
 
 
-def known_rotation(
-    photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: FloatArray
-) -> gtsam.NonlinearFactor:
+def known_rotation(photograph: int, rotation_world_from_camera: FloatArray, sigma_rad: FloatArray) -> AttitudeFactors:
     """Return the factor of a photograph's rotation (3, 3) that is known to ``sigma_rad`` (3,) about the world's
     axes."""
-    into = rotation_world_from_camera.T
-    noise = gtsam.noiseModel.Gaussian.Covariance(into @ np.diag(sigma_rad**2) @ into.T)
-    return gtsam.PoseRotationPrior3D(key(POSE, photograph), gtsam.Rot3(rotation_world_from_camera), noise)
+    W = rotation_world_from_camera / sigma_rad[:, None]
+    return AttitudeFactors(_keys(key(POSE, photograph)), W[None], rotation_world_from_camera[None])
+
+
+def known_place(photograph: int, position_world_m: FloatArray, whitening: FloatArray) -> PositionFactors:
+    """Return the factor of a projection centre (3,), whitened by (r, 3)."""
+    return PositionFactors(_keys(key(POSE, photograph)), whitening[None], position_world_m[None], np.zeros((1, 3)))
 
 
 def gnss_position(
@@ -70,52 +80,32 @@ def gnss_position(
     axes: FloatArray | None = None,
     lever_arm_camera_m: FloatArray | None = None,
     effects: Sequence[Effect] = (),
-) -> gtsam.NonlinearFactor:
+) -> PositionFactors:
     """Return the factor of a GNSS position (3,) in the world, m; ``flight`` names its offset, None when it has none;
     ``effects`` are those of other common errors.
 
     Its sigmas (3,) in m lie along the columns of ``axes`` (3, 3), the map's axes in the world; ``lever_arm_camera_m``
     (3,) points from the antenna to the projection centre. Residual C − R (l + a) − offset − shift − GNSS, with the sums
-    a and shift of the effects along the camera's axes and those of the world; Jacobians of position_jacobian on the
-    pose, −I on the offset, −R M and −M on an error with the effect M.
+    a and shift of the effects along the camera's axes and those of the world.
     """
-    noise = along_axes(sigma_m, axes)
-    arm = np.zeros(3) if lever_arm_camera_m is None else lever_arm_camera_m
-    if flight is None and lever_arm_camera_m is None and not effects:
-        return gtsam.GPSFactor(key(POSE, photograph), gnss_world_m, noise)
-    if flight is None and not effects:
-        return gtsam.GPSFactorArm(key(POSE, photograph), gnss_world_m, -arm, noise)
-    first = 1 if flight is None else 2
-    turning = lever_arm_camera_m is not None or any(effect.in_camera for effect in effects)
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        keys = factor.keys()
-        pose = values.atPose3(keys[0])
-        R = pose.rotation().matrix()
-        whole, shift = arm, gnss_world_m
-        for effect, variable in zip(effects, keys[first:], strict=True):
-            moved = effect.matrix @ values.atVector(variable)
-            whole, shift = (whole + moved, shift) if effect.in_camera else (whole, shift + moved)
-        if flight is not None:
-            shift = shift + values.atPoint3(keys[1])
-        if jacobians is not None:
-            jacobians[0] = position_jacobian(R, whole if turning else None)
-            if flight is not None:
-                jacobians[1] = -np.eye(3)
-            for n, effect in enumerate(effects):
-                jacobians[first + n] = -effect.in_world(R)
-        return np.asarray(pose.translation() - R @ whole - shift)
-
-    keys = [key(POSE, photograph)] + ([] if flight is None else [key(GNSS_OFFSET, flight)])
-    return gtsam.CustomFactor(noise, keys + [key(COMMON_ERROR, effect.error) for effect in effects], error)
+    moving = [] if flight is None else [(key(GNSS_OFFSET, flight), False, np.eye(3))]
+    moving += [(key(COMMON_ERROR, effect.error), effect.in_camera, effect.matrix) for effect in effects]
+    return PositionFactors(
+        _keys(key(POSE, photograph), *(variable for variable, _, _ in moving)),
+        along_axes(sigma_m, axes)[None],
+        gnss_world_m[None],
+        (np.zeros(3) if lever_arm_camera_m is None else lever_arm_camera_m)[None],
+        tuple(matrix[None] for _, _, matrix in moving),
+        tuple(in_camera for _, in_camera, _ in moving),
+    )
 
 
-def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = None) -> gtsam.NonlinearFactor:
+def offset_prior(flight: int, sigma_m: FloatArray, axes: FloatArray | None = None) -> VectorFactors:
     """Return the prior of a flight's GNSS offset: zero with sigmas (3,) in m along the columns of ``axes`` (3, 3)."""
-    return gtsam.PriorFactorPoint3(key(GNSS_OFFSET, flight), np.zeros(3), along_axes(sigma_m, axes))
+    return _known(key(GNSS_OFFSET, flight), np.zeros(3), along_axes(sigma_m, axes))
 
 
-def common_offset_prior(flights: int, sigma_m: FloatArray, common_m: float, axes: FloatArray) -> gtsam.NonlinearFactor:
+def common_offset_prior(flights: int, sigma_m: FloatArray, common_m: float, axes: FloatArray) -> VectorFactors:
     """Return the joint prior of the GNSS offsets of several flights: zero with sigmas (3,) in m along the columns of
     ``axes`` (3, 3), of which ``common_m`` along the first two is one and the same error of all flights.
 
@@ -129,30 +119,17 @@ def common_offset_prior(flights: int, sigma_m: FloatArray, common_m: float, axes
     alone = axes.T / own[:, None]
     together = axes.T * (share / own)[:, None]
     blocks = [np.vstack([alone - together if g == f else -together for g in range(n)]) for f in range(n)]
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        if jacobians is not None:
-            for f, block in enumerate(blocks):
-                jacobians[f] = block
-        return np.asarray(
-            sum(block @ values.atPoint3(k) for block, k in zip(blocks, factor.keys(), strict=True)), dtype=np.float64
-        )
-
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(3 * n), [key(GNSS_OFFSET, f) for f in range(n)], error)
+    variables = _keys(*(key(GNSS_OFFSET, f) for f in range(n)))
+    return VectorFactors(variables, tuple(block[None] for block in blocks), (np.zeros((1, 3)),) * n)
 
 
-NO_HEADING_SIGMA_RAD = 10.0
-"""Standard deviation of a heading that is not known: more than a turn, so that it says nothing."""
-
-
-def _attitude_noise(rotation: FloatArray, sigma_rad: float, *, heading_known: bool) -> gtsam.noiseModel.Base:
-    """Return the noise of a measured rotation (3, 3) about the camera's axes."""
+def _attitude_whitening(rotation: FloatArray, sigma_rad: float, *, heading_known: bool) -> FloatArray:
+    """Return what whitens (3, 3) a measured rotation (3, 3) about the camera's axes."""
     if heading_known:
-        return gtsam.noiseModel.Isotropic.Sigma(3, sigma_rad)
+        return np.eye(3) / sigma_rad
     vertical = rotation[2]  # the world's up axis in the camera frame
     around = np.outer(vertical, vertical)
-    covariance = sigma_rad**2 * (np.eye(3) - around) + NO_HEADING_SIGMA_RAD**2 * around
-    return gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return np.asarray((np.eye(3) - around) / sigma_rad + around / NO_HEADING_SIGMA_RAD)
 
 
 def measured_attitude(
@@ -162,39 +139,20 @@ def measured_attitude(
     *,
     heading_known: bool = True,
     error: int | None = None,
-) -> gtsam.NonlinearFactor:
+) -> AttitudeFactors:
     """Return the factor of a measured attitude (3, 3) with one sigma in rad about every axis of the camera; ``error``
     names what it has in common with others.
 
-    With the heading unknown nothing is said about turns around the vertical of the world. Residual and Jacobians of
-    attitude_residual.
+    With the heading unknown nothing is said about turns around the vertical of the world.
     """
-    noise = _attitude_noise(rotation_world_from_camera, sigma_rad, heading_known=heading_known)
-    if error is None:
-        rotation = gtsam.Pose3(gtsam.Rot3(rotation_world_from_camera), np.zeros(3))
-        return gtsam.PoseRotationPrior3D(key(POSE, photograph), rotation, noise)
-
-    def residual(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        R, bias = values.atPose3(factor.keys()[0]).rotation().matrix(), values.atVector(factor.keys()[1])
-        e, of_turn, of_bias = attitude_residual(rotation_world_from_camera, R, bias)
-        if jacobians is not None:
-            jacobians[0], jacobians[1] = np.hstack([of_turn, np.zeros((3, 3))]), of_bias
-        return e
-
-    return gtsam.CustomFactor(noise, [key(POSE, photograph), key(COMMON_ERROR, error)], residual)
+    variables = [key(POSE, photograph)] + ([] if error is None else [key(COMMON_ERROR, error)])
+    W = _attitude_whitening(rotation_world_from_camera, sigma_rad, heading_known=heading_known)
+    return AttitudeFactors(_keys(*variables), W[None], rotation_world_from_camera[None])
 
 
-def vector_prior(variable: int, expected: FloatArray, sigmas: FloatArray) -> Iterator[gtsam.NonlinearFactor]:
+def vector_prior(variable: int, expected: FloatArray, sigmas: FloatArray) -> Iterator[VectorFactors]:
     """Yield the prior of a variable (d,), of a common error or a camera's free parameters for instance, at ``expected``
     (d,) with ``sigmas`` (d,), of which an infinite one says nothing; none when all are infinite."""
     known = np.flatnonzero(np.isfinite(sigmas))
-    if not len(known):
-        return
-    selection = np.eye(len(sigmas))[known]
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        if jacobians is not None:
-            jacobians[0] = selection
-        return np.asarray(values.atVector(factor.keys()[0])[known] - expected[known])
-
-    yield gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(sigmas[known]), [variable], error)
+    if len(known):
+        yield _known(variable, expected, (np.eye(len(sigmas)) / sigmas[:, None])[known])

@@ -1,9 +1,12 @@
-"""The variables of the joint adjustment: their GTSAM keys, and their names in a surveyor's words."""
+"""The variables of the joint adjustment: their keys, as GTSAM has them, and their names in a surveyor's words."""
 
 import re
 
 POSE, TIE_POINT, CONTROL_POINT, GNSS_OFFSET, COMMON_ERROR, RIG, CALIBRATION = "x", "l", "g", "o", "e", "r", "k"
 DATUM = "datum"  # not a variable: the block as a whole, by the parts of photogram.factors.datum
+
+INDEX = (1 << 56) - 1
+"""What of a key is the index."""
 
 WORDS = {
     POSE: "photograph",
@@ -17,13 +20,13 @@ WORDS = {
 
 
 def key(kind: str, index: int) -> int:
-    """Return the GTSAM key of variable ``index`` of one of the kinds above: its first byte, and the other seven."""
+    """Return the key of variable ``index`` of one of the kinds above: its first byte, and the other seven."""
     return ord(kind) << 56 | index
 
 
 def kind_and_index(variable: int) -> tuple[str, int]:
-    """Return the kind and the index of a GTSAM key."""
-    return chr(variable >> 56), variable & (1 << 56) - 1
+    """Return the kind and the index of a key."""
+    return chr(variable >> 56), variable & INDEX
 
 
 def indeterminate_variable(message: str) -> tuple[str, int] | None:

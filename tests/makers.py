@@ -1,4 +1,4 @@
-"""What several tests are made of: simulated blocks, their problems, and GTSAM's normal equations of everything."""
+"""What several tests are made of: simulated blocks and their problems."""
 
 import io
 import json
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import cv2
-import gtsam
 import numpy as np
 import pytest
 from matplotlib.backend_bases import FigureCanvasBase
@@ -27,7 +26,7 @@ from photogram.camera import Camera
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import RobustLoss
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, ground_graph, linearise_all, variable_size
+from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import joint_ground_covariance
 from photogram.marking.page.session import MarkingSession
 from photogram.projection import PARAMETERS
@@ -175,34 +174,6 @@ def small_problem(seed: int = 1, sigmas: tuple[float, ...] = FREE, *, mismatches
     )  # fmt: skip
     problem, state = problem_of(made.block)
     return problem, replace(state, offset=np.random.default_rng(seed).normal(0, 0.2, state.offset.shape))
-
-
-def gtsam_marginals(problem: Problem, state: State) -> gtsam.Marginals:
-    """Return GTSAM's own marginals of the whole linear graph at a state."""
-    system = linearise_all(problem, ground_graph(problem), state)
-    zero = gtsam.VectorValues()
-    for variable in system.variables:
-        zero.insert(variable, np.zeros(len(system.diagonal[variable])))
-    return gtsam.Marginals(system.graph, zero)
-
-
-def whole_normal_equations(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, dict[int, slice]]:
-    """Return GTSAM's normal matrix of the whole linear graph, its right-hand side, and where each variable sits."""
-    system = linearise_all(problem, ground_graph(problem), state, 1.0)
-    ordering, place, start = gtsam.Ordering(), {}, 0
-    for variable in system.variables:
-        ordering.push_back(variable)
-        place[variable] = slice(start, start + variable_size(problem, variable))
-        start = place[variable].stop
-    information, right = system.graph.hessian(ordering)
-    return information, np.ravel(right), place
-
-
-def whole_covariance(problem: Problem, state: State) -> tuple[FloatArray, dict[int, slice]]:
-    """Return the inverse of the whole normal matrix, and where each variable sits."""
-    information, _, place = whole_normal_equations(problem, state)
-    scale = np.sqrt(np.diag(information))
-    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
 
 
 def joint_control_points(problem: Problem, state: State, estimated: Covariances) -> FloatArray:

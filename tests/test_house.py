@@ -29,7 +29,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "defusedxml": ("files.xml_elements", "files.photographs", "files.triangulations"),
     "distributed": ("pipeline.store.cluster",),
     "ezdxf": ("delivery.drawing", "files.triangulations"),
-    "gtsam": ("factors",),
+    "gtsam": ("factors.elimination.gtsam_solver", "factors.reference"),
     "jinja2": ("report", "exchange.audit.page"),
     "laspy": ("files.clouds", "change.files"),
     "lazrs": ("files.clouds",),

@@ -1,22 +1,19 @@
-"""Image measurements of points: residuals and Jacobians of all observations at once, and their GTSAM factors.
+"""Image measurements of points: residuals and Jacobians of all observations at once.
 
 Residual = projected − measured, in px, divided by the sigma of the measurement, or L⁻¹ times it where u and v have a
-covariance L Lᵀ. The pose's tangent is GTSAM's: (ω, v)
-in the camera frame. A calibration variable holds only the parameters that are free, in units of ``calibration_scale``
-so that a unit of each moves a pixel by about one pixel.
+covariance L Lᵀ. The pose's tangent is (ω, v) in the camera frame. A calibration variable holds only the parameters that
+are free, in units of ``calibration_scale`` so that a unit of each moves a pixel by about one pixel.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import gtsam
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.compilation import njit
 from photogram.factors.elimination.kernels import BEHIND_PX
-from photogram.factors.variables import CALIBRATION, POSE, key
 from photogram.measures.mark_covariances import is_isotropic, lower_factors
 from photogram.projection import (
     PARAMETERS,
@@ -179,40 +176,3 @@ def calibration_scale(focal_px: float, coefficients: int = 0) -> FloatArray:
     unit[RADIAL] = unit[TANGENTIAL] = 1.0 / focal_px
     unit[READOUT] = 1e-3
     return unit
-
-
-def reprojection_factors(
-    observations: Observations,
-    linear: Linearisation,
-    weight: FloatArray,
-    point_kind: str,
-    free: tuple[IntArray, ...],
-    scale: FloatArray,
-) -> list[gtsam.JacobianFactor]:
-    """Return one linear factor per observation, on its pose, its point and, where parameters are free, its calibration.
-
-    ``weight`` (N,) multiplies squared residuals (robust weights); ``free`` lists per camera the indices of free
-    parameters; ``scale`` (cameras, 12 + K) their units.
-    """
-    root = np.sqrt(weight)[:, None]
-    b = -linear.residual * root
-    J_pose, J_point = linear.pose * root[:, None], linear.point * root[:, None]
-    J_camera = linear.calibration * root[:, None] * scale[linear.camera][:, None, :]
-    reduced = [np.ascontiguousarray(J_camera[:, :, indices]) for indices in free]
-    unit = gtsam.noiseModel.Unit.Create(2)
-    poses = [key(POSE, i) for i in range(int(observations.photograph.max(initial=-1)) + 1)]
-    points = [key(point_kind, i) for i in range(int(observations.point.max(initial=-1)) + 1)]
-    calibrations = [key(CALIBRATION, c) for c in range(len(free))]
-    factors = []
-    for i, (p, x, c) in enumerate(
-        zip(observations.photograph.tolist(), observations.point.tolist(), linear.camera.tolist(), strict=True)
-    ):
-        if len(free[c]):
-            factors.append(
-                gtsam.JacobianFactor(
-                    points[x], J_point[i], poses[p], J_pose[i], calibrations[c], reduced[c][i], b[i], unit
-                )
-            )
-        else:
-            factors.append(gtsam.JacobianFactor(points[x], J_point[i], poses[p], J_pose[i], b[i], unit))
-    return factors

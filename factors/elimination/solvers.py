@@ -1,25 +1,18 @@
-"""The damped reduced system solved: by LAPACK's Cholesky factor of a band, or by GTSAM.
-
-GTSAM gets a Gaussian factor graph of few large Hessian factors. Photographs that are neighbours in the band are one
-variable; where two such groups have points in common a factor joins them, and a factor joins each with the border of
-calibrations and offsets, which is eliminated last.
-"""
+"""The damped reduced system solved: by LAPACK's Cholesky factor of a band, or by GTSAM where it is installed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
+from importlib import import_module
 from typing import Literal
 
-import gtsam
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
 from photogram.arrays import FloatArray
-from photogram.factors.elimination.reduced import Layout, NormalEquations, SingularError
+from photogram.errors import AdjustmentError
+from photogram.factors.elimination.reduced import NormalEquations
 
 SolverName = Literal["banded", "gtsam"]
 Solver = Callable[[NormalEquations, float], tuple[FloatArray, FloatArray]]
-GROUP = 16  # photographs of one variable
 
 
 @dataclass(eq=False)
@@ -37,66 +30,22 @@ class Banded:
         return normal.factor(damping, memory=self.memory).solve(normal.g, normal.h)
 
 
-def _block(A: FloatArray, layout: Layout, rows: tuple[int, int], columns: tuple[int, int]) -> FloatArray:
-    """Return a block of the poses' matrix on or below its diagonal, zero above it and beyond the band."""
-    top, bottom = rows
-    left, right = columns
-    step = A.itemsize
-    view = as_strided(A[left * layout.stride + top :], (bottom - top, right - left), (step, layout.stride * step))
-    below = np.arange(top, bottom)[:, None] - np.arange(left, right)
-    return np.where((below >= 0) & (layout.dense | (below <= layout.stride)), view, 0.0)
-
-
-def _joint(first: int, second: int, block: FloatArray) -> gtsam.HessianFactor:
-    """Return the factor of two variables that has nothing but the ``block`` (n, m) between them."""
-    n, m = block.shape
-    return gtsam.HessianFactor(
-        first, second, np.zeros((n, n)), np.ascontiguousarray(block), np.zeros(n), np.zeros((m, m)), np.zeros(m), 0.0
-    )
-
-
-def _graph(normal: NormalEquations, damping: float, edges: list[int]) -> gtsam.GaussianFactorGraph:
-    """Return the factors of groups of columns between ``edges``; the border's variable has the number of groups."""
-    layout = normal.layout
-    graph = gtsam.GaussianFactorGraph()
-    groups = list(pairwise(edges))
-    A = normal.damped_poses(damping)
-    B = normal.B
-    border = len(groups)
-    for i, (left, right) in enumerate(groups):
-        lower = _block(A, layout, (left, right), (left, right))
-        graph.push_back(gtsam.HessianFactor(i, lower + np.tril(lower, -1).T, normal.g[left:right], 0.0))
-        for j in range(i + 1, border):
-            if edges[j] // 6 > (right - 1) // 6 + layout.reach:
-                break
-            graph.push_back(_joint(i, j, _block(A, layout, groups[j], (left, right)).T))
-        if layout.border:
-            graph.push_back(_joint(i, border, B[left:right]))
-    if layout.border:
-        graph.push_back(gtsam.HessianFactor(border, normal.damped_border(damping), normal.h, 0.0))
-    return graph
-
-
-def solve_with_gtsam(normal: NormalEquations, damping: float) -> tuple[FloatArray, FloatArray]:
-    """Return the steps as ``Banded`` does, GTSAM eliminating groups of photographs in the order of the band."""
-    layout = normal.layout
-    edges = [*range(0, layout.columns, 6 * GROUP), layout.columns]
-    graph, ordering = _graph(normal, damping, edges), gtsam.Ordering()
-    groups = len(edges) - 1
-    for variable in range(groups + (layout.border > 0)):
-        ordering.push_back(variable)
+def need_gtsam(setting: str) -> None:
+    """Raise AdjustmentError where GTSAM, which a ``setting`` needs, is not installed."""
     try:
-        solution = graph.optimize(ordering)
-    except RuntimeError as error:
-        raise SingularError(_first_column(str(error), edges)) from error
-    poses = np.concatenate([np.zeros(0), *(solution.at(i) for i in range(groups))])
-    return poses, solution.at(groups) if layout.border else np.zeros(0)
+        import_module("gtsam")
+    except ImportError as error:
+        raise AdjustmentError(
+            f"{setting} needs GTSAM, which is not installed: leave it out, for the same result, or pip install gtsam "
+            "(Windows: conda install -c conda-forge gtsam)"
+        ) from error
 
 
-def _first_column(message: str, edges: list[int]) -> int:
-    """Return the first column of the variable that GTSAM names near its error."""
-    numbers = [int(word.strip(".,)")) for word in message.split() if word.strip(".,)").isdigit()]
-    return edges[min(numbers[0], len(edges) - 1)] if numbers else 0
+def _gtsam() -> Solver:
+    need_gtsam("solver: gtsam")
+    from photogram.factors.elimination.gtsam_solver import solve_with_gtsam
+
+    return solve_with_gtsam
 
 
-SOLVERS: dict[SolverName, Callable[[], Solver]] = {"banded": Banded, "gtsam": lambda: solve_with_gtsam}
+SOLVERS: dict[SolverName, Callable[[], Solver]] = {"banded": Banded, "gtsam": _gtsam}

@@ -17,18 +17,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.constraints.rigs import Companion, RelativePose, exposure_names, exposure_sigmas
+from photogram.factors.linearised.alike import Factors, Linearised, Values, VectorFactors
+from photogram.factors.linearised.rotations import cross, inverse_right_jacobian, right_jacobian
 from photogram.factors.priors import vector_prior
 from photogram.factors.variables import POSE, RIG, key
 from photogram.survey import Block
-
-SMALL_RAD = 1e-4
-"""Angle below which the Jacobians of SO(3) are taken from their series."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,44 +109,6 @@ def with_rig_values(block: Block, common: FloatArray) -> tuple[Companion, ...]:
     return tuple(replace(rig, value=value.copy()) for rig, value in zip(block.rigs, values, strict=True))
 
 
-def _cross(vector: FloatArray) -> FloatArray:
-    """Return the matrices (n, 3, 3) of the cross products with vectors (n, 3)."""
-    matrix = np.zeros((len(vector), 3, 3))
-    x, y, z = vector.T
-    matrix[:, 0, 1], matrix[:, 1, 0] = -z, z
-    matrix[:, 0, 2], matrix[:, 2, 0] = y, -y
-    matrix[:, 1, 2], matrix[:, 2, 1] = -x, x
-    return matrix
-
-
-def right_jacobian(vector: FloatArray) -> FloatArray:
-    """Return the right Jacobians of SO(3) (n, 3, 3) at rotation vectors (n, 3), rad."""
-    angle = np.linalg.norm(vector, axis=1)
-    a = np.where(angle < SMALL_RAD, 1.0, angle)
-    first = np.where(angle < SMALL_RAD, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
-    second = np.where(angle < SMALL_RAD, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
-    V = _cross(vector)
-    return np.asarray(np.eye(3) - first[:, None, None] * V + second[:, None, None] * (V @ V))
-
-
-def inverse_right_jacobian(vector: FloatArray) -> FloatArray:
-    """Return the inverses (n, 3, 3) of the right Jacobians of SO(3) at rotation vectors (n, 3), rad, shorter than π."""
-    angle = np.linalg.norm(vector, axis=1)
-    a = np.where(angle < SMALL_RAD, 1.0, angle)
-    second = np.where(angle < SMALL_RAD, 1.0 / 12.0 + angle**2 / 720.0, 1.0 / a**2 - 0.5 / (a * np.tan(0.5 * a)))
-    V = _cross(vector)
-    return np.asarray(np.eye(3) + 0.5 * V + second[:, None, None] * (V @ V))
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Exposures (E) in their standard deviations: ``misfit`` (E, 6) and ``jacobian`` (E, 6, 18) by the tangents of the
-    master's pose and the companion's, and by the value of the rig."""
-
-    misfit: FloatArray
-    jacobian: FloatArray
-
-
 def misfits(exposures: TakingPart, rotation: FloatArray, position: FloatArray, value: FloatArray) -> FloatArray:
     """Return the misfits (E, 6), rad and m, of photographs (N, 3, 3), (N, 3) and relative poses (rigs, 6)."""
     return _compared(exposures, rotation, position, value)[0]
@@ -186,50 +146,47 @@ def linearised(exposures: TakingPart, rotation: FloatArray, position: FloatArray
     jacobian[:, :3, 0:3] = -inverse @ np.swapaxes(Q, 1, 2)
     jacobian[:, :3, 6:9] = inverse
     jacobian[:, :3, 12:15] = -inverse @ np.swapaxes(E, 1, 2) @ right_jacobian(rho)
-    jacobian[:, 3:, 0:3] = _cross(d)
+    jacobian[:, 3:, 0:3] = cross(d)
     jacobian[:, 3:, 3:6] = -np.eye(3)
     jacobian[:, 3:, 9:12] = Q
     jacobian[:, 3:, 15:18] = -np.eye(3)
     return Linearised(misfit / exposures.sigma, jacobian / exposures.sigma[:, :, None])
 
 
-def exposure_factors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
-    """Yield the factors of the exposures that take part, one for each: what the reference engine adjusts."""
+@dataclass(frozen=True, eq=False)
+class ExposureFactors(Factors):
+    """Exposures on the poses of master and companion and on the relative pose: ``sigma`` (n, 6), rad and m, and the
+    given relative poses (n, 3, 3), (n, 3) of their rigs."""
+
+    sigma: FloatArray
+    given_rotation: FloatArray
+    given_offset_m: FloatArray
+
+    @property
+    def rows(self) -> int:
+        """Return how many observations each exposure has."""
+        return 6
+
+    def linearised(self, values: Values) -> Linearised:
+        """Return the exposures linearised at values."""
+        ends = [values.poses(end) for end in self.variables[:, :2].T]
+        R, X = (np.concatenate(part) for part in zip(*ends, strict=True))
+        own, n = np.arange(len(self)), len(self)
+        alone = TakingPart(own, own, own + n, own, self.sigma, self.given_rotation, self.given_offset_m)
+        return linearised(alone, R, X, values.vectors(self.variables[:, 2]))
+
+
+def exposure_factors(block: Block) -> Iterator[ExposureFactors]:
+    """Yield the exposures that take part."""
     every = taking_part(block)
-    for n in range(len(every)):
-        yield _exposure_factor(every, n)
+    if len(every):
+        ends = zip(every.master.tolist(), every.companion.tolist(), every.rig.tolist(), strict=True)
+        variables = [[key(POSE, i), key(POSE, j), key(RIG, k)] for i, j, k in ends]
+        given = every.given_rotation[every.rig], every.given_offset_m[every.rig]
+        yield ExposureFactors(np.array(variables, dtype=np.int64), every.sigma, *given)
 
 
-def _exposure_factor(every: TakingPart, n: int) -> gtsam.NonlinearFactor:
-    k = int(every.rig[n])
-    alone = TakingPart(
-        np.zeros(1, dtype=np.int64),
-        np.zeros(1, dtype=np.int64),
-        np.ones(1, dtype=np.int64),
-        every.number[n : n + 1],
-        every.sigma[n : n + 1],
-        every.given_rotation[k : k + 1],
-        every.given_offset_m[k : k + 1],
-    )
-
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        first, second, rig = factor.keys()
-        poses = [values.atPose3(first), values.atPose3(second)]
-        R = np.array([pose.rotation().matrix() for pose in poses])
-        X = np.array([pose.translation() for pose in poses])
-        value = values.atVector(rig)[None]
-        if jacobians is None:
-            return np.asarray((misfits(alone, R, X, value) / alone.sigma)[0])
-        linear = linearised(alone, R, X, value)
-        for part in range(3):
-            jacobians[part] = linear.jacobian[0, :, 6 * part : 6 * part + 6]
-        return np.asarray(linear.misfit[0])
-
-    variables = [key(POSE, int(every.master[n])), key(POSE, int(every.companion[n])), key(RIG, k)]
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(6), variables, error)
-
-
-def rig_priors(block: Block) -> Iterator[gtsam.NonlinearFactor]:
+def rig_priors(block: Block) -> Iterator[VectorFactors]:
     """Yield what is given of the relative poses that are unknowns: zero change with their standard deviations; nothing
     of what is free."""
     for k in estimated(block).tolist():

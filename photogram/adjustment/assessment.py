@@ -18,7 +18,7 @@ from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import Observations, residuals
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, cost, ground_graph
+from photogram.factors.graph import Problem, cost, ground_factors
 from photogram.factors.joint_covariance import points_redundancy
 from photogram.factors.rigs.exposures import with_rig_values
 from photogram.results import Reliability, VarianceComponents
@@ -28,15 +28,16 @@ from photogram.survey import Block
 def sigma0_and_redundancy(problem: Problem, state: State) -> tuple[float, int]:
     """Return sigma0 = sqrt(vᵀPv / r) of the minimised squares, and the redundancy r."""
     block = problem.block
-    graph = ground_graph(problem)
+    factors = ground_factors(problem)
     image = 2 * (len(problem.tie) + len(problem.marks))
-    ground = sum(graph.at(i).dim() for i in range(graph.size())) - int(np.isinf(problem.control_sigma_m).sum())
+    ground = sum(alike.rows * len(alike) for alike in factors) - int(np.isinf(problem.control_sigma_m).sum())
     points = 3 * (int(np.count_nonzero(np.bincount(problem.tie.point))) + len(state.control) + len(state.offset))
     unknowns = 6 * len(block.photographs) + points + len(state.common) + sum(len(f) for f in problem.free)
     redundancy = image + ground - unknowns
     tie = residuals(problem.tie, state.cameras, state.tie_point)
     robust, weight, _ = robust_terms(tie, problem.robust_loss, problem.robust_threshold)
-    squares = 2.0 * (cost(problem, graph, state) - 0.5 * float(robust.sum())) + float(np.sum(weight[:, None] * tie**2))
+    known = cost(problem, factors, state) - 0.5 * float(robust.sum())
+    squares = 2.0 * known + float(np.sum(weight[:, None] * tie**2))
     return float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan"), redundancy
 
 

@@ -23,10 +23,11 @@ from scipy.stats import chi2
 
 from photogram.adjustment.gnss_offsets import estimated_offset_test, measured_positions
 from photogram.arrays import BoolArray, FloatArray
-from photogram.factors.common_errors import UP, attitude_errors, designs, members, parts
+from photogram.factors.common_errors import attitude_errors, designs, members, parts
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.linearised.rotations import UP
 from photogram.results import SIGNIFICANCE, CommonErrorEstimate, Reliability
 from photogram.survey import Block, CommonError
 

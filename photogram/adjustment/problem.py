@@ -17,6 +17,7 @@ from photogram.factors.common_errors import values_of
 from photogram.factors.constraints import is_scaled, taking_part, without_shape
 from photogram.factors.elimination.levenberg_marquardt import FIRST, FIRST_NEAR, Minimum
 from photogram.factors.elimination.reprojection import Observations, observed_marks
+from photogram.factors.elimination.solvers import need_gtsam
 from photogram.factors.elimination.state import State
 from photogram.factors.free_network import datum_conditions
 from photogram.factors.graph import IndeterminateError, Problem
@@ -70,6 +71,14 @@ class AdjustmentSettings(Settings):
     ] = "banded"
 
 
+def check_engine(settings: AdjustmentSettings) -> None:
+    """Raise AdjustmentError where the settings ask for what needs GTSAM, and it is not installed."""
+    if settings.engine == "reference":
+        need_gtsam("engine: reference")
+    if settings.solver == "gtsam":
+        need_gtsam("solver: gtsam")
+
+
 def minimise(
     problem: Problem,
     state: State,
@@ -81,7 +90,7 @@ def minimise(
     """Minimise the cost by Levenberg–Marquardt with the engine of the settings; both take the same steps. ``near`` says
     that ``state`` is the minimum of a problem that differs little. Summaries of tie points are for the fast one alone.
 
-    Raises IndeterminateError when the linear system has no unique solution.
+    Raises IndeterminateError when the linear system has no unique solution, AdjustmentError as ``check_engine``.
     """
     taken, rays = 0, len(problem.tie) if problem.summary is None else 0
 

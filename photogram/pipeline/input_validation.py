@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 
+from photogram.adjustment.problem import check_engine
 from photogram.arrays import BoolArray
-from photogram.errors import ImageError, ProjectError
+from photogram.errors import AdjustmentError, ImageError, ProjectError
 from photogram.files.atomic import unwritable
 from photogram.files.photographs.duplicates import find_duplicates
 from photogram.files.photographs.headers import PhotographHeader, read_headers
@@ -60,6 +61,15 @@ def folder_findings(project: Project) -> list[Finding]:
         text = f"folders in {project.work} from an earlier version of photogram are no longer used: {names}"
         findings.append(Finding("note", "work", text, "delete them to free space"))
     return findings
+
+
+def engine_findings(project: Project) -> list[Finding]:
+    """Return whether the settings of the adjustment ask for GTSAM, and it is not installed."""
+    try:
+        check_engine(project.adjustment)
+    except AdjustmentError as error:
+        return [Finding("error", "adjustment", str(error))]
+    return []
 
 
 def _headers(paths: Sequence[Path], cameras: Sequence[object]) -> tuple[list[PhotographHeader], list[tuple[int, ...]]]:
@@ -130,6 +140,7 @@ def checked_project(project: Project) -> CheckedProject:
         by_severity(
             [
                 *folder_findings(project),
+                *engine_findings(project),
                 *reference,
                 *volume_findings(project, tags),
                 *given_mask_findings(project),

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES, problem_of, simulated, whole_covariance
+from makers import LEAST_SQUARES, problem_of, simulated
+from referees import whole_covariance
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings

@@ -14,7 +14,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, start
 from photogram.adjustment.reliability import NONCENTRALITY, left_out, minimal_detectable_blunder, reliability, w_tests
 from photogram.arrays import FloatArray
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import ground_graph, linearise_all
+from photogram.factors.reference.graph import ground_graph, linearise_all
 from photogram.factors.variables import CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.quality.accuracy import suspects
 from photogram.results import Adjustment

@@ -21,7 +21,7 @@ from photogram.adjustment.shutters.rolling_shutter import (
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.factors.elimination.reprojection import predicted
-from photogram.factors.graph import cost, ground_graph
+from photogram.factors.graph import cost, ground_factors
 from photogram.projection import B1, B2, FOCAL, READOUT
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
@@ -204,7 +204,7 @@ def test_both_engines_reach_the_same_minimum() -> None:
     start = start_state(problem)
     fast, slow = (minimise(problem, start, replace(SETTINGS, engine=e)) for e in ("fast", "reference"))
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
-    assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
+    assert fast.cost == pytest.approx(cost(problem, ground_factors(problem), fast.state), rel=1e-12)
     assert fast.state.parameters[0, READOUT] == pytest.approx(slow.state.parameters[0, READOUT], rel=1e-5)
     assert fast.state.parameters[0, FOCAL] == pytest.approx(slow.state.parameters[0, FOCAL], rel=1e-6)
     np.testing.assert_array_equal(fast.state.parameters[0, [B1, B2]], 0.0)

@@ -14,7 +14,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, start
 from photogram.adjustment.reliability import reliability
 from photogram.adjustment.stochastic_model.variance_components import NO_OBSERVATION, scatters, variance_components
 from photogram.factors.covariance import covariances
-from photogram.factors.graph import ground_graph, linearise_all
+from photogram.factors.reference.graph import ground_graph, linearise_all
 from photogram.factors.variables import CALIBRATION, COMMON_ERROR, CONTROL_POINT, GNSS_OFFSET, POSE, kind_and_index
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.report.numbers.statistics import component_numbers

@@ -3,20 +3,14 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from makers import FREE, SMALL, joint_control_points, problem_of, small_problem, whole_covariance
+from makers import FREE, SMALL, joint_control_points, problem_of, small_problem
+from referees import whole_covariance
 
 from photogram.factors.covariance import Covariances, covariances
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import (
-    IndeterminateError,
-    Problem,
-    cost,
-    damped_step,
-    ground_graph,
-    ground_values,
-    linearise_all,
-)
+from photogram.factors.graph import IndeterminateError, Problem, cost, ground_factors
+from photogram.factors.reference.graph import damped_step, ground_graph, ground_values, linearise_all
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
@@ -100,7 +94,7 @@ def test_gtsams_own_factors_give_the_same_covariances() -> None:
     values = ground_values(problem, state)
     for p, X in enumerate(state.tie_point):
         values.insert(key(TIE_POINT, p), X)
-    assert graph.error(values) == pytest.approx(cost(problem, ground_graph(problem), state), rel=1e-9)
+    assert graph.error(values) == pytest.approx(cost(problem, ground_factors(problem), state), rel=1e-9)
     marginals = gtsam.Marginals(graph, values)
     found = blocks(problem, covariances(problem, state))
     assert len(found) == 6 + 6 + 2 + len(problem.block.common_errors) + 40

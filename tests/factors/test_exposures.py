@@ -7,7 +7,8 @@ import gtsam
 import numpy as np
 import pytest
 from lib.simulated.two_cameras import TRUE, TwoCameras, simulate_two_cameras
-from makers import LEAST_SQUARES, whole_covariance
+from makers import LEAST_SQUARES
+from referees import whole_covariance
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
@@ -17,14 +18,14 @@ from photogram.constraints.rigs import Companion, RelativePose, give_scale, midd
 from photogram.errors import AdjustmentError
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, cost, ground_graph
+from photogram.factors.graph import Problem, cost, ground_factors
+from photogram.factors.linearised.rotations import inverse_right_jacobian, right_jacobian
+from photogram.factors.reference.native import in_gtsam
 from photogram.factors.rigs.exposures import (
     TakingPart,
     exposure_factors,
-    inverse_right_jacobian,
     linearised,
     misfits,
-    right_jacobian,
     taking_part,
 )
 from photogram.factors.variables import POSE, RIG, key
@@ -96,7 +97,9 @@ def test_a_misfit_is_that_of_gtsams_factor_between_poses(made: TwoCameras) -> No
     for i, pose in enumerate(made.poses):
         values.insert(key(POSE, i), gtsam.Pose3(gtsam.Rot3(pose.rotation_world_from_camera), pose.position_world_m))
     values.insert(key(RIG, 0), np.zeros(6))
-    for n, factor in enumerate(exposure_factors(replace(block, rigs=(rig,)))):
+    (exposures,) = exposure_factors(replace(block, rigs=(rig,)))
+    assert len(exposures) == 6
+    for n, factor in enumerate(in_gtsam(exposures)):
         between = gtsam.BetweenFactorPose3(key(POSE, n), key(POSE, n + 6), given, noise)
         assert factor.error(values) == pytest.approx(between.error(values), rel=1e-3)
 
@@ -106,8 +109,8 @@ def test_both_engines_reach_the_same_free_relative_pose(made: TwoCameras) -> Non
     np.testing.assert_allclose(fast.position, referee.position, atol=1e-7)
     np.testing.assert_allclose(fast.common, referee.common, atol=1e-8)
     assert len(fast.common) == 6 + sum(len(e.sigma) for e in problem.block.common_errors)
-    graph = ground_graph(problem)
-    assert cost(problem, graph, fast) == pytest.approx(cost(problem, graph, referee), rel=1e-9)
+    factors = ground_factors(problem)
+    assert cost(problem, factors, fast) == pytest.approx(cost(problem, factors, referee), rel=1e-9)
 
 
 def test_covariances_are_those_of_the_whole_graph(made: TwoCameras) -> None:

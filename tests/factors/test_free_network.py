@@ -5,7 +5,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES, simulated, whole_normal_equations
+from makers import LEAST_SQUARES, simulated
+from referees import of_gtsam, whole_normal_equations
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
@@ -15,7 +16,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.free_network import RelativeCovariances, minimal_datum, relative_covariances
-from photogram.factors.graph import Problem, ground_values
+from photogram.factors.graph import GroundValues, Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
 from photogram.factors.variables import CALIBRATION, CONTROL_POINT, POSE, TIE_POINT, key
 from photogram.geodesy.frames import LocalFrame
@@ -89,7 +90,7 @@ def test_inner_constraints_are_the_pseudo_inverse_brought_to_the_object(
     nothing = free_block()
     distances = {"none": (), "points": (bar(nothing),), "photographs": (base(nothing),)}[ends]
     problem, state = solved(free_block(distances))
-    assert len(problem.further) == (1 if distances else 2)
+    assert len(problem.further) == (2 if distances else 3)
     open_parts = 6 if distances else 7
     bare = replace(problem, further=())
     N, _, place = whole_normal_equations(bare, state)
@@ -144,14 +145,14 @@ def test_inner_constraints_are_the_pseudo_inverse_brought_to_the_object(
 def test_any_minimal_datum_gives_the_same_residuals_and_relative_covariances() -> None:
     block = free_block()
     problem, state = solved(block)
-    assert max(factor.error(ground_values(problem, state)) for factor in problem.further) < 1e-12
+    assert max(factor.cost(GroundValues(problem, state)) for factor in problem.further) < 1e-12
     first, last = (gtsam.Pose3(gtsam.Rot3(state.rotation[i]), state.position[i]) for i in (0, -1))
     count = len(state.position)
     pose = gtsam.PriorFactorPose3(key(POSE, 0), first, gtsam.noiseModel.Isotropic.Sigma(6, 0.01))
     length = float(np.linalg.norm(last.translation() - first.translation()))
     noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.3)
     between = gtsam.RangeFactorPose3(key(POSE, 0), key(POSE, count - 1), length, noise)
-    other = replace(problem, further=(pose, between))
+    other = replace(problem, further=(of_gtsam(pose), of_gtsam(between)))
     moved = replace(start_state(problem), tie_point=state.tie_point)
     again = minimise(other, moved, LEAST_SQUARES).state
     for observations, points in (("tie", "tie_point"), ("marks", "control")):

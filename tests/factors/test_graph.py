@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from makers import SMALL, problem_of, small_problem, whole_normal_equations
+from makers import SMALL, problem_of, small_problem
+from referees import native, whole_normal_equations
 from scipy.spatial.transform import Rotation
 
 from photogram.arrays import FloatArray
@@ -16,27 +17,26 @@ from photogram.factors.elimination.reprojection import (
     Observations,
     calibration_scale,
     linearise,
-    reprojection_factors,
     residuals,
 )
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import (
-    Problem,
-    Step,
-    cost,
-    damped_step,
-    ground_graph,
-    ground_values,
-    linearise_all,
-    retract,
-    variable_size,
-)
+from photogram.factors.graph import Problem, cost, ground_factors
 from photogram.factors.priors import (
     gnss_position,
     measured_attitude,
     offset_prior,
     surveyed_position,
     vector_prior,
+)
+from photogram.factors.reference.graph import (
+    Step,
+    damped_step,
+    ground_graph,
+    ground_values,
+    linearise_all,
+    reprojection_factors,
+    retract,
+    variable_size,
 )
 from photogram.factors.variables import (
     CALIBRATION,
@@ -109,7 +109,7 @@ def test_gnss_factor_with_an_offset(seed: int) -> None:
         rng.normal(0, 30, 3),
         np.array([0.02, 0.03, 0.05]),
     )
-    factor = gnss_position(4, measured, sigma, 1)
+    factor = native(gnss_position(4, measured, sigma, 1))
     values = gtsam.Values()
     values.insert(key(POSE, 4), pose)
     values.insert(key(GNSS_OFFSET, 1), offset)
@@ -122,7 +122,7 @@ def test_gnss_factor_with_an_offset(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_gnss_factor_without_an_offset(seed: int) -> None:
     pose, measured, sigma = turned_pose(seed), np.array([1.0, 2.0, 3.0]), np.array([0.02, 0.03, 0.05])
-    factor = gnss_position(0, measured, sigma, None)
+    factor = native(gnss_position(0, measured, sigma, None))
     values = gtsam.Values()
     values.insert(key(POSE, 0), pose)
     error = (pose.translation() - measured) / sigma
@@ -137,7 +137,7 @@ def test_attitude_factor(turn_deg: float) -> None:
     turn = rng.normal(0, 1, 3)
     turn *= np.deg2rad(turn_deg) / np.linalg.norm(turn)
     measured = pose.rotation().matrix() @ Rotation.from_rotvec(turn).as_matrix().T
-    factor = measured_attitude(2, measured, 0.02)
+    factor = native(measured_attitude(2, measured, 0.02))
     values = gtsam.Values()
     values.insert(key(POSE, 2), pose)
     assert factor.error(values) == pytest.approx(0.5 * (np.deg2rad(turn_deg) / 0.02) ** 2)
@@ -149,17 +149,18 @@ def test_control_point_and_offset_priors() -> None:
     values = gtsam.Values()
     values.insert(key(CONTROL_POINT, 3), surveyed + np.array([0.01, 0.04, -0.09]))
     values.insert(key(GNSS_OFFSET, 0), np.array([0.2, 0.0, -0.5]))
-    point = surveyed_position(3, surveyed, sigma)
+    point = native(surveyed_position(3, surveyed, sigma))
     assert point.error(values) == pytest.approx(0.5 * (1 + 4 + 9))
     assert_jacobians(point, values, {key(CONTROL_POINT, 3): 3})
-    offset = offset_prior(0, np.array([0.2, 0.3, 0.25]))
+    offset = native(offset_prior(0, np.array([0.2, 0.3, 0.25])))
     assert offset.error(values) == pytest.approx(0.5 * (1 + 4))
     assert_jacobians(offset, values, {key(GNSS_OFFSET, 0): 3})
 
 
 def test_calibration_prior_holds_the_bounded_parameters_only() -> None:
     expected, sigmas = np.array([3000.0, 1500.0, -250.0, 3.0]), np.array([5.0, np.inf, 2.0, 0.5])
-    (factor,) = vector_prior(key(CALIBRATION, 1), expected, sigmas)
+    (prior,) = vector_prior(key(CALIBRATION, 1), expected, sigmas)
+    factor = native(prior)
     values = gtsam.Values()
     values.insert(key(CALIBRATION, 1), expected + np.array([10.0, 77.0, -2.0, 0.25]))
     assert factor.dim() == 3
@@ -274,8 +275,8 @@ def test_gtsams_own_camera_gives_the_same_errors_and_jacobians() -> None:
         np.testing.assert_allclose(b, -linear.residual[i], rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(jacobian[:, :6], linear.pose[i], rtol=1e-8, atol=1e-6)
         np.testing.assert_allclose(jacobian[:, 6:9], linear.point[i], rtol=1e-8, atol=1e-6)
-        native = jacobian[:, 9:]
-        own = np.column_stack([native[:, 0] + native[:, 1], native[:, 3:7], native[:, 7:9]])
+        of_camera = jacobian[:, 9:]
+        own = np.column_stack([of_camera[:, 0] + of_camera[:, 1], of_camera[:, 3:7], of_camera[:, 7:9]])
         np.testing.assert_allclose(own, linear.calibration[i][:, [0, 1, 2, 3, 4, 7, 8]], rtol=1e-7, atol=1e-7)
 
 
@@ -378,8 +379,8 @@ def test_losses_have_the_values_of_their_formulas() -> None:
 def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> None:
     problem, state = small_problem(mismatches=0.1)
     problem = replace(problem, robust_loss=loss, robust_threshold=2.0)  # type: ignore[arg-type]
-    graph = ground_graph(problem)
-    system = linearise_all(problem, graph, state)
+    factors = ground_factors(problem)
+    system = linearise_all(problem, ground_graph(problem), state)
     gradient = system.graph.gradientAtZero()
     rng = np.random.default_rng(2)
     for variable in rng.permutation(np.array(system.variables, dtype=np.uint64))[:12].tolist():
@@ -391,7 +392,7 @@ def test_the_gradient_of_the_graph_is_the_gradient_of_the_cost(loss: str) -> Non
             step = gtsam.VectorValues()
             for other in system.variables:
                 step.insert(other, sign * direction if other == variable else np.zeros(variable_size(problem, other)))
-            ends.append(cost(problem, graph, retract(problem, state, Step(step, 0.0))))
+            ends.append(cost(problem, factors, retract(problem, state, Step(step, 0.0))))
         assert (ends[0] - ends[1]) / 2 == pytest.approx(float(gradient.at(variable) @ direction), rel=1e-4, abs=1e-8)
 
 
@@ -414,11 +415,11 @@ def test_a_damped_step_solves_marquardts_equations() -> None:
 
 def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
     problem, state = small_problem()
-    graph = ground_graph(problem)
-    costs = [cost(problem, graph, state)]
+    graph, factors = ground_graph(problem), ground_factors(problem)
+    costs = [cost(problem, factors, state)]
     for _ in range(6):
         state = retract(problem, state, damped_step(linearise_all(problem, graph, state), 1e-9))
-        costs.append(cost(problem, graph, state))
+        costs.append(cost(problem, factors, state))
     assert costs[-1] < 0.05 * costs[0]
     assert costs[-1] == pytest.approx(costs[-2], rel=1e-9)
     _, right, _ = whole_normal_equations(problem, state)
@@ -431,7 +432,7 @@ def test_a_step_of_the_whole_graph_reaches_the_minimum() -> None:
 def test_sigmas_lie_along_the_axes_of_the_map() -> None:
     # A metre along the second axis, of sigma 4, weighs a sixteenth of a metre along the first.
     axes = Rotation.from_euler("z", 30.0, degrees=True).as_matrix()
-    factor = surveyed_position(0, np.zeros(3), np.array([1.0, 4.0, 2.0]), axes)
+    factor = native(surveyed_position(0, np.zeros(3), np.array([1.0, 4.0, 2.0]), axes))
     for column, sigma in zip(axes.T, (1.0, 4.0, 2.0), strict=True):
         values = gtsam.Values()
         values.insert(key(CONTROL_POINT, 0), column)

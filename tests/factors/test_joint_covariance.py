@@ -14,8 +14,9 @@ from photogram.factors import joint_covariance
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations, linearise
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, Step, ground_graph, linearise_all, retract, variable_size
+from photogram.factors.graph import Problem
 from photogram.factors.joint_covariance import joint_ground_covariance, ray_covariances
+from photogram.factors.reference.graph import Step, ground_graph, linearise_all, retract, variable_size
 from photogram.factors.variables import CONTROL_POINT, key
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 

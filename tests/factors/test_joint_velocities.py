@@ -9,7 +9,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, minim
 from photogram.arrays import FloatArray
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem, cost, ground_graph
+from photogram.factors.graph import Problem, cost, ground_factors
 from photogram.factors.joint_velocities import _system, joint_velocities, readout_sigmas
 from photogram.projection import READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -41,7 +41,7 @@ def solved(readout_s: float = 0.033, sigma_s: float = 0.01) -> tuple[Problem, St
 def joint_cost(problem: Problem, state: State, told: FloatArray) -> float:
     """Return the cost with the prior of the velocities."""
     tie = residuals(problem.tie, state.cameras, state.tie_point)
-    observed = cost(problem, ground_graph(problem), state)
+    observed = cost(problem, ground_factors(problem), state)
     assert observed > 0.5 * float(np.sum(tie**2)) * 0.99
     return observed + 0.5 * float(np.sum((state.velocity - told) ** 2)) / SIGMA_M_S**2
 

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 from makers import LEAST_SQUARES, simulated
+from referees import native
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
@@ -25,7 +26,7 @@ DATUM_M = 2.0
 def test_a_common_offset_has_the_covariance_that_it_states() -> None:
     sigma, common, flights = np.array([2.5, 2.0 + 1e-9, 0.3]), 2.0, 3
     axes = Rotation.from_euler("zyx", [20.0, 2.0, -1.0], degrees=True).as_matrix()
-    factor = common_offset_prior(flights, sigma, common, axes)
+    factor = native(common_offset_prior(flights, sigma, common, axes))
     values = gtsam.Values()
     offset = np.random.default_rng(3).normal(size=(flights, 3))
     for f in range(flights):

@@ -76,7 +76,7 @@ def test_a_block_that_lies_far_off_gets_there_in_few_steps(engine: str, monkeypa
         tie_point=(start.tie_point - middle) @ R.T + middle,
     )
     found = minimise(problem, turned, settings)
-    for name in ("elimination.bundle", "graph"):
+    for name in ("elimination.bundle", "reference.graph"):
         monkeypatch.setattr(f"photogram.factors.{name}.bend_of", lambda *_: np.zeros((4, 3)))
     linear = minimise(problem, turned, settings)
     assert found.converged

@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from makers import LEAST_SQUARES, WIDE, gtsam_marginals, simulated
+from makers import LEAST_SQUARES, WIDE, simulated
+from referees import gtsam_marginals
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import make_problem, minimise, start_state

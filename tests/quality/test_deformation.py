@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from makers import whole_covariance
+from referees import whole_covariance
 
 from photogram.adjustment.ground_points import ground_points
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state

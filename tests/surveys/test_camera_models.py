@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from makers import gtsam_marginals
+from referees import gtsam_marginals
 from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
@@ -18,7 +18,7 @@ from photogram.camera import Camera, Pose, oriented_by, project_points
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.kernels import CALIBRATION, linearise_point, point_cost
 from photogram.factors.elimination.reprojection import linearise
-from photogram.factors.graph import cost, ground_graph
+from photogram.factors.graph import cost, ground_factors
 from photogram.factors.variables import CALIBRATION as CALIBRATION_KIND
 from photogram.factors.variables import POSE, TIE_POINT, key
 from photogram.projection import (
@@ -114,7 +114,7 @@ def test_both_engines_take_the_same_steps(name: str) -> None:
     fast, slow = (minimise(problem, start, AdjustmentSettings(engine=engine)) for engine in ("fast", "reference"))
     assert (fast.iterations, fast.converged) == (slow.iterations, True)
     assert fast.cost == pytest.approx(slow.cost, rel=1e-9)
-    assert fast.cost == pytest.approx(cost(problem, ground_graph(problem), fast.state), rel=1e-12)
+    assert fast.cost == pytest.approx(cost(problem, ground_factors(problem), fast.state), rel=1e-12)
     for part in ("rotation", "position", "parameters", "tie_point", "control", "offset"):
         np.testing.assert_allclose(getattr(fast.state, part), getattr(slow.state, part), rtol=1e-7, atol=1e-7)
 
@@ -190,7 +190,7 @@ def test_a_fisheye_is_no_brown_camera() -> None:
     wrong = replace(block, cameras=(replace(block.cameras[0], model="brown"),))
     problem, other = (make_problem(b, AdjustmentSettings()) for b in (block, wrong))
     state, brown = start_state(problem), start_state(other)
-    assert cost(other, ground_graph(other), brown) > 5.0 * cost(problem, ground_graph(problem), state)
+    assert cost(other, ground_factors(other), brown) > 5.0 * cost(problem, ground_factors(problem), state)
     assert state.cameras.model.tolist() == [FISHEYE]
 
 

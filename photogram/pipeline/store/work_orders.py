@@ -38,8 +38,9 @@ _NOTE = re.compile(r"\.photogram-order-[0-9a-f]{16}\.json")
 
 
 def programs() -> dict[str, str | None]:
-    """Return the versions of photogram and of all that it computes with, and the kind of the processor."""
-    return {"photogram": __version__, **versions(), "processor": platform.machine()}
+    """Return the versions of photogram and of all that pieces are computed with, and the kind of the processor."""
+    used = {name: version for name, version in versions().items() if name != "gtsam"}
+    return {"photogram": __version__, **used, "processor": platform.machine()}
 
 
 def place() -> str:
