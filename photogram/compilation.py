@@ -186,11 +186,11 @@ def _source(path: str) -> tuple[str, frozenset[str]]:
 
 @cache
 def _origin(module: str) -> str | None:
-    """Return the file of a module, None where there is no module of that name."""
-    try:
-        spec = importlib.util.find_spec(module)
-    except ModuleNotFoundError:
-        return None  # its parent is no room
+    """Return the file of a module, None where there is no module of that name. Nothing but rooms is imported for it."""
+    parent = module.rpartition(".")[0]
+    if parent and not (_origin(parent) or "").endswith("__init__.py"):
+        return None
+    spec = importlib.util.find_spec(module)
     return None if spec is None else spec.origin
 
 
