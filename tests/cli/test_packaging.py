@@ -1,10 +1,13 @@
 """The wheel: one name at its top level, everything in it, and the same from a clone that has lost its links."""
 
+import builtins
 import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tomllib
+import venv
 import zipfile
 from pathlib import Path
 
@@ -13,7 +16,7 @@ import pytest
 import photogram
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("photogram", "factors", "cli", "pyproject.toml", "README.md", "LICENSE")
+SOURCES = ("photogram", "factors", "cli", "__init__.py", "pyproject.toml", "README.md", "LICENSE")
 
 
 def build(source: Path, target: Path) -> Path:
@@ -115,6 +118,62 @@ def test_wheel_runs_outside_the_repository(wheel: Path, tmp_path: Path) -> None:
     command = str(site / "bin" / "photogram")
     assert run(sys.executable, command, "--version") == f"photogram {photogram.__version__}\n"
     assert "adjust" in run(sys.executable, command, "--help")
+
+
+@pytest.fixture
+def other_python(tmp_path: Path) -> Path:
+    """The Python of an environment that has all libraries of this one, and no photogram."""
+    folder = tmp_path / "venv"
+    venv.create(folder)
+    (site,) = folder.rglob("site-packages")
+    (site / "libraries.pth").write_text(sysconfig.get_paths()["purelib"] + "\n", encoding="utf-8")
+    return next(path for name in ("bin/python", "Scripts/python.exe") if (path := folder / name).exists())
+
+
+def pip(python: Path, *arguments: object) -> None:
+    command = [sys.executable, "-m", "pip", "--python", str(python), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+USED = """
+import numpy as np
+import photogram
+import photogram.cli.main
+from photogram.surface.ortho.resampling import catmull_rom
+catmull_rom(0.5, np.zeros(4))
+print(photogram.__version__, photogram.__file__)
+"""
+
+
+@pytest.mark.survey
+def test_a_wheel_a_clone_and_a_wheel_follow_each_other(wheel: Path, other_python: Path, tmp_path: Path) -> None:
+    """Compiled code kept among the files of a wheel stayed behind, a folder without ``__init__.py`` that was found
+    before the clone: cannot import name '__version__'."""
+    clone, (site,) = copy_sources(tmp_path / "clone"), (tmp_path / "venv").rglob("site-packages")
+    for source, place in ((wheel, site), (clone, clone), (wheel, site)):
+        options = ("--editable",) if source is clone else ("--no-index", "--force-reinstall")
+        pip(other_python, "install", "--no-deps", *options, source)
+        done = subprocess.run(
+            [other_python, "-E", "-c", USED], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
+        assert done.stdout.split() == [photogram.__version__, str(place / "photogram/__init__.py")], done.stderr
+    kinds = {path.suffix for path in (site / "photogram").rglob("*") if path.is_file() and "__pycache__" in path.parts}
+    assert kinds == {".pyc"}
+    pip(other_python, "uninstall", "--yes", "photogram")
+    assert [path.name for path in site.iterdir() if "photogram" in path.name] == []
+
+
+def test_a_script_beside_a_clone_finds_the_package(tmp_path: Path) -> None:
+    clone = copy_sources(tmp_path / "photogram")
+    script = tmp_path / "script.py"
+    script.write_text("import photogram as pg, photogram.factors\nprint(pg.__version__, pg.__file__)\n")
+    done = subprocess.run([sys.executable, "-E", script], capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == [photogram.__version__, str(clone / "photogram/__init__.py")], done.stderr
+
+
+def test_no_name_at_the_door_is_one_of_pythons_own() -> None:
+    assert set(photogram.__all__) & set(dir(builtins)) == set()
 
 
 def test_the_version_is_that_of_the_head_of_the_changelog() -> None:
