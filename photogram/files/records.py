@@ -51,8 +51,17 @@ class _DamageError(ValueError):
 # ---- annotations -----------------------------------------------------------------------------------------------------
 
 
+@cache
+def _written_out(kind: Kind) -> Kind:
+    """Return what an alias stands for, any other annotation itself: from NumPy 2.5 on ``NDArray`` is one."""
+    origin: Kind = get_origin(kind)
+    value = getattr(origin or kind, "__value__", None)
+    return kind if value is None else value[get_args(kind)] if get_args(kind) else value
+
+
 def _form(kind: Kind) -> Kind:
     """Return what an annotation with arguments is a form of, any other itself."""
+    kind = _written_out(kind)
     origin: Kind = get_origin(kind)
     return origin or kind
 
@@ -89,7 +98,8 @@ def _element_type(kind: Kind) -> type[np.generic]:
     """Return the type of the elements of an array by its annotation, np.generic where any will do; of an array that
     holds single values where the annotation is theirs. Raises TypeError where nothing can be stored."""
     if _form(kind) is np.ndarray:
-        element = get_args(get_args(kind)[1])[0] if get_args(kind) else np.generic
+        arguments = get_args(_written_out(kind))
+        element = get_args(arguments[1])[0] if arguments else np.generic
         return element if isinstance(element, type) and issubclass(element, np.generic) else np.generic
     if kind in _NUMBERS:
         return _NUMBERS[kind][0]

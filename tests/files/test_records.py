@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from makers import assert_same
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 from photogram.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from photogram.errors import WorkspaceError
@@ -120,6 +121,27 @@ EXAMPLE = Branch(
     np.array([True, False]),
     {"a": np.zeros(2), "b": np.ones(2)},
 )
+
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+Aliased = TypeAliasType("Aliased", np.ndarray[tuple[Any, ...], np.dtype[ScalarT]], type_params=(ScalarT,))
+"""What NumPy's NDArray is from version 2.5 on."""
+
+
+@dataclass(frozen=True, eq=False)
+class OfAliases:
+    values: Aliased[np.float64]
+    marks: Aliased[np.int64] | None
+    any_array: Aliased[Any]
+    several: tuple[Aliased[np.float64], ...] = ()
+
+
+def test_an_alias_of_arrays_is_what_it_stands_for(tmp_path: Path) -> None:
+    record = OfAliases(np.ones((2, 3)), np.arange(4), np.array(["a"]), (np.zeros(2), np.zeros(3)))
+    write_record(tmp_path / "a.npz", record)
+    assert_same(read_record(tmp_path / "a.npz", OfAliases), record)
+    with pytest.raises(TypeError):
+        write_record(tmp_path / "a.npz", OfAliases(np.array(["no number"]), None, np.zeros(1)))
 
 
 def test_entries_are_called_as_the_fields(tmp_path: Path) -> None:
