@@ -3,10 +3,13 @@
 import platform
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
+import psutil
 import pytest
 
+from photogram.pipeline.store import memory
 from photogram.pipeline.store.memory import peak_memory
 
 MIB = 2**20
@@ -42,6 +45,22 @@ def test_peak_holds_what_is_let_go_again() -> None:
     with peak_memory() as peak, pytest.raises(RuntimeError):
         fail()
     assert peak.bytes is None or peak.bytes > 400 * MIB
+
+
+def test_a_system_without_these_calls_tells_its_peak_or_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "resource", None)
+    monkeypatch.setattr(memory, "reset_highest_memory", lambda: False)
+    told = iter([100, 700, 700, 700])
+    monkeypatch.setattr(psutil.Process, "memory_info", lambda _: SimpleNamespace(peak_wset=next(told)))
+    with peak_memory() as grown:
+        pass
+    with peak_memory() as below:
+        pass
+    assert (grown.bytes, below.bytes) == (700, None)
+    monkeypatch.setattr(psutil.Process, "memory_info", lambda _: SimpleNamespace())
+    with peak_memory() as untold:
+        pass
+    assert untold.bytes is None
 
 
 IN_PIECES = """
