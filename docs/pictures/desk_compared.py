@@ -102,8 +102,9 @@ def _press(browser: Chrome, number: int, words: str) -> None:
     """Press a button of a comparison."""
     item = browser.find_elements("css selector", "#comparisons li")[number]
     button = next(one for one in item.find_elements("css selector", "button") if one.text == words)
-    browser.execute_script("arguments[0].scrollIntoView({ block: 'center' })", button)
-    button.click()
+    browser.execute_script("arguments[0].click()", button)
+    item = browser.find_elements("css selector", "#comparisons li")[number]
+    browser.execute_script("arguments[0].scrollIntoView()", item)
     time.sleep(DRAWN_AFTER_S)
 
 

@@ -70,7 +70,7 @@ def draw(browser: Chrome, folder: Path, step: str, narrow: bool) -> None:
     """Take a picture of what is shown."""
     picture = Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB")
     name = f"desk_{step}{'_narrow' if narrow else ''}.png"
-    picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+    picture.quantize(COLOURS, kmeans=3, dither=Image.Dither.NONE).save(folder / name, optimize=True)
 
 
 if __name__ == "__main__":
