@@ -1,9 +1,10 @@
 """Draw the page of `photogram desk` at each of its steps, in a browser without a window.
 
 Call: python docs/pictures/desk_pages.py FOLDER SURVEY [NARROW]: a picture of each step of a finished survey into a
-folder, `desk_STEP.png`, and `desk_coverage.png` of the map; with NARROW as on a telephone, `desk_STEP_narrow.png`.
-Needs Chromium and its driver. The pictures in the documentation are of the built-in simulated survey, of Brighton
-Beach, and, of the coverage, of a simulated survey that lacks photographs; `desk_compared.py` draws comparisons.
+folder, `desk_STEP.png`, of the map `desk_coverage.png` and `desk_expected.png` too, of the results
+`desk_residuals.png`; with NARROW as on a telephone, `desk_STEP_narrow.png`. Needs Chromium and its driver. The pictures
+in the documentation are of the built-in simulated survey, of Brighton Beach, and, of the coverage, of a simulated
+survey that lacks photographs; `desk_compared.py` draws comparisons.
 """
 
 import io
@@ -19,6 +20,7 @@ from threading import Thread
 from PIL import Image
 from selenium.webdriver import Chrome, ChromeOptions
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.support.ui import Select
 
 from photogram.desk.desk import Desk
 from photogram.desk.server import DeskServer
@@ -64,6 +66,14 @@ def main(folder: Path, survey: Path, narrow: bool) -> None:
                 browser.find_element("id", "coverage-switch").click()
                 time.sleep(DRAWN_AFTER_S)
                 draw(browser, folder, "coverage", narrow)
+                Select(browser.find_element("id", "coverage-kind")).select_by_value("height_m")
+                time.sleep(DRAWN_AFTER_S)
+                draw(browser, folder, "expected", narrow)
+            if step == "look" and not narrow:
+                boxes = browser.find_elements("css selector", "#layers label")
+                next(box for box in boxes if box.text == "Residuals").click()
+                time.sleep(DRAWN_AFTER_S)
+                draw(browser, folder, "residuals", narrow)
 
 
 def draw(browser: Chrome, folder: Path, step: str, narrow: bool) -> None:

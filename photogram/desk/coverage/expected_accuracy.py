@@ -30,6 +30,8 @@ from photogram.survey import Block, ControlPoints, TiePoints
 
 PLACES = 28
 """Along the longer side of the ground that is seen."""
+MARGIN = 0.5
+"""Of ground around the photographs, in heights above it."""
 TIE_POINTS_PER_PHOTOGRAPH = 300
 MOST_OBSERVATIONS = 60_000
 DETECTION = 0.5
@@ -121,7 +123,7 @@ def _places(flight: TaggedFlight, state: State, of_block: Covariances, ground_m:
     foot = flight.centre_world_m.copy()
     foot[:, 2] = ground_m
     height_map_m = float(flight.frame.map_from_world(foot)[:, 2].mean())
-    margin_m = float(np.median(flight.height_m))
+    margin_m = MARGIN * float(np.median(flight.height_m))
     edge = np.concatenate([place_map_m[:, :2] - margin_m, place_map_m[:, :2] + margin_m])
     grid = MapGrid.around(edge, float(np.ptp(edge, axis=0).max()) / (PLACES - 1))
     east, north = grid.centres_map_m(grid.whole)

@@ -73,10 +73,10 @@ const cm = (value, sigma) => `${(100 * value).toFixed(1)}${sigma === null ? "" :
 function entry(point) {
   const axes = ["east", "north", "height"].map((axis, k) => `${axis} ${cm(point.residual_m[k], point.sigma_m[k])}`);
   const rows = point.marks.map(mark => element("tr", { class: mark.suspect || mark.left_out ? "bad" : null }, element("th", { scope: "row" }, mark.photograph),
-    element("td", {}, mark.residual_px.map(v => v.toFixed(2)).join(", ")), element("td", {}, mark.left_out ? "left out" : mark.suspect ? "suspect" : "")));
+    element("td", {}, mark.residual_px.map(v => v.toFixed(2)).join(", ")), element("td", {}, mark.left_out ? "left out" : mark.suspect ? "suspect" : "used")));
   return element("li", { class: point.suspect ? "warning" : "note" }, element("details", { "data-point": point.name },
     element("summary", {}, element("b", {}, point.name), ` ${point.role}: ${axes.join(", ")} cm`),
     ...point.sentences.map(text => element("p", {}, text)),
-    rows.length ? element("table", {}, element("thead", {}, element("tr", {}, ...["Photograph", "Residual u, v, px", ""].map(title => element("th", { scope: "col" }, title)))), element("tbody", {}, ...rows)) : null,
+    rows.length ? element("table", {}, element("thead", {}, element("tr", {}, ...["Photograph", "Residual u, v, px", "Use"].map(title => element("th", { scope: "col" }, title)))), element("tbody", {}, ...rows)) : null,
     element("button", { type: "button", onclick: guarded(async () => { markingOf(point.name); await go("points"); }) }, `Look at the marks of ${point.name}`)));
 }
