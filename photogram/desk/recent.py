@@ -64,7 +64,7 @@ def recent_file() -> Path:
     return (Path(state) if state else Path.home() / ".local" / "state") / "photogram" / "desk.json"
 
 
-def _folder_of(survey: Path, key: Literal["work", "results"]) -> Path:
+def folder_of(survey: Path, key: Literal["work", "results"]) -> Path:
     """Return a folder of a survey: as its project file says, where that can be read."""
     try:
         named = Document(survey / PROJECT_FILE).at((key,))
@@ -74,7 +74,7 @@ def _folder_of(survey: Path, key: Literal["work", "results"]) -> Path:
 
 
 def _view(folder: Path) -> RecentSurvey:
-    view = Runs(_folder_of(folder, "work")).view()
+    view = Runs(folder_of(folder, "work")).view()
     goes_on = view.state in ("running", "paused") and view.last is not None
     return {
         "folder": str(folder),
@@ -82,5 +82,5 @@ def _view(folder: Path) -> RecentSurvey:
         "run": view.state,
         "stage": view.last["stage"] if goes_on and view.last else None,
         "seconds_left": view.last["seconds_left"] if goes_on and view.last else None,
-        "has_results": result_path(_folder_of(folder, "results"), "report.json").is_file(),
+        "has_results": result_path(folder_of(folder, "results"), "report.json").is_file(),
     }

@@ -1,5 +1,6 @@
 """The addresses of the page, each a call of the desk."""
 
+from base64 import b64decode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
@@ -36,6 +37,12 @@ PAGE_OF_RESULTS = (
 
 class _Folder(Asked):
     folder: str = Field(max_length=4096)
+
+
+class _Table(Asked):
+    name: str = Field(max_length=255)
+    content: str
+    """In base64."""
 
 
 class _Begin(Asked):
@@ -149,6 +156,11 @@ class _Addresses:
             got("/api/run", lambda query: self._run(int(query.get("after", "0")))),
             posted("/api/open", _Folder, lambda asked: desk.open(Path(asked.folder).expanduser())),
             posted("/api/close", Nothing, lambda _: desk.close()),
+            posted(
+                "/api/table",
+                _Table,
+                lambda asked: desk.survey.add_table(asked.name, b64decode(asked.content, validate=True)),
+            ),
             posted("/api/begin", _Begin, lambda asked: desk.survey.begin(Beginning(**asked.model_dump()))),
             posted("/api/accuracy", _Accuracy, lambda asked: desk.survey.state_accuracy(asked.name, asked.sigma_m)),
             posted("/api/settings", _Settings, lambda asked: desk.survey.choose(asked.wanted())),

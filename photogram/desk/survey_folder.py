@@ -23,9 +23,11 @@ from photogram.desk.map_layers.kept_comparisons import KeptComparisons
 from photogram.desk.map_layers.layers import Layer, layers
 from photogram.desk.map_layers.residuals import Residuals, residuals
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
+from photogram.desk.recent import folder_of
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
 from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
+from photogram.files.atomic import replacing
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.pipeline.input_validation import CheckedProject, checked_project
 from photogram.pipeline.new_project import init
@@ -45,7 +47,6 @@ TABLES = (".txt", ".csv", ".xml")
 KnownT = TypeVar("KnownT")
 
 PHOTOGRAPHS = "photographs"
-WORK = "work"
 
 TEXTS = ("name", "client", "author", "place", "surveyor", "instrument", "targets", "language")
 """What a person can say of the report on the page."""
@@ -151,6 +152,7 @@ class SurveyFolder:
         self._runs: dict[Path, Runs] = {}
         self._known: dict[str, tuple[object, Any]] = {}
         self._computing: dict[str, Lock] = {}
+        self._folders: dict[str, tuple[object, Path]] = {}
 
     @property
     def photographs(self) -> Path:
@@ -164,10 +166,7 @@ class SurveyFolder:
 
     def runs(self) -> Runs:
         """Return the runs of the survey, the same ones for all who ask."""
-        try:
-            work = self.project().work
-        except ProjectError:
-            work = self.folder / WORK
+        work = self._named("work")
         with self._lock:
             return self._runs.setdefault(work, Runs(work))
 
@@ -207,6 +206,17 @@ class SurveyFolder:
             for path in files
             if path.is_file() and not path.name.startswith(".")
         ]
+
+    def add_table(self, name: str, content: bytes) -> None:
+        """Put a table beside the photographs, before there is a project. Raises WorkspaceError where its name is none
+        of a table, or there is a file of that name."""
+        path = self.folder / name
+        if Path(name).name != name or not name.isprintable() or path.suffix.lower() not in TABLES:
+            raise WorkspaceError(f"{name}: a table of points is a file .csv, .txt or .xml: choose another")
+        if path.exists():
+            raise WorkspaceError(f"{name}: there is a file of that name in {self.folder} already: rename one of them")
+        with replacing(path) as partial:
+            partial.write_bytes(content)
 
     def begin(self, wishes: Beginning) -> None:
         """Write the project file. Raises as ``init``, and ProjectError for a table that is not in the folder."""
@@ -266,6 +276,16 @@ class SurveyFolder:
     def gaps_kml(self) -> bytes:
         """Return the gaps of the coverage as KML. Raises WorkspaceError where there is none."""
         return gaps_kml(self.coverage(), self.folder.name, self.project().crs)
+
+    def _named(self, key: Literal["work", "results"]) -> Path:
+        """Return a folder of the survey as its project file names it. Each part of a raster is asked for by itself, so
+        that the file is not read for each."""
+        status = self.project_path.stat() if self.project_path.is_file() else None
+        version = status and (status.st_mtime_ns, status.st_size)
+        with self._lock:
+            if key not in self._folders or self._folders[key][0] != version:
+                self._folders[key] = version, folder_of(self.folder, key)
+            return self._folders[key][1]
 
     def _checked(self, project: Project) -> CheckedProject:
         """Return what the check of a project finds, and the tags of its photographs, of which none is decoded."""
@@ -334,7 +354,7 @@ class SurveyFolder:
 
     def result(self, name: str) -> Path:
         """Return a file of the results by its name from their folder on. Raises WorkspaceError where there is none."""
-        results = self.project().results.absolute()
+        results = self._named("results")
         path = (results / name).resolve()
         if not path.is_relative_to(results.resolve()) or not path.is_file():
             raise WorkspaceError(f"{name}: no file of the results: run the survey first")
@@ -342,11 +362,11 @@ class SurveyFolder:
 
     def layers(self) -> list[Layer]:
         """Return the rasters that a map can draw."""
-        return layers(self.project().results)
+        return layers(self._named("results"))
 
     def residuals(self) -> Residuals:
         """Return what the results say of ground points and suspects. Raises as ``residuals``."""
-        return residuals(self.project().results)
+        return residuals(self._named("results"))
 
     def measurements(self) -> KeptMeasurements:
         """Return what was measured on the surface, and is kept."""

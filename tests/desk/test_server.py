@@ -1,10 +1,12 @@
 """The server of the page: who is answered, and what."""
 
+import base64
 import json
 import shutil
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -31,16 +33,24 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         yield made
 
 
-@pytest.fixture(scope="module")
-def server(desk: Desk, folder: Path) -> Iterator[DeskServer]:
-    desk.open(folder)
+@contextmanager
+def serving(desk: Desk) -> Iterator[DeskServer]:
     made = DeskServer(desk)
     thread = Thread(target=made.serve)
     thread.start()
-    yield made
-    made.stop()
-    thread.join(10)
+    try:
+        yield made
+    finally:
+        made.stop()
+        thread.join(10)
     assert not thread.is_alive()
+
+
+@pytest.fixture(scope="module")
+def server(desk: Desk, folder: Path) -> Iterator[DeskServer]:
+    desk.open(folder)
+    with serving(desk) as made:
+        yield made
 
 
 def told(answer: Answer) -> Any:
@@ -349,3 +359,18 @@ def test_surfaces_and_contour_lines_are_listed(server: DeskServer, folder: Path)
     assert told(asked(server, "api/contours"))["lines"]
     assert asked(server, "api/contours?interval_m=0")[0] == 400
     assert asked(server, "api/contours?interval_m=much")[0] == 400
+
+
+def test_a_table_that_is_added_lies_beside_the_photographs(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "photographs", tmp_path / "site" / "photographs")
+    content = "name;easting;northing;height\r\nPÄ1;1,5;2;3\r\n".encode("cp1252")
+    sent = {"name": "control.csv", "content": base64.b64encode(content).decode()}
+    with Desk(tmp_path / "desk.json") as desk, serving(desk) as server:
+        desk.open(tmp_path / "site")
+        told(posted(server, "table", sent))
+        assert (tmp_path / "site" / "control.csv").read_bytes() == content
+        assert told(asked(server, "api/state"))["survey"]["tables"] == [{"file": "control.csv", "use": "control"}]
+        for name in ("control.csv", "../control.csv", "a/b.csv", "project.yaml", "..", "a\n.csv", ""):
+            assert posted(server, "table", {**sent, "name": name})[0] == 400, name
+        assert posted(server, "table", {"name": "b.csv", "content": "%"})[0] == 400
+        assert sorted(path.name for path in (tmp_path / "site").iterdir()) == ["control.csv", "photographs"]

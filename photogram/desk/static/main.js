@@ -28,7 +28,7 @@ export async function renew() {
   const open = Boolean(page.state.survey?.has_project);
   for (const link of document.querySelectorAll("[data-step]")) {
     const usable = open || link.dataset.step === "start";
-    link.toggleAttribute("aria-disabled", !usable);
+    link.setAttribute("aria-disabled", String(!usable));
     link.tabIndex = usable ? 0 : -1;
   }
   await watch();

@@ -2,7 +2,7 @@
 
 import { get, post } from "./api.js";
 import { go, renew, show as showStep } from "./main.js";
-import { $, duration, element, fill, guarded, plural } from "./page.js";
+import { $, duration, element, fill, guarded, plural, problem } from "./page.js";
 import { TITLES } from "./run.js";
 
 const ASK_EVERY_MS = 3000;
@@ -76,6 +76,7 @@ function beginning(survey) {
     field("focal_px", "Focal length, px", text("from the tags", { inputmode: "decimal" })),
     field("heights", "Heights of the points", element("select", {}, ...[["", "not stated"], ["ellipsoidal", "above the ellipsoid"], ["orthometric", "above a geoid"]].map(([value, words]) => element("option", { value }, words)))),
     field("geoid", "Geoid, such as EGM96 or EPSG:5799", text("none")));
+  const files = element("input", { id: "table-files", type: "file", multiple: "", accept: ".csv,.txt,.xml", class: "visually-hidden", onchange: () => added(files.files) });
   const begin = guarded(async () => {
     const tables = Object.fromEntries([...$("open-survey").querySelectorAll("select[data-file]")]
       .map(select => [select.dataset.file, select.value]).filter(([, use]) => use !== "none"));
@@ -88,13 +89,34 @@ function beginning(survey) {
   });
   return [
     element("p", {}, `${plural(survey.photographs, "photograph")} in ${survey.photographs_folder}${survey.in_folders ? " and folders within" : ""}, no project yet.`),
-    rows.length ? element("h3", {}, "Tables beside them") : null,
+    element("h3", {}, "Tables beside them"),
     rows.length ? element("table", {}, element("tbody", {}, ...rows)) : null,
+    element("p", {}, element("label", { class: "button", for: "table-files" }, "Add tables of points …"), files, element("span", { class: "muted" }, " or drop them on this page")),
     element("details", {}, element("summary", {}, "What the photographs do not say"), more),
     element("div", { class: "actions" }, element("button", { id: "begin", type: "button", class: "main", onclick: begin }, "Begin the survey"), close),
   ].filter(Boolean);
 }
 
+// Tables that were chosen or dropped, copied beside the photographs.
+const added = guarded(async list => {
+  for (const file of list) {
+    const bytes = new Uint8Array(await file.arrayBuffer());
+    let text = "";
+    for (let n = 0; n < bytes.length; n += 32768) text += String.fromCharCode(...bytes.subarray(n, n + 32768));
+    await post("table", { name: file.name, content: btoa(text) });
+  }
+  await renew();
+  await showStep();
+});
+
+$("start").addEventListener("dragover", event => event.preventDefault());
+$("start").addEventListener("drop", event => {
+  event.preventDefault();
+  const entries = [...event.dataTransfer.items].map(item => item.webkitGetAsEntry?.());
+  if (entries.some(entry => entry?.isDirectory) || $("begin") === null) {
+    problem(new Error("Folders of photographs are chosen in the list below: a browser does not say where they lie. Tables of points can be dropped once a folder of photographs is open."));
+  } else added(event.dataTransfer.files);
+});
 $("go").addEventListener("click", () => list($("path").value));
 $("path").addEventListener("keydown", event => { if (event.key === "Enter") list($("path").value); });
 $("open").addEventListener("click", () => open($("path").value));
