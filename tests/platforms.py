@@ -26,7 +26,7 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-EXTRAS = ("matlab", "change", "heic", "desk", "cluster")
+EXTRAS = ("matlab", "change", "heic", "cluster")
 
 
 @dataclass(frozen=True)
