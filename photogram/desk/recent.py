@@ -59,8 +59,8 @@ class RecentSurveys:
 
 
 def recent_file() -> Path:
-    """Return the file of this user that remembers which surveys were open (XDG base directories)."""
-    state = os.environ.get("XDG_STATE_HOME")
+    """Return the file of this user that remembers which surveys were open (XDG base directories; Windows' own)."""
+    state = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA")
     return (Path(state) if state else Path.home() / ".local" / "state") / "photogram" / "desk.json"
 
 

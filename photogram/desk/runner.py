@@ -1,27 +1,37 @@
 """The process of a run: starts the command as a terminal would and leaves its exit code in a file, however it ends.
 
-`python -m photogram.desk.runner FILE ARGUMENTS…`; interruptions are left to the command, which ends in order.
+`python -m photogram.desk.runner LOCK FILE ARGUMENTS…`. It holds a lock as long as it lives, which tells others that the
+run does; where somebody else has it nothing is started. Interruptions are left to the command, which ends in order.
 """
 
 import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from photogram.files.atomic import replacing
+from photogram.files.portable import try_lock
+
+IS_TAKEN = 75
+"""Exit code where another run has the lock."""
+PATIENCE_S = 10.0
 
 
 def main() -> None:
     """Run the command of the arguments."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    code = subprocess.call(
-        [sys.executable, "-m", "photogram.cli.main", *sys.argv[2:]],
-        stdin=subprocess.DEVNULL,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    with replacing(Path(sys.argv[1])) as path:
-        path.write_text(json.dumps({"exit_code": code}))
+    # a handler, and not SIG_IGN, which the command would inherit
+    signal.signal(signal.SIGINT, lambda *_: None)
+    with Path(sys.argv[1]).open("ab") as lock:
+        end = time.monotonic() + PATIENCE_S  # others look at it, and then for a moment it is theirs
+        while not try_lock(lock.fileno()):
+            if time.monotonic() > end:
+                sys.exit(IS_TAKEN)
+            time.sleep(0.02)
+        code = subprocess.call([sys.executable, "-m", "photogram.cli.main", *sys.argv[3:]], stdin=subprocess.DEVNULL)
+        with replacing(Path(sys.argv[2])) as path:
+            path.write_text(json.dumps({"exit_code": code}))
 
 
 if __name__ == "__main__":

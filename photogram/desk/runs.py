@@ -11,14 +11,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Literal
+from typing import Literal, NotRequired
 
+import psutil
 from typing_extensions import TypedDict
 
+from photogram.desk.runner import IS_TAKEN
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within, replacing
 from photogram.files.portable import try_lock
@@ -33,6 +36,9 @@ MOST_EVENTS = 2000
 
 _MOST_ERROR_CHARACTERS = 4000
 _INTERRUPTED = 130
+HAS_GROUPS = os.name == "posix"
+"""Whether processes have groups, which can be interrupted as Ctrl-C does it."""
+UNDER_WAY = "a run is under way already: wait for its end, or stop it first"
 
 
 class RunNote(TypedDict):
@@ -43,6 +49,8 @@ class RunNote(TypedDict):
     arguments: list[str]
     began_unix_s: float
     paused: bool
+    stopped: NotRequired[bool]
+    """Whether somebody has ended it; earlier versions did not say so."""
 
 
 @dataclass(frozen=True)
@@ -72,51 +80,67 @@ class Runs:
         self._child: subprocess.Popen[bytes] | None = None
 
     def start(self, kind: RunKind, arguments: Sequence[str]) -> None:
-        """Start a command of photogram. Raises WorkspaceError where one runs already, the folder cannot be written, or
-        the system hands no lock on to the process (Windows)."""
-        if os.name == "nt":
-            raise WorkspaceError(
-                f"this page starts no commands on Windows: give photogram {kind} in a terminal, and look at its "
-                "results here"
-            )
+        """Start a command of photogram. Raises WorkspaceError where one runs already, or the folder cannot be
+        written."""
         make_folder(self._folder.parent)
         make_folder_within(self._folder)
-        with self._one_at_a_time, (self._folder / LOCK).open("w") as lock:
-            if not try_lock(lock.fileno()):
-                raise WorkspaceError("a run is under way already: wait for its end, or stop it first")
-            (self._folder / END).unlink(missing_ok=True)
-            command = [sys.executable, "-m", "photogram.desk.runner", str(self._folder / END), *arguments]
-            with (self._folder / OUTPUT).open("wb") as out, (self._folder / ERRORS).open("wb") as errors:
-                self._child = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=out,
-                    stderr=errors,
-                    start_new_session=True,
-                    pass_fds=[lock.fileno()],
-                    env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        with self._one_at_a_time:
+            with (self._folder / LOCK).open("ab") as lock:
+                if not try_lock(lock.fileno()):
+                    raise WorkspaceError(UNDER_WAY)
+                (self._folder / END).unlink(missing_ok=True)
+                self._child = self._started(arguments)
+                self._write(
+                    {
+                        "pid": self._child.pid,
+                        "kind": kind,
+                        "arguments": list(arguments),
+                        "began_unix_s": time.time(),
+                        "paused": False,
+                        "stopped": False,
+                    }
                 )
-            self._write(
-                {
-                    "pid": self._child.pid,
-                    "kind": kind,
-                    "arguments": list(arguments),
-                    "began_unix_s": time.time(),
-                    "paused": False,
-                }
+            while not self._alive():  # until the process has the lock that was given free here
+                if self._child.poll() is not None:
+                    if self._child.returncode == IS_TAKEN:
+                        raise WorkspaceError(UNDER_WAY)
+                    return
+                time.sleep(0.05)
+
+    def _started(self, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+        places = str(self._folder / LOCK), str(self._folder / END)
+        with (self._folder / OUTPUT).open("wb") as out, (self._folder / ERRORS).open("wb") as errors:
+            return subprocess.Popen(
+                [sys.executable, "-m", "photogram.desk.runner", *places, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=errors,
+                start_new_session=True,
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
             )
 
     def pause(self) -> None:
         """Hold the run, which keeps its memory and takes no processor time."""
-        self._signal([signal.SIGSTOP], paused=True)
+        with self._under_way(paused=True) as family:
+            for process in family:
+                process.suspend()
 
     def resume(self) -> None:
         """Go on with a run that is held."""
-        self._signal([signal.SIGCONT], paused=False)
+        with self._under_way(paused=False) as family:
+            for process in family:
+                process.resume()
 
     def stop(self) -> None:
         """End the run; stages that are finished, and pieces of the one under way, are kept."""
-        self._signal([signal.SIGINT, signal.SIGCONT], paused=False)
+        with self._under_way(paused=False, stopped=True) as family:
+            if HAS_GROUPS and family:
+                os.killpg(family[0].pid, signal.SIGINT)
+            for process in family:
+                process.resume()
+                if not HAS_GROUPS and process != family[0]:
+                    process.terminate()  # there is no interruption of another process; what is written is whole
 
     def view(self, after: int = 0) -> RunView:
         """Return what the last run does, with its events from number ``after`` on."""
@@ -140,7 +164,7 @@ class Runs:
             code = int(json.loads(self._text(END) or "{}")["exit_code"])
         except (KeyError, ValueError):
             return "failed", text or "It was ended from outside, or the machine was switched off: start it again."
-        if code in (_INTERRUPTED, -signal.SIGINT):
+        if code in (_INTERRUPTED, -signal.SIGINT) or (code and note.get("stopped")):
             return "stopped", text
         if code < 0:
             reason = "memory ran out, most likely" if code == -signal.SIGKILL else signal.Signals(-code).name
@@ -173,11 +197,24 @@ class Runs:
         except FileNotFoundError:
             return False
 
-    def _signal(self, signals: Sequence[signal.Signals], *, paused: bool) -> None:
+    @contextmanager
+    def _under_way(self, *, paused: bool, stopped: bool = False) -> Iterator[list[psutil.Process]]:
+        """Give the processes of the run, the first the one that started the others; none where it has ended. Those that
+        end meanwhile are no error. Then it is noted what was done."""
         with self._one_at_a_time:
             note = self._note()
-            if note is None or not self._alive():
+            family = _family(note["pid"]) if note is not None and self._alive() else []
+            with suppress(psutil.NoSuchProcess):
+                yield family
+            if note is None or not family:
                 return
-            for number in signals:
-                os.killpg(note["pid"], number)
-            self._write({**note, "paused": paused})
+            self._write({**note, "paused": paused, "stopped": stopped})
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    """Return a process and those that it started, none where it has ended."""
+    try:
+        first = psutil.Process(pid)
+        return [first, *first.children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return []

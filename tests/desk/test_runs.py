@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from photogram.desk.runs import ERRORS, FOLDER, NOTE, Runs, RunState, RunView
+from photogram.desk.runs import ERRORS, FOLDER, LOCK, NOTE, Runs, RunState, RunView
 from photogram.errors import WorkspaceError
+from photogram.files.portable import try_lock
 
 PATIENCE_S = 60.0
 
@@ -52,6 +53,33 @@ def test_an_error_is_told_in_its_own_words(tmp_path: Path) -> None:
     view = waited(runs, ended)
     assert view.state == "failed"
     assert "missing.yaml" in view.text
+
+
+def test_where_nothing_can_be_interrupted_a_run_is_ended_and_goes_on(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows."""
+    monkeypatch.setattr("photogram.desk.runs.HAS_GROUPS", False)
+    runs = Runs(survey / "work")
+    runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json"])
+    waited(runs, lambda view: any(e["stage"] is not None for e in view.events))
+    runs.pause()
+    runs.stop()
+    assert waited(runs, ended).state == "stopped"
+    runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json", "--until", "photographs"])
+    assert waited(runs, ended).state == "done"
+
+
+def test_who_holds_the_lock_is_the_run(tmp_path: Path) -> None:
+    runs, other = Runs(tmp_path / "work"), Runs(tmp_path / "work")
+    runs.pause()  # of nothing
+    runs.stop()
+    (tmp_path / "work" / FOLDER).mkdir(parents=True)
+    with (tmp_path / "work" / FOLDER / LOCK).open("ab") as lock:
+        assert try_lock(lock.fileno())
+        with pytest.raises(WorkspaceError, match="a run is under way already"):
+            other.start("adjust", ["adjust", "project.yaml"])
+    assert runs.view().state == "none"
 
 
 @pytest.mark.parametrize(
