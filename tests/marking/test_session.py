@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from makers import in_best_photograph, marks_of, wait_until_assessed, without_marks
 
-from photogram.errors import ControlPointError
+from photogram.errors import ControlPointError, WorkspaceError
 from photogram.files.marks.mark_table import read_marks
 from photogram.files.tables.surveyed_points import IMPORTED, REMOVED, SurveyedPoint
 from photogram.marking.files.journal import read_journal
@@ -304,3 +304,29 @@ def test_roles_of_the_project_are_kept_in_it_and_taken_back(session: MarkingSess
         again.set_role(name, other)
         assert again.roles[name] == other
     assert kept[3:] == [{name: other}]
+
+
+def test_a_role_that_cannot_be_kept_is_not_taken(session: MarkingSession, tmp_path: Path) -> None:
+    block = session.block
+    name, before = block.control_points.name[0], block.control_points.role[0]
+    other: Role = "check" if before == "control" else "control"
+    writable = [True]
+
+    def keep(_: Mapping[str, Role]) -> None:
+        if not writable[0]:
+            raise WorkspaceError("project.yaml: cannot be written")
+
+    (tmp_path / "roles").mkdir()
+    places = tmp_path / "roles" / "journal.sqlite", tmp_path / "roles" / "marks.csv"
+    with closing(MarkingSession(block, *places, keep_roles=keep)) as marking:
+        marking.set_role(name, other)
+        writable[0] = False
+        with pytest.raises(WorkspaceError, match="cannot be written"):
+            marking.undo()
+        assert marking.roles[name] == other
+        with pytest.raises(WorkspaceError, match="cannot be written"):
+            marking.set_role(name, before)
+        assert marking.roles[name] == other
+        writable[0] = True
+        marking.set_role(name, before)
+        assert marking.roles[name] == before

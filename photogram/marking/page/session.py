@@ -453,17 +453,25 @@ class MarkingSession:
         if self._table is None:
             raise ControlPointError("this session only looks for targets: mark on the page of photogram mark")
         with self._acting:
-            before = self.roles
+            before, overruled = self.roles, dict(self._overruled)
             if isinstance(action, SetRole):
                 self._overruled.pop(action.point, None)
-            self._journal.append(action)
-            self._actions.append(action)
-            state = self._journal.state
-            with self._changed:
-                self._state, self._is_stale = state, True
-                self._notify()
-            self._write()
-            self._write_roles(before)
+            self._take(action)
+            try:
+                self._write_roles(before)
+            except PhotogramError:
+                self._overruled = overruled
+                self._take(Redo() if isinstance(action, Undo) else Undo())
+                raise
+
+    def _take(self, action: Action) -> None:
+        self._journal.append(action)
+        self._actions.append(action)
+        state = self._journal.state
+        with self._changed:
+            self._state, self._is_stale = state, True
+            self._notify()
+        self._write()
 
     def _write_roles(self, before: Mapping[str, PointRole]) -> None:
         names, now = self.block.control_points.name, self.roles
