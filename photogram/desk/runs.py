@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -122,25 +122,15 @@ class Runs:
 
     def pause(self) -> None:
         """Hold the run, which keeps its memory and takes no processor time."""
-        with self._under_way(paused=True) as family:
-            for process in family:
-                process.suspend()
+        self._do(_suspend, paused=True)
 
     def resume(self) -> None:
         """Go on with a run that is held."""
-        with self._under_way(paused=False) as family:
-            for process in family:
-                process.resume()
+        self._do(_resume, paused=False)
 
     def stop(self) -> None:
         """End the run; stages that are finished, and pieces of the one under way, are kept."""
-        with self._under_way(paused=False, stopped=True) as family:
-            if HAS_GROUPS and family:
-                os.killpg(family[0].pid, signal.SIGINT)
-            for process in family:
-                process.resume()
-                if not HAS_GROUPS and process != family[0]:
-                    process.terminate()  # there is no interruption of another process; what is written is whole
+        self._do(_end, paused=False, stopped=True)
 
     def view(self, after: int = 0) -> RunView:
         """Return what the last run does, with its events from number ``after`` on."""
@@ -197,18 +187,13 @@ class Runs:
         except FileNotFoundError:
             return False
 
-    @contextmanager
-    def _under_way(self, *, paused: bool, stopped: bool = False) -> Iterator[list[psutil.Process]]:
-        """Give the processes of the run, the first the one that started the others; none where it has ended. Those that
-        end meanwhile are no error. Then it is noted what was done."""
+    def _do(self, act: Callable[[int], None], *, paused: bool, stopped: bool = False) -> None:
+        """Do something to the process of the run and those that it started, and note it; nothing where it has ended."""
         with self._one_at_a_time:
             note = self._note()
-            family = _family(note["pid"]) if note is not None and self._alive() else []
-            with suppress(psutil.NoSuchProcess):
-                yield family
-            if note is None or not family:
-                return
-            self._write({**note, "paused": paused, "stopped": stopped})
+            if note is not None and self._alive():
+                act(note["pid"])
+                self._write({**note, "paused": paused, "stopped": stopped})
 
 
 def _family(pid: int) -> list[psutil.Process]:
@@ -218,3 +203,30 @@ def _family(pid: int) -> list[psutil.Process]:
         return [first, *first.children(recursive=True)]
     except psutil.NoSuchProcess:
         return []
+
+
+def _suspend(pid: int) -> None:
+    held = set[psutil.Process]()
+    while new := [process for process in _family(pid) if process not in held]:  # what they start meanwhile is held too
+        for process in new:
+            with suppress(psutil.NoSuchProcess):
+                process.suspend()
+        held.update(new)
+
+
+def _resume(pid: int) -> None:
+    for process in _family(pid):
+        with suppress(psutil.NoSuchProcess):
+            process.resume()
+
+
+def _end(pid: int) -> None:
+    if HAS_GROUPS:
+        with suppress(ProcessLookupError):
+            os.killpg(pid, signal.SIGINT)
+        _resume(pid)
+        return
+    _resume(pid)
+    for process in _family(pid)[1:]:  # no process can be interrupted here; what is written is whole
+        with suppress(psutil.NoSuchProcess):
+            process.terminate()
