@@ -35,6 +35,8 @@ async def answered(call: Callable[[], Any]) -> Response:
         outcome = await run_in_threadpool(call)
     except (PhotogramError, ValueError) as error:
         return JSONResponse({"error": printable(str(error))}, 400)
+    except OSError as error:
+        return JSONResponse({"error": printable(f"{error.filename}: {error.strerror}")}, 400)
     return outcome if isinstance(outcome, Response) else JSONResponse({} if outcome is None else outcome)
 
 
