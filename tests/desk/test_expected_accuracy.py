@@ -9,7 +9,8 @@ import pytest
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import FloatArray
-from photogram.desk.coverage.expected_accuracy import CONTROL_SIGMA_M, AccuracyGrid, expected_accuracy, unplaced
+from photogram.camera import Pose
+from photogram.desk.coverage.expected_accuracy import AccuracyGrid, expected_accuracy, unplaced
 from photogram.desk.coverage.tagged_flight import TaggedFlight
 from photogram.gnss import Solution
 from photogram.simulation.observations import simulate_block
@@ -107,6 +108,29 @@ def test_the_next_point_gives_what_it_promises(block: Block) -> None:
     assert f"± {100 * best['plan_m']:.1f} cm in plan and ± {100 * best['height_m']:.1f} cm in height" in text
 
 
+def test_a_single_strip_encloses_no_area_and_is_told_all_the_same(block: Block) -> None:
+    flight = flight_of(block)
+    strip = np.arange(6)
+    photographs = tuple(block.photographs[i] for i in strip)
+    level = flight.centre_world_m[strip] * [1.0, 1.0, 0.0] + [0.0, 0.0, flight.centre_world_m[0, 2]]
+    on_a_line = level[0] + np.outer(np.linspace(0.0, 1.0, len(strip)), level[-1] - level[0])
+    one = replace(
+        flight, camera=flight.camera[strip], name=flight.name[:6], flight=flight.flight[:6],
+        rotation=flight.rotation[strip], turned=flight.turned[strip], centre_world_m=on_a_line,
+        block=replace(
+            flight.block, photographs=photographs,
+            poses=tuple(Pose(R, C) for R, C in zip(flight.rotation[strip], on_a_line, strict=True)),
+        ),
+    )  # fmt: skip
+    assert grid_of(one)
+    assert "median within the survey" in expected_accuracy(one)["sentences"][0]["text"]
+    few = replace(
+        one, name=one.name[:2], camera=one.camera[:2], rotation=one.rotation[:2], centre_world_m=on_a_line[:2]
+    )
+    few = replace(few, block=replace(one.block, photographs=photographs[:2], poses=one.block.poses[:2]))
+    assert expected_accuracy(few)["sentences"][0]["text"] == "No place is seen by three photographs."
+
+
 def test_what_does_not_determine_a_survey_is_said(block: Block) -> None:
     flight = flight_of(block)
     bare = tuple(replace(p, gnss_world_m=None, gnss_sigma_m=None) for p in block.photographs)
@@ -127,4 +151,3 @@ def test_what_does_not_determine_a_survey_is_said(block: Block) -> None:
         assert [sentence["severity"] for sentence in found["sentences"]] == ["warning"]
         assert words in found["sentences"][0]["text"]
     assert "No photograph has a position" in unplaced()["sentences"][0]["text"]
-    assert len(CONTROL_SIGMA_M) == 3

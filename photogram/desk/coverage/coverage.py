@@ -11,7 +11,9 @@ from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.delivery.google_earth import outlines_kml
 from photogram.desk.coverage.field_check import (
     ENOUGH,
+    CellGrid,
     Views,
+    cells_of,
     count_views,
     ground_reach_m,
     hull_of,
@@ -34,14 +36,9 @@ CELLS = 300
 """Cells along the longer side of the ground that is shown."""
 
 
-class CountGrid(TypedDict):
+class CountGrid(CellGrid):
     """How many photographs see each cell of the map, row by row from the north."""
 
-    west_map_m: float
-    north_map_m: float
-    cell_m: float
-    rows: int
-    columns: int
     counts: list[int]
 
 
@@ -82,17 +79,9 @@ def coverage(project: Project, tags: Sequence[PhotographTags | None]) -> Coverag
     ground = _seen_ground(flight)
     if ground is None:
         return {"sentences": [level_unknown(flight)], "grid": None, "gaps": [], "has_kml": False}
-    grid = ground.grid
     return {
         "sentences": sentences(flight, _counted(ground)),
-        "grid": {
-            "west_map_m": grid.west_map_m,
-            "north_map_m": grid.north_map_m,
-            "cell_m": grid.cell_m,
-            "rows": grid.rows,
-            "columns": grid.columns,
-            "counts": ground.views.count.tolist(),
-        },
+        "grid": {**cells_of(ground.grid), "counts": ground.views.count.tolist()},
         "gaps": [{"area_m2": float(gap.area), "rings_map_m": _rings(gap)} for gap in ground.gaps],
         "has_kml": bool(ground.gaps) and project.crs != NO_CRS,
     }

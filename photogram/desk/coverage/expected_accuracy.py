@@ -13,7 +13,7 @@ from typing_extensions import TypedDict
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.desk.coverage.field_check import ENOUGH, hull_of, inside, sights
+from photogram.desk.coverage.field_check import ENOUGH, CellGrid, cells_of, hull_of, inside, sights
 from photogram.desk.coverage.sentences import Sentence
 from photogram.desk.coverage.tagged_flight import TaggedFlight
 from photogram.errors import AdjustmentError
@@ -49,15 +49,10 @@ _SEED = 1
 _PILOT = 2000  # points that tell how many photographs show a place
 
 
-class AccuracyGrid(TypedDict):
+class AccuracyGrid(CellGrid):
     """Standard deviations of ground points by place, row by row from the north; null where two photographs do not show
     one."""
 
-    west_map_m: float
-    north_map_m: float
-    cell_m: float
-    rows: int
-    columns: int
     plan_m: list[float | None]
     height_m: list[float | None]
 
@@ -140,9 +135,11 @@ def _places(flight: TaggedFlight, state: State, of_block: Covariances, ground_m:
 
 def _told(places: _Places, block: Block, weak: Sequence[str]) -> ExpectedAccuracy:
     sigma_m, known, grid = places.sigmas_m(places.joint), places.points.known, places.grid
-    typical = known & places.within & (places.rays >= ENOUGH)
-    if not typical.any():
-        return _unknown("No place within the survey is seen by three photographs.")
+    seen = known & (places.rays >= ENOUGH)
+    if not seen.any():
+        return _unknown("No place is seen by three photographs.")
+    # a single strip has no area that its photographs enclose
+    typical = seen & places.within if (seen & places.within).any() else seen
     plan, height = np.median(sigma_m[typical], axis=0)
     worst = sigma_m[typical].max(axis=0)
     sentences: list[Sentence] = [
@@ -166,11 +163,7 @@ def _told(places: _Places, block: Block, weak: Sequence[str]) -> ExpectedAccurac
     return {
         "sentences": sentences,
         "grid": {
-            "west_map_m": grid.west_map_m,
-            "north_map_m": grid.north_map_m,
-            "cell_m": grid.cell_m,
-            "rows": grid.rows,
-            "columns": grid.columns,
+            **cells_of(grid),
             "plan_m": _or_none(sigma_m[:, 0]),
             "height_m": _or_none(sigma_m[:, 1]),
         },

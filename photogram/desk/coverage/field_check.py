@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
+from typing_extensions import TypedDict
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.camera import Camera, Pose, image_plane_or_nan, project_points
@@ -24,6 +25,27 @@ _SAMPLES = 9  # along a side of a photograph
 _STEEPEST = float(np.sqrt(1.0 - LOOKS_DOWN**2) / LOOKS_DOWN)
 _BULGE = 1.02
 _SIDES = ("north", "east", "south", "west")
+
+
+class CellGrid(TypedDict):
+    """Cells of the map that the page colours."""
+
+    west_map_m: float
+    north_map_m: float
+    cell_m: float
+    rows: int
+    columns: int
+
+
+def cells_of(grid: MapGrid) -> CellGrid:
+    """Return a grid as the page reads it."""
+    return {
+        "west_map_m": grid.west_map_m,
+        "north_map_m": grid.north_map_m,
+        "cell_m": grid.cell_m,
+        "rows": grid.rows,
+        "columns": grid.columns,
+    }
 
 
 @dataclass(frozen=True, eq=False)
