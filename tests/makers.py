@@ -295,3 +295,14 @@ def assert_same(one: Any, other: Any) -> None:
         assert np.float64(one).tobytes() == np.float64(other).tobytes() or (np.isnan(one) and np.isnan(other))
     else:
         assert one == other
+
+
+def write_platform(path: Path, corners_map_m: FloatArray, height_m: float) -> Path:
+    """Write a level platform with corners (4, 2) as LandXML, and return the file."""
+    rows = (f'<P id="{n}">{y:.4f} {x:.4f} {height_m:.4f}</P>' for n, (x, y) in enumerate(corners_map_m.tolist(), 1))
+    path.write_text(
+        '<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2"><Surfaces><Surface name="platform"><Definition '
+        f'surfType="TIN"><Pnts>{"".join(rows)}</Pnts><Faces><F>1 2 3</F><F>1 3 4</F></Faces></Definition></Surface>'
+        "</Surfaces></LandXML>"
+    )
+    return path

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import write_platform
 from PIL import Image
 
 pytest.importorskip("starlette", reason="starlette is not installed")
@@ -57,14 +58,7 @@ def design(folder: Path) -> Path:
     middle = np.array([np.median(east), np.median(north)])
     height = float(np.nanmedian(surface.values)) + 2.0
     corner = middle + 5.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    rows = (f'<P id="{n}">{y:.3f} {x:.3f} {height:.3f}</P>' for n, (x, y) in enumerate(corner.tolist(), 1))
-    path = folder.parent / "platform.xml"
-    path.write_text(
-        '<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2"><Surfaces><Surface name="platform"><Definition '
-        f'surfType="TIN"><Pnts>{"".join(rows)}</Pnts><Faces><F>1 2 3</F><F>1 3 4</F></Faces></Definition></Surface>'
-        "</Surfaces></LandXML>"
-    )
-    return path
+    return write_platform(folder.parent / "platform.xml", corner, height)
 
 
 @pytest.fixture(scope="module")

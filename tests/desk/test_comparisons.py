@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from makers import write_platform
 
 import photogram as pg
 from photogram.desk.kept_measurements import FILE, KeptMeasurements
@@ -61,15 +62,8 @@ def square(folder: Path, half_m: float, east_m: float = 0.0) -> np.ndarray:
 @pytest.fixture(scope="module")
 def design(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A level platform as LandXML."""
-    height = middle(folder)[1]
-    rows = (f'<P id="{n}">{y:.4f} {x:.4f} {height:.4f}</P>' for n, (x, y) in enumerate(square(folder, HALF_M), 1))
     path = tmp_path_factory.mktemp("designs") / "platform of Q1.xml"
-    path.write_text(
-        '<LandXML xmlns="http://www.landxml.org/schema/LandXML-1.2"><Surfaces><Surface name="platform"><Definition '
-        f'surfType="TIN"><Pnts>{"".join(rows)}</Pnts><Faces><F>1 2 3</F><F>1 3 4</F></Faces></Definition></Surface>'
-        "</Surfaces></LandXML>"
-    )
-    return path
+    return write_platform(path, square(folder, HALF_M), middle(folder)[1])
 
 
 @pytest.fixture(scope="module")

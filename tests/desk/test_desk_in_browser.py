@@ -282,7 +282,7 @@ def test_whatever_ends_nothing_is_lost(survey: Path, browser: Chrome, tmp_path: 
                 box for box in browser.find_elements(By.CSS_SELECTOR, "#layers label") if box.text == "Residuals"
             ).click()
             person.clicks_on("#residuals-points summary", "control")
-            person.clicks_on("#residuals-points details[open] button", "Look at the marks")
+            person.clicks_on("#residuals-points details[open] button", "Show the marks")
             person.sees("#marking")
             assert desk.survey.runs().view().began_unix_s == begun
     assert result_path(survey / "results", "report.json").is_file()

@@ -28,7 +28,7 @@ function draw(source, map, { points, others }) {
   source.clear();
   source.addFeatures(points.flatMap(point => shapes(point, times)));
   $("residuals-words").textContent = points.length
-    ? `Arrows are residuals in plan and ellipses hold 95 % of what is expected, ${times} times as large as they are; bars are residuals in height.`
+    ? `Residuals in plan as arrows, in height as bars, with 95 % confidence ellipses; all enlarged ${times} times.`
     : "No ground points were surveyed and marked.";
   fill($("residuals-others"), ...others.map(text => element("li", { class: "warning" }, text)));
   fill($("residuals-points"), ...points.map(entry));
@@ -78,5 +78,5 @@ function entry(point) {
     element("summary", {}, element("b", {}, point.name), ` ${point.role}: ${axes.join(", ")} cm`),
     ...point.sentences.map(text => element("p", {}, text)),
     rows.length ? element("table", {}, element("thead", {}, element("tr", {}, ...["Photograph", "Residual u, v, px", "Use"].map(title => element("th", { scope: "col" }, title)))), element("tbody", {}, ...rows)) : null,
-    element("button", { type: "button", onclick: guarded(async () => { markingOf(point.name); await go("points"); }) }, `Look at the marks of ${point.name}`)));
+    element("button", { type: "button", onclick: guarded(async () => { markingOf(point.name); await go("points"); }) }, `Show the marks of ${point.name}`)));
 }
