@@ -71,9 +71,10 @@ def main(folder: Path, survey: Path, narrow: bool) -> None:
                 draw(browser, folder, "expected", narrow)
             if step == "look" and not narrow:
                 boxes = browser.find_elements("css selector", "#layers label")
-                next(box for box in boxes if box.text == "Residuals").click()
-                time.sleep(DRAWN_AFTER_S)
-                draw(browser, folder, "residuals", narrow)
+                for box in [box for box in boxes if box.text == "Residuals"]:  # none before a run
+                    box.click()
+                    time.sleep(DRAWN_AFTER_S)
+                    draw(browser, folder, "residuals", narrow)
 
 
 def draw(browser: Chrome, folder: Path, step: str, narrow: bool) -> None:
