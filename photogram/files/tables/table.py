@@ -193,7 +193,7 @@ def read_table(
             errors.note(n, _too_many(own, names, layout.separator))
         else:
             rows.append((n, {q: own[i] if i < len(own) else "" for q, i in places.items()}))
-    if not read and not may_be_empty:
+    if not may_be_empty and all(own and not any(own) for _, own in read):
         errors.note(line, "no rows after the first line")
     _note_rivals(names, cells, known, errors)
     called = {quantity: names[i] for quantity, i in places.items()}
