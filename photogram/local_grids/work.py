@@ -20,6 +20,7 @@ _DEGREE = np.rad2deg(1.0)
 def show(site: CalibratedSite, target: Path) -> None:
     """Show residuals, tests, parameters and scale of a calibrated site, and where its CRS was written."""
     console.print(_residuals(site))
+    console.print(_reliability(site))
     console.print(_left_out(site))
     console.print(_parameters(site))
     for suspicion in site.calibration.suspicions:
@@ -71,19 +72,21 @@ def _use(calibration: SiteCalibration, i: int) -> str:
 
 
 def _residuals(site: CalibratedSite) -> Table:
-    columns = ("E", "N", "H", "r plan", "r H", "w E", "w N", "w H", "MDB plan", "MDB H")
-    title = "Residuals, fitted minus given, m; redundancy r; w; least blunder found (MDB), m"
-    table = _table(title, ("pair", "use"), columns)
-    redundancy, w, mdb = _rows(site.calibration)
+    table = _table("Residuals, fitted minus given, m, and w", ("pair", "use"), ("E", "N", "H", "w E", "w N", "w H"))
+    _, w, _ = _rows(site.calibration)
     for i, name in enumerate(site.calibration.pairs.name):
-        table.add_row(
-            escape(name),
-            _use(site.calibration, i),
-            *(_m(value) for value in site.calibration.residual_m[i]),
-            *(_plain(value)[:-1] for value in (redundancy[i, :2].mean(), redundancy[i, 2])),
-            *(_m(value, 1) for value in w[i]),
-            *(_plain(value) for value in (mdb[i, :2].max(), mdb[i, 2])),
-        )
+        residuals = (_m(value) for value in site.calibration.residual_m[i])
+        table.add_row(escape(name), _use(site.calibration, i), *residuals, *(_m(value, 1) for value in w[i]))
+    return table
+
+
+def _reliability(site: CalibratedSite) -> Table:
+    title = "Redundancy numbers r, and least blunders found (MDB), m"
+    table = _table(title, ("pair",), ("r plan", "r H", "MDB plan", "MDB H"))
+    redundancy, _, mdb = _rows(site.calibration)
+    for i, name in enumerate(site.calibration.pairs.name):
+        numbers = (_plain(value)[:-1] for value in (redundancy[i, :2].mean(), redundancy[i, 2]))
+        table.add_row(escape(name), *numbers, *(_plain(value) for value in (mdb[i, :2].max(), mdb[i, 2])))
     return table
 
 
