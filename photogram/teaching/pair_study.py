@@ -72,9 +72,10 @@ def study_pair(
     return PairStudy(first, second, ratio, result)
 
 
-def write_study(results: Path, study: PairStudy) -> Path:
+def write_study(results: Path | str, study: PairStudy) -> Path:
     """Write the figures of a study and pictures of them within a folder of results; returns where they are.
     Raises WorkspaceError where a file cannot be written."""
+    results = Path(results)
     result, folder = study.result, results / STUDY
     make_folder(results)
     make_folder_within(folder.parent)

@@ -11,12 +11,13 @@ _DEPTH = 3
 """Folders below the one that is named in which a solution is looked for: sparse/0, opensfm."""
 
 
-def read_solution(path: Path) -> ForeignSolution:
+def read_solution(path: Path | str) -> ForeignSolution:
     """Return the solution that a file or folder holds, whosever it is.
 
     A folder that is none itself may have one in a folder below it. Raises ExchangeError where nothing is recognised or
     several solutions are there, and as the readers do.
     """
+    path = Path(path)
     solutions = recognised(path)
     if not solutions:
         names = ", ".join(each.name for each in FORMATS)

@@ -176,13 +176,14 @@ def check_mask(path: Path, size_px: tuple[int, int]) -> None:
         raise _damaged(path, error) from error
 
 
-def read_mask(path: Path, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> BoolArray:
+def read_mask(path: Path | str, size_px: tuple[int, int] | None = None, sha256: str | None = None) -> BoolArray:
     """Return which pixels (height, width) of a photograph a mask leaves: all that are not black.
 
     Of a JPEG all that are not nearly black (JPEG_BLACK). Transparency counts where it alone says something, or says the
     same as black. Raises ImageError as ``check_mask``, where the pixels cannot be decoded, nothing is left, black and
     transparency contradict each other, or the SHA-256 of the content is not ``sha256``, in hex.
     """
+    path = Path(path)
     picture = _opened(path, size_px, sha256)
     try:
         picture.load()
@@ -235,9 +236,9 @@ def _used(path: Path, picture: Image.Image) -> BoolArray:
     return np.asarray((np.asarray(picture.convert("RGB")) != 0).any(axis=2))
 
 
-def write_mask(path: Path, used: BoolArray) -> None:
+def write_mask(path: Path | str, used: BoolArray) -> None:
     """Write which pixels (height, width) of a photograph are used as an 8-bit grey PNG, 255 for these and 0 for what is
     left out; whole or not at all. Raises WorkspaceError where the file cannot be written."""
     picture = Image.fromarray(np.where(used, np.uint8(255), np.uint8(0)))
-    with replacing(path) as partial:
+    with replacing(Path(path)) as partial:
         picture.save(partial, "PNG", compress_level=3)
