@@ -19,7 +19,7 @@ help:
 	@echo "make platforms  list which systems and Pythons photogram installs on from wheels alone, and their sizes (needs a network, 20 minutes)"
 	@echo "make figures  run every benchmark whose figures the pages in docs/ show, and write docs/figures.json; many hours, goes on where it stopped"
 	@echo "make figures ONLY=free_network   those alone whose command has this in it"
-	@echo "make docs   build the reference of the public names from their docstrings: build/api/index.html"
+	@echo "make docs   build the documentation with the reference of the public names as a site: build/site/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
 	@echo "make pictures PHOTOGRAPHS=folder   draw the first picture of the README anew, from the 18 photographs of Brighton Beach"
@@ -53,8 +53,6 @@ lint: $(VENV)/installed-test
 test: $(VENV)/installed-test
 	PHOTOGRAM_SEEDS=$(SEEDS) $(BIN)/python tests/suite.py $(if $(CHANGED),--changed $(CHANGED))
 
-# all rooms and the modules of the ground floor, but not the command line
-API := $(filter-out photogram.cli photogram.py,$(subst /,.,$(basename $(wildcard photogram/[a-z]*))))
 tables: $(VENV)/installed
 	$(BIN)/python tests/docs_tables.py
 
@@ -71,8 +69,8 @@ figures: $(VENV)/installed-test
 	$(BIN)/python benchmarks/figures.py --only "$(ONLY)"
 
 docs: $(VENV)/installed-docs
-	$(BIN)/pdoc --no-show-source --output-directory build/api photogram $(API)
-	@echo "Written: build/api/index.html"
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -c docs/site -d build/site-trees . build/site
+	@echo "Written: build/site/index.html"
 
 fuzz: $(VENV)/installed-test
 	$(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)

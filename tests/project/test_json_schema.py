@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from makers import no_matlab
+from pages import ROOT, blocks
 from pydantic import ValidationError
 
 from photogram.errors import ProjectError
@@ -20,10 +20,35 @@ from photogram.project.json_schema import project_schema
 from photogram.project.project import SECTIONS, read_project
 from photogram.settings.settings import Setting, settings_of
 
-ROOT = Path(__file__).parents[2]
 SCHEMA = project_schema()
 VALIDATOR = Draft202012Validator(SCHEMA)
-BLOCKS = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/project-file.md").read_text(encoding="utf-8"), re.DOTALL)
+OTHER_FILES = ("distributed:", "# photogram plan")
+"""How blocks of YAML begin that are no project file: settings of Dask, a flight to plan."""
+
+
+def completed(shown: dict[str, Any]) -> dict[str, Any]:
+    """Return what a page shows of a project file with what any project must say."""
+    whole: dict[str, Any] = yaml.safe_load(SHORTEST) | shown
+    whole["photographs"] = {"folder": "photographs"} | whole["photographs"]
+    whole["cameras"] = {
+        name: {"width_px": 1, "height_px": 1} | ({} if "matlab" in camera else {"focal_px": 1}) | camera
+        for name, camera in whole["cameras"].items()
+    }
+    return whole
+
+
+def alternatives(text: str) -> list[str]:
+    """Return a block, or each of its lines where all of them say the same key."""
+    lines = text.splitlines()
+    return lines if len(lines) > 1 and len({line.partition(":")[0] for line in lines}) == 1 else [text]
+
+
+BLOCKS = [
+    pytest.param(text, id=str(block))
+    for block in blocks("yaml")
+    if not block.code.startswith(OTHER_FILES)
+    for text in alternatives(block.code)
+]
 
 SHORTEST = """
 photogram: 1
@@ -63,18 +88,16 @@ def test_the_examples_pass(path: Path, tmp_path: Path) -> None:
 
 
 def test_the_full_example_of_the_documentation_passes(tmp_path: Path) -> None:
-    assert BLOCKS[0].startswith("photogram: 1")
-    assert errors(BLOCKS[0], tmp_path) == []
+    full = blocks("yaml", "docs/project-file.md")[0].code
+    assert full.startswith("photogram: 1")
+    assert errors(full, tmp_path) == []
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_the_other_blocks_of_the_documentation_pass(number: int, tmp_path: Path) -> None:
-    text = BLOCKS[number]
+@pytest.mark.parametrize("text", BLOCKS)
+def test_the_blocks_of_the_documentation_pass(text: str, tmp_path: Path) -> None:
     if text.startswith(" "):  # keys of a camera
-        text = "cameras:\n  a:\n    width_px: 1\n    height_px: 1\n" + text
-    given_keys = set(yaml.safe_load(text))
-    lines = [line for line in SHORTEST.splitlines() if line.partition(":")[0] not in given_keys]
-    assert errors("\n".join([*lines, text]), tmp_path) == []
+        text = "cameras:\n  a:\n" + text
+    assert errors(yaml.safe_dump(completed(yaml.safe_load(text))), tmp_path) == []
 
 
 WRONG = {

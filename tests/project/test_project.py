@@ -12,6 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from makers import SharedData, no_matlab
+from pages import blocks, blocks_in, text_of
 
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.camera import Camera
@@ -365,8 +366,7 @@ def test_example_agrees_with_the_data(shared_data: SharedData) -> None:
 
 
 def test_full_example_of_the_documentation(tmp_path: Path) -> None:
-    text = (EXAMPLE.parents[2] / "docs" / "project-file.md").read_text()
-    (tmp_path / "project.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    (tmp_path / "project.yaml").write_text(blocks("yaml", "docs/project-file.md")[0].code)
     (tmp_path / "images").mkdir()
     (tmp_path / "masks").mkdir()
     photographs = ("images/100_0002_0067.JPG", "images/100_0002_0068.JPG", "masks/100_0002_0067_mask.png")
@@ -397,9 +397,9 @@ def test_full_example_of_the_documentation(tmp_path: Path) -> None:
 
 
 def test_tables_of_the_documentation(tmp_path: Path) -> None:
-    text = (EXAMPLE.parents[2] / "docs" / "project-file.md").read_text().split("## Ground points from files")[1]
-    for name, part in zip(("gcp_list.txt", "points.csv", "marks.csv"), text.split("```\n")[1::2], strict=False):
-        (tmp_path / name).write_text(part)
+    text = text_of("docs/project-file.md").split("## Ground points from files")[1]
+    for name, block in zip(("gcp_list.txt", "points.csv", "marks.csv"), blocks_in(text), strict=False):
+        (tmp_path / name).write_text(block.code)
     assert [p.name for p in read_points(tmp_path / "gcp_list.txt").points] == ["67-1"]
     assert [p.role for p in read_points(tmp_path / "points.csv").points] == [("check", "check"), None]
     assert [m.sigma_px for m in read_marks(tmp_path / "marks.csv")] == [(0.5, 0.5), None]

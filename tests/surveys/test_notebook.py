@@ -1,7 +1,6 @@
 """docs/notebook.md, run as a reader would, cell by cell."""
 
 import ast
-import re
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +8,11 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from pages import blocks
 
 import photogram as pg
 
-PAGE = Path(__file__).parents[2] / "docs/notebook.md"
+PAGE = "docs/notebook.md"
 
 pytestmark = pytest.mark.survey
 
@@ -22,16 +22,16 @@ def run_cell(code: str, names: dict[str, Any]) -> object:
     tree = ast.parse(code)
     last = tree.body[-1]
     if not isinstance(last, ast.Expr):
-        exec(compile(tree, str(PAGE), "exec"), names)
+        exec(compile(tree, PAGE, "exec"), names)
         return None
     tree.body.pop()
-    exec(compile(tree, str(PAGE), "exec"), names)
-    return eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names)
+    exec(compile(tree, PAGE, "exec"), names)
+    return eval(compile(ast.Expression(last.value), PAGE, "eval"), names)
 
 
 def test_the_page_runs_and_its_numbers_are_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    cells = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    cells = [block.code for block in blocks("python", PAGE)]
     names: dict[str, Any] = {}
     with mpl.rc_context({"backend": "agg"}):
         shown = [run_cell(code, names) for code in cells]

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import pytest
 from jsonschema import Draft202012Validator
+from pages import blocks_in
 
 from photogram.cli.work.schema import event_schema
 from photogram.errors import ProjectError
@@ -112,7 +113,7 @@ def test_the_page_explains_every_key_and_shows_lines_that_follow_the_schema() ->
     section = page.split("## Events of --json")[1].split("\n## ")[0]
     assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == list(Event.__annotations__)
     assert all(f"`{name}`" in section for name in get_args(EventName))
-    assert len(events_of(section.split("```")[1].strip())) == 2
+    assert len(events_of(blocks_in(section)[0].code.strip())) == 2
 
 
 def test_json_goes_before_quiet() -> None:
