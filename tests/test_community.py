@@ -61,3 +61,33 @@ def test_forms_ask_for_what_they_name_once(form: Path) -> None:
     names = [field["id"] for field in made["body"]]
     assert len(names) == len(set(names))
     assert any(field.get("validations", {}).get("required") for field in made["body"])
+
+
+CONDA_NAMES = {
+    "laspy[lazrs]": "laspy",
+    "matplotlib": "matplotlib-base",
+    "opencv-python-headless": "py-opencv",
+    "typing-extensions": "typing_extensions",
+}
+"""What conda-forge calls a package otherwise than PyPI does."""
+
+
+def test_the_recipe_needs_what_the_project_needs() -> None:
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == PROJECT["version"]
+    assert f">={recipe['context']['python_min']}" == PROJECT["requires-python"]
+    assert recipe["about"]["license"] == PROJECT["license"]
+    assert recipe["about"]["summary"] == PROJECT["description"]
+    wanted = {"python >=${{ python_min }}", "lazrs-python >=0.6"}
+    for needed in PROJECT["dependencies"]:
+        name, least = re.match(r"([\w\[\]-]+)>=([\w.]+)", needed).groups()  # type: ignore[union-attr]
+        wanted.add(f"{CONDA_NAMES.get(name, name).lower()} >={least}")
+    assert set(recipe["requirements"]["run"]) == wanted
+
+
+def test_the_recipe_is_one_of_rattler_build() -> None:
+    rattler = pytest.importorskip("rattler_build", reason="py-rattler-build reads recipes as conda-forge does")
+    stage = rattler.Stage0Recipe.from_file(ROOT / "recipe" / "recipe.yaml")
+    (variant,) = stage.render(rattler.VariantConfig())
+    made = variant.recipe
+    assert (made.package.name, str(made.package.version)) == (PROJECT["name"], PROJECT["version"])
