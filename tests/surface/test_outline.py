@@ -52,7 +52,9 @@ def test_cells_inside_do_not_depend_on_the_window() -> None:
     whole = cells_inside(sides, BLOCKS, BLOCKS.whole)
     east, north = BLOCKS.centres_map_m(BLOCKS.whole)
     assert np.array_equal(whole, shapely.contains_xy(polygon, *np.meshgrid(east, north)))
-    for window in (Window(0, 0, 31, 47), Window(31, 13, 90, 120), Window(50, 50, 51, 51)):
+    windows = (Window(0, 0, 31, 47), Window(31, 13, 90, 120), Window(50, 50, 51, 51))
+    empty = (Window(40, 50, 40, 60), Window(40, 50, 45, 50))  # of a tile narrower than a cell of the surface
+    for window in (*windows, *empty):
         assert np.array_equal(cells_inside(sides, BLOCKS, window), whole[window.slices])
 
 

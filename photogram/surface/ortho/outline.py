@@ -117,8 +117,11 @@ def sides_of(polygons: Geometry) -> FloatArray:
 
 
 def cells_inside(sides: FloatArray, grid: MapGrid, window: Window) -> BoolArray:
-    """Return the cells (rows, columns) of a window of a grid whose centres lie inside polygons with these sides."""
+    """Return the cells (rows, columns) of a window of a grid, which may have none, whose centres lie inside polygons
+    with these sides."""
     out = np.zeros(window.shape, np.bool_)
+    if not out.size:
+        return out
     east, north = grid.centres_map_m(window)
     near = sides[(sides[:, 1] <= north[0]) & (sides[:, 3] > north[-1])]
     _fill_inside(near, east, north, out)
