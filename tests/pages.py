@@ -10,6 +10,7 @@ PAGES = tuple(
     path.relative_to(ROOT).as_posix()
     for path in (
         *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "docs" / "course").glob("*.md")),
         *(ROOT / name for name in ("README.md", "DESIGN.md", "CONTRIBUTING.md")),
         *sorted((ROOT / "examples").rglob("*.md")),
     )

@@ -19,11 +19,16 @@ author = "the photogram developers"
 version = release = __version__
 language = "en"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "public_names"]
-include_patterns = ["docs/*.md", "docs/site/*.md", "examples/**/*.md", "*.md"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "mathml", "public_names"]
+include_patterns = ["docs/*.md", "docs/course/*.md", "docs/site/*.md", "examples/**/*.md", "*.md"]
 root_doc = "docs/site/index"
 
 myst_enable_extensions = ["dollarmath", "strikethrough"]
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
 suppress_warnings = ["myst.header"]

@@ -23,8 +23,8 @@ from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
 pytestmark = pytest.mark.survey
 
-LANGUAGES = {"csv", "json", "python", "sh", "text", "yaml"}
-"""Of blocks; `text` is what a program or a file says, or a drawing."""
+LANGUAGES = {"csv", "json", "python", "sh", "text", "yaml", "{code-cell}", "{toctree}"}
+"""Of blocks; `text` is what a program or a file says, or a drawing, `{code-cell}` runs in test_course.py."""
 OWN_TESTS = {"docs/notebook.md"}
 """Pages whose Python runs in a test of their own."""
 
@@ -138,7 +138,7 @@ def message(block: CodeBlock) -> None:
 
 @pytest.mark.parametrize(
     ("number", "check"),
-    enumerate((setting, observation, stage, message)),
+    list(enumerate((setting, observation, stage, message))),
     ids=["setting", "observation", "stage", "message"],
 )
 def test_what_developers_add_fits(number: int, check: Callable[[CodeBlock], None]) -> None:

@@ -32,8 +32,8 @@ ELSEWHERE = {
 """Commands that cannot run on the small survey, and what runs them."""
 FRESH = {"README.md", "docs/marking.md", "docs/whole-surveys.md"}
 """Pages that begin with photographs and points, and no project file."""
-OTHERS = {"docs/real-survey.md", "examples/dtu_phantom4/README.md", "CONTRIBUTING.md"}
-"""Pages of surveys that are not here, and of the tests themselves."""
+OTHERS = {"docs/real-survey.md", "docs/course/index.md", "examples/dtu_phantom4/README.md", "CONTRIBUTING.md"}
+"""Pages of surveys that are not here, of the notebooks, and of the tests themselves."""
 
 LINES = [
     pytest.param(line, id=f"{block.page}:{line}")
