@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs tables messages vendored platforms figures fuzz chaos clean pictures
+.PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos clean pictures
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -17,6 +17,7 @@ help:
 	@echo "make messages  bring the catalogs of the other languages up to what the code says in English"
 	@echo "make vendored  take the libraries of the desk's map from their packages (needs npm)"
 	@echo "make platforms  list which systems and Pythons photogram installs on from wheels alone, and their sizes (needs a network, 20 minutes)"
+	@echo "make versions END=oldest   run demo and tests with the oldest versions of all libraries that are allowed; END=newest: the newest"
 	@echo "make figures  run every benchmark whose figures the pages in docs/ show, and write docs/figures.json; many hours, goes on where it stopped"
 	@echo "make figures ONLY=free_network   those alone whose command has this in it"
 	@echo "make docs   build the documentation with the reference of the public names as a site: build/site/index.html"
@@ -61,6 +62,9 @@ vendored:
 
 platforms: $(VENV)/installed-test
 	$(BIN)/python tests/platforms.py
+
+versions: $(VENV)/installed-test
+	$(BIN)/python tests/versions.py $(END)
 
 messages: $(VENV)/installed-test
 	$(BIN)/python tests/messages.py
