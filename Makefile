@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 
-.PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos clean pictures
+.PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos clean pictures gallery
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -24,6 +24,7 @@ help:
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
 	@echo "make pictures PHOTOGRAPHS=folder   draw the first picture of the README anew, from the 18 photographs of Brighton Beach"
+	@echo "make gallery DATA=folder   process five real surveys and write docs/gallery.md"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
 
 $(BIN)/python:
@@ -91,6 +92,10 @@ pictures: $(VENV)/installed-test
 	$(BIN)/photogram adjust build/beach/project.yaml
 	$(BIN)/python docs/pictures/beach_survey.py build/beach/results docs/pictures/beach_survey.png
 	@echo "Look at docs/pictures/beach_survey.png"
+
+gallery: $(VENV)/installed-test
+	@test -n "$(DATA)" || { echo "say where the five surveys are: make gallery DATA=folder"; exit 1; }
+	$(BIN)/python docs/pictures/gallery.py "$(DATA)" build/gallery
 
 clean:
 	rm -rf $(VENV) demo fuzz-failures build dist *.egg-info
