@@ -21,7 +21,10 @@ LOOKED_AT = ("numpy", "opencv-python-headless", "gtsam", "numba", "pyproj", "ras
 """Libraries whose versions are shown."""
 TESTS = ("adjustment", "factors", "files", "geodesy", "project", "sfm", "surface", "surveys/test_resume.py")
 """Of the rooms that call these libraries most."""
-TOOLS = ("hypothesis", "jsonschema", "pypdf", "pytest", "pytest-xdist", "rio-cogeo", "selenium")
+TOOLS = (
+    *("hypothesis", "jsonschema", "markdown-it-py", "pillow-heif", "pypdf"),
+    *("pytest", "pytest-xdist", "rio-cogeo", "selenium"),
+)
 """What these tests need beside the libraries. The extra `test` has more, some of which need newer ones."""
 
 End = Literal["oldest", "newest"]
