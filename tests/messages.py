@@ -14,6 +14,8 @@ from babel.messages.extract import extract
 from babel.messages.pofile import read_po, write_po
 
 from photogram.languages.codes import CODES, LOCALES, LanguageCode
+from photogram.languages.pages import Id, messages_of_page
+from photogram.marking.targets.kinds import TITLES
 from photogram.quality.asprs import STATE_SURVEY
 from photogram.report.figures.style import EASTING, HEIGHTS
 from photogram.report.figures.thumbnails import THUMBNAIL_TEXTS
@@ -31,6 +33,7 @@ TABLES: tuple[str, ...] = (
     *RED_SUBJECTS,
     *(words for _, words in GRADES.values()),
     *PURPOSES.values(),
+    *TITLES.values(),
     *(file.contents for file in (*RESULT_FILES, *LATER_FILES)),
     contents_of("dsm.tif.aux.xml"),
 )
@@ -46,8 +49,8 @@ msgstr ""
 
 """
 
-Id = str | tuple[str, str]
-"""A message, or the two of one that goes with a count."""
+PAGES = "photogram/desk/static", "photogram/marking/page/static"
+"""Folders of pages in the browser."""
 
 
 def said() -> dict[Id, list[str]]:
@@ -56,6 +59,9 @@ def said() -> dict[Id, list[str]]:
     for path in sorted([*(ROOT / "photogram").rglob("*.py"), *(ROOT / "photogram/report/templates").iterdir()]):
         for message in _in_file(path):
             found.setdefault(message, []).append(path.relative_to(ROOT).as_posix())
+    for page in PAGES:
+        for message in messages_of_page(ROOT / page):
+            found.setdefault(message, []).append(page)
     return found
 
 
@@ -64,9 +70,11 @@ def _in_file(path: Path) -> Iterator[Id]:
     method, options = "python", {}
     if path.suffix != ".py":
         method, options = "jinja2", {"trim_blocks": "true", "lstrip_blocks": "true"}
-    elif b"gettext(" not in text:
+    elif not any(call in text for call in (b"gettext(", b"Said(", b"Said.plural(")):
         return
-    keywords = {"gettext": None, "ngettext": (1, 2), "say": None, "message": None}
+    keywords: dict[str, tuple[int, int] | None] = {"Said": None, "plural": (1, 2)}
+    if path.suffix != ".py" or b"gettext(" in text:
+        keywords |= {"gettext": None, "ngettext": (1, 2), "say": None, "message": None}
     for _, found, _, _ in extract(method, io.BytesIO(text), keywords, (), options):
         if isinstance(found, str):
             yield found

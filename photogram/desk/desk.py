@@ -19,6 +19,7 @@ from photogram.desk.recent import RecentSurveys, recent_file
 from photogram.desk.survey_folder import SurveyFolder
 from photogram.errors import WorkspaceError
 from photogram.files.photographs.names import SUFFIXES
+from photogram.languages.said import Said
 from photogram.marking.detection import marking_session
 from photogram.marking.marking_survey import open_marking
 from photogram.marking.page.addresses import MarkingPage
@@ -99,7 +100,7 @@ class Desk:
     def survey(self) -> SurveyFolder:
         """The survey that is open. Raises WorkspaceError where none is."""
         if self._survey is None:
-            raise WorkspaceError("no survey is open: choose a folder first")
+            raise WorkspaceError(Said("no survey is open: choose a folder first"))
         return self._survey
 
     def basemap(self) -> Basemap | None:
@@ -109,7 +110,7 @@ class Desk:
     def open(self, folder: Path) -> None:
         """Open a folder. Raises WorkspaceError where it is none."""
         if not folder.is_dir():
-            raise WorkspaceError(f"{folder}: folder not found: choose another")
+            raise WorkspaceError(Said("{folder}: folder not found: choose another", folder=folder))
         self.end_marking()
         self._survey = SurveyFolder(folder)
         self.recent.remember(self._survey.folder)
@@ -166,7 +167,8 @@ def listing(folder: Path) -> Listing:
     try:
         within = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
     except OSError as error:
-        raise WorkspaceError(f"{folder}: cannot be read ({error.strerror}): choose another folder") from error
+        said = Said("{folder}: cannot be read ({reason}): choose another folder", folder=folder, reason=error.strerror)
+        raise WorkspaceError(said) from error
     return {
         "path": str(folder),
         "above": str(folder.parent) if folder.parent != folder else None,

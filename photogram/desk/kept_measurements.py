@@ -12,9 +12,10 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from photogram import __version__
-from photogram.desk.measurements import KINDS, OUTLINES, Kind, Measurement, measure
+from photogram.desk.measurements import KINDS, OUTLINES, Figure, Kind, Measurement, measure, note_of
 from photogram.errors import PhotogramError, ProjectError, SettingError
 from photogram.files.maps.measurement_files import StoredMeasurement, read_measurements, write_measurements
+from photogram.languages.said import Said
 from photogram.result_files import result_path
 from photogram.volumes.surfaces import SURFACE
 
@@ -59,22 +60,26 @@ class KeptMeasurements:
                 fresh, kept = False, [*kept, self._measured(item.name, _kind(item.kind), item.corners_map_m.tolist())]
             else:
                 corners = item.corners_map_m.tolist()
-                kept.append(_kept(item.name, _kind(item.kind), corners, record["measurement"], record["problem"]))
+                kept.append(
+                    _kept(item.name, _kind(item.kind), corners, _in_words(record["measurement"]), record["problem"])
+                )
         if not fresh:
             self._write(kept, mark)
         return kept
 
-    def add(self, kind: Kind, corners_map_m: Sequence[Sequence[float]]) -> list[KeptMeasurement]:
-        """Measure, keep it, and return all. Raises as ``measure``, and SettingError where there are too many."""
+    def add(
+        self, kind: Kind, corners_map_m: Sequence[Sequence[float]], title: str | None = None
+    ) -> list[KeptMeasurement]:
+        """Measure, keep it under ``title`` (its kind) and a number, and return all. Raises as ``measure``, and
+        SettingError where there are too many."""
         kept = self.all()
         if len(kept) >= MOST:
-            raise SettingError("measurements", f"{MOST} are kept at most: remove some first")
+            raise SettingError("measurements", Said("{most} are kept at most: remove some first", most=MOST))
         result = measure(self.results, kind, corners_map_m)
         number = 1 + sum(item["kind"] == kind for item in kept)
         names = {item["name"] for item in kept}
-        name = next(
-            name for name in (f"{kind.capitalize()} {number + k}" for k in range(MOST + 1)) if name not in names
-        )
+        title = title if title and title.isprintable() else kind.capitalize()
+        name = next(name for name in (f"{title} {number + k}" for k in range(MOST + 1)) if name not in names)
         kept.append(_kept(name, kind, result["corners_map_m"], result, ""))
         self._write(kept, self._mark())
         return kept
@@ -85,7 +90,7 @@ class KeptMeasurements:
         kept = self.all()
         name = name.strip()
         if not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
-            raise SettingError("name", f"a name has up to {LONGEST_NAME} characters on one line")
+            raise SettingError("name", Said("a name has up to {most} characters on one line", most=LONGEST_NAME))
         self._check(number, kept)
         kept[number]["name"] = name
         self._write(kept, self._mark())
@@ -101,13 +106,15 @@ class KeptMeasurements:
 
     def _check(self, number: int, kept: Sequence[KeptMeasurement]) -> None:
         if not 0 <= number < len(kept):
-            raise SettingError("number", f"there is no measurement {number + 1}: another page has removed it")
+            raise SettingError(
+                "number", Said("there is no measurement {number}: another page has removed it", number=number + 1)
+            )
 
     def _mark(self) -> str:
         """Return what tells one surface, and how it is measured on, from another."""
         path = result_path(self.results, SURFACE)
         if not path.is_file():
-            raise ProjectError("there is no surface to measure on: run the survey first")
+            raise ProjectError(Said("there is no surface to measure on: run the survey first"))
         status = path.stat()
         return f"{__version__} {status.st_size} {status.st_mtime_ns}"
 
@@ -136,6 +143,15 @@ def _kept(
     name: str, kind: Kind, corners: list[list[float]], measurement: Measurement | None, problem: str
 ) -> KeptMeasurement:
     return {"name": name, "kind": kind, "corners_map_m": corners, "measurement": measurement, "problem": problem}
+
+
+def _in_words(measurement: Measurement | None) -> Measurement | None:
+    """Return a measurement as it is read from its file, with what it says as messages."""
+    if measurement is None:
+        return None
+    figures: list[Figure] = [{**figure, "name": Said(figure["name"])} for figure in measurement["figures"]]
+    note = note_of(measurement["kind"], figures, measurement["profile"])
+    return {**measurement, "figures": figures, "note": note}
 
 
 def _kind(text: str) -> Kind:

@@ -19,6 +19,7 @@ from photogram.desk.plan_errors import PlanErrors, area_gradient, length_gradien
 from photogram.errors import SettingError, SurfaceError
 from photogram.files.maps.polygon_files import SitePolygon
 from photogram.grid import Window
+from photogram.languages.said import Figures, Said
 from photogram.report.surveyed_surfaces import open_surface
 from photogram.volumes.differences import Difference
 from photogram.volumes.measured_volumes import measured_volumes, over_rim
@@ -74,13 +75,44 @@ def measure(results: Path, kind: Kind, corners_map_m: Sequence[Sequence[float]])
     corners = np.array(corners_map_m, dtype=np.float64).reshape(-1, 2)
     least = _LEAST_CORNERS[kind]
     if not least <= len(corners) <= MOST_CORNERS or not np.isfinite(corners).all():
-        raise SettingError("corners", f"{kind}: needs {least} to {MOST_CORNERS} places, found {len(corners)}")
+        raise SettingError(
+            "corners",
+            Said(
+                "{least} to {most} places are expected, found {found}",
+                least=least,
+                most=MOST_CORNERS,
+                found=len(corners),
+            ),
+        )
     difference = over_level(open_surface(results, None, None))
-    figures, profile, note = _MEASURES[kind](difference, corners, plan_errors(results, corners))
-    return {"kind": kind, "corners_map_m": corners.tolist(), "figures": figures, "profile": profile, "note": note}
+    figures, profile = _MEASURES[kind](difference, corners, plan_errors(results, corners))
+    return {
+        "kind": kind,
+        "corners_map_m": corners.tolist(),
+        "figures": figures,
+        "profile": profile,
+        "note": note_of(kind, figures, profile),
+    }
 
 
-_Outcome = tuple[list[Figure], list[Sample], str]
+def note_of(kind: Kind, figures: Sequence[Figure], profile: Sequence[Sample]) -> str:
+    """Return what the figures of a measurement leave out, empty where they leave out nothing."""
+    if kind == "distance":
+        if len(figures) == 1:
+            return Said("No measured height at one of the places: no slope distance.")
+        return Said("How exactly the places were clicked is not in the standard deviation.")
+    if kind == "area":
+        return Said("In the plane of the map grid. How exactly the corners were clicked is not in it.")
+    if kind == "volume":
+        return Said("Over the plane through the ground around the outline.")
+    missing = sum(sample["height_m"] is None for sample in profile)
+    if not missing:
+        return ""
+    share = Figures(percent(missing / len(profile)))
+    return Said("No measured height along {share} of the line.", share=share)
+
+
+_Outcome = tuple[list[Figure], list[Sample]]
 
 
 class _Heights:
@@ -141,24 +173,23 @@ def _in_plan(name: str, value: float, gradient: FloatArray, errors: PlanErrors |
 def _height(difference: Difference, corners: FloatArray, _: PlanErrors | None) -> _Outcome:
     heights = _Heights(difference, corners[:1])
     if np.isnan(heights.height_m[0]):
-        raise SurfaceError("the surface has no measured height there: choose a place beside it")
+        raise SurfaceError(Said("the surface has no measured height there: choose a place beside it"))
     return (
         [
-            _figure("easting", corners[0, 0], None, "m"),
-            _figure("northing", corners[0, 1], None, "m"),
-            _figure("height", heights.height_m[0], heights.sigma_m[0], "m"),
+            _figure(Said("easting"), corners[0, 0], None, "m"),
+            _figure(Said("northing"), corners[0, 1], None, "m"),
+            _figure(Said("height"), heights.height_m[0], heights.sigma_m[0], "m"),
         ],
         [],
-        "",
     )
 
 
 def _distance(difference: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
     heights = _Heights(difference, corners)
     plan = np.hypot(*np.diff(corners, axis=0).T)
-    figures = [_in_plan("length in plan", float(plan.sum()), length_gradient(corners), errors, "m")]
+    figures = [_in_plan(Said("length in plan"), float(plan.sum()), length_gradient(corners), errors, "m")]
     if np.isnan(heights.height_m).any():
-        return figures, [], "No measured height at one of the places: no slope distance."
+        return figures, []
     step = float(heights.height_m[-1] - heights.height_m[0])
     slope = float(np.hypot(plan, np.diff(heights.height_m)).sum())
     gradient = length_gradient(np.column_stack([corners, heights.height_m]))
@@ -167,11 +198,10 @@ def _distance(difference: Difference, corners: FloatArray, errors: PlanErrors | 
     return (
         [
             *figures,
-            _figure("slope distance", slope, sigma, "m"),
-            _figure("height difference", step, heights.step_sigma_m(0, len(corners) - 1), "m"),
+            _figure(Said("slope distance"), slope, sigma, "m"),
+            _figure(Said("height difference"), step, heights.step_sigma_m(0, len(corners) - 1), "m"),
         ],
         [],
-        "How exactly the places were clicked is not in the standard deviation.",
     )
 
 
@@ -183,7 +213,7 @@ def _profile(difference: Difference, corners: FloatArray, errors: PlanErrors | N
     heights = _Heights(difference, places)
     known = np.flatnonzero(np.isfinite(heights.height_m))
     if not len(known):
-        raise SurfaceError("the surface has no measured height along the line: draw it over the surface")
+        raise SurfaceError(Said("the surface has no measured height along the line: draw it over the surface"))
     samples: list[Sample] = [
         {
             "along_m": float(a),
@@ -194,21 +224,23 @@ def _profile(difference: Difference, corners: FloatArray, errors: PlanErrors | N
     ]
     low, high = (int(known[k]) for k in (np.argmin(heights.height_m[known]), np.argmax(heights.height_m[known])))
     figures = [
-        _in_plan("length in plan", float(length[-1]), length_gradient(corners), errors, "m"),
-        _figure("lowest", heights.height_m[low], heights.sigma_m[low], "m"),
-        _figure("highest", heights.height_m[high], heights.sigma_m[high], "m"),
+        _in_plan(Said("length in plan"), float(length[-1]), length_gradient(corners), errors, "m"),
+        _figure(Said("lowest"), heights.height_m[low], heights.sigma_m[low], "m"),
+        _figure(Said("highest"), heights.height_m[high], heights.sigma_m[high], "m"),
         _figure(
-            "height difference", heights.height_m[high] - heights.height_m[low], heights.step_sigma_m(low, high), "m"
+            Said("height difference"),
+            heights.height_m[high] - heights.height_m[low],
+            heights.step_sigma_m(low, high),
+            "m",
         ),
     ]
-    gap = 1.0 - len(known) / count
-    return figures, samples, f"No measured height along {percent(gap)} of the line." if gap > 0.0 else ""
+    return figures, samples
 
 
 def _polygon(corners: FloatArray) -> shapely.Polygon:
     polygon = shapely.Polygon(corners)
     if not polygon.is_valid or not polygon.area > 0.0:
-        raise SettingError("corners", "the outline crosses itself: draw it again")
+        raise SettingError("corners", Said("the outline crosses itself: draw it again"))
     return polygon
 
 
@@ -217,25 +249,25 @@ def _area(_: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Out
     perimeter = around[:-1]
     perimeter[0] += around[-1]
     figures = [
-        _in_plan("area in plan", polygon.area, area_gradient(corners), errors, "m²"),
-        _in_plan("perimeter in plan", polygon.length, perimeter, errors, "m"),
+        _in_plan(Said("area in plan"), polygon.area, area_gradient(corners), errors, "m²"),
+        _in_plan(Said("perimeter in plan"), polygon.length, perimeter, errors, "m"),
     ]
-    return figures, [], "In the plane of the map grid. How exactly the corners were clicked is not in it."
+    return figures, []
 
 
 def _volume(difference: Difference, corners: FloatArray, errors: PlanErrors | None) -> _Outcome:
     based = over_rim(difference, SitePolygon("volume", _polygon(corners)))
     volume = measured_volumes(difference, [based])[0].volume()
     if not volume.measured_m2 + volume.interpolated_m2 > 0.0:
-        raise SurfaceError("the surface has no height in the outline: draw it over the surface")
+        raise SurfaceError(Said("the surface has no height in the outline: draw it over the surface"))
     figures = [
-        _figure("volume", volume.net_m3, volume.net_sigma_m3, "m³"),
-        _figure("fill", volume.fill_m3, volume.fill_sigma_m3, "m³"),
-        _figure("cut", volume.cut_m3, volume.cut_sigma_m3, "m³"),
-        _in_plan("area in plan", volume.area_m2, area_gradient(corners), errors, "m²"),
-        _figure("of it measured", volume.measured_m2, None, "m²"),
+        _figure(Said("volume"), volume.net_m3, volume.net_sigma_m3, "m³"),
+        _figure(Said("fill"), volume.fill_m3, volume.fill_sigma_m3, "m³"),
+        _figure(Said("cut"), volume.cut_m3, volume.cut_sigma_m3, "m³"),
+        _in_plan(Said("area in plan"), volume.area_m2, area_gradient(corners), errors, "m²"),
+        _figure(Said("of it measured"), volume.measured_m2, None, "m²"),
     ]
-    return figures, [], "Over the plane through the ground around the outline."
+    return figures, []
 
 
 _MEASURES = {"height": _height, "distance": _distance, "profile": _profile, "area": _area, "volume": _volume}

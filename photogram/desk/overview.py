@@ -11,6 +11,7 @@ from photogram.arrays import FloatArray
 from photogram.errors import FrameError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS, crs_label
+from photogram.languages.said import Said
 from photogram.pipeline.input_validation import CheckedProject, predicted_costs
 from photogram.project.document import Document
 from photogram.project.measured.measured_positions import positions_map_m
@@ -105,7 +106,7 @@ def overview(project: Project, checked: CheckedProject) -> Overview:
     """Return a survey on its map, with what the check of its project has found."""
     return {
         "title": project.report.name or project.path.absolute().parent.name,
-        "crs": "none" if project.crs == NO_CRS else crs_label(project.crs),
+        "crs": Said("none") if project.crs == NO_CRS else crs_label(project.crs),
         "cameras": [camera.name for camera in project.cameras],
         "photographs": [
             {
@@ -140,9 +141,12 @@ def assumptions(project: Project) -> list[Assumption]:
         assumed.append(
             {
                 "name": "gnss",
-                "title": "Accuracy of the camera positions",
+                "title": Said("Accuracy of the camera positions"),
                 "value_m": _known(unsure[0].gnss_sigma_m) or [],
-                "cost": "estimated from the photographs where they tell it; state it where the receiver gave it",
+                "cost": Said(
+                    "If nobody states it: estimated from the photographs where they tell it; state it where the "
+                    "receiver gave it."
+                ),
             }
         )
     points = [p for p in project.control_points if p.sigma_assumed]
@@ -150,9 +154,11 @@ def assumptions(project: Project) -> list[Assumption]:
         assumed.append(
             {
                 "name": "control",
-                "title": "Accuracy of the ground points",
+                "title": Said("Accuracy of the ground points"),
                 "value_m": _known(points[0].sigma_m) or [],
-                "cost": "the absolute accuracy of the survey cannot be better known than its points",
+                "cost": Said(
+                    "If nobody states it: the absolute accuracy of the survey cannot be better known than its points."
+                ),
             }
         )
     return assumed

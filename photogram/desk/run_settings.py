@@ -11,6 +11,7 @@ from typing_extensions import TypedDict
 from photogram.desk.overview import Prediction, prediction
 from photogram.errors import SettingError
 from photogram.files.photographs.tags import PhotographTags
+from photogram.languages.said import Said
 from photogram.pipeline.pipeline import load_project
 from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
@@ -76,7 +77,8 @@ def write_settings(path: Path, wanted: RunSettings) -> None:
     for name in ("cell_m", "interval_m"):
         length = wanted[name]
         if length is not None and not 0.0 < length < 1e4:
-            raise SettingError(name, f"must be a positive length in metres, found {length:g}")
+            found = f"{length:g}"
+            raise SettingError(name, Said("must be a positive length in metres, found {found}", found=found))
     quick = wanted["choice"] == "quick"
     matching: Mapping[tuple[str | int, ...], Value | None] = {
         ("quality",): "medium" if quick else None,

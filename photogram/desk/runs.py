@@ -25,6 +25,7 @@ from photogram.desk.runner import IS_TAKEN
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within, replacing
 from photogram.files.portable import try_lock
+from photogram.languages.said import Said
 from photogram.terminal.events import Event
 
 FOLDER, NOTE, LOCK, OUTPUT, ERRORS, END = "desk", "run.json", "run.lock", "output.txt", "errors.txt", "end.json"
@@ -38,7 +39,7 @@ _MOST_ERROR_CHARACTERS = 4000
 _INTERRUPTED = 130
 HAS_GROUPS = os.name == "posix"
 """Whether processes have groups, which can be interrupted as Ctrl-C does it."""
-UNDER_WAY = "a run is under way already: wait for its end, or stop it first"
+UNDER_WAY = Said("a run is under way already: wait for its end, or stop it first")
 
 
 class RunNote(TypedDict):
@@ -68,6 +69,8 @@ class RunView:
     """The newest of all."""
     text: str
     """What the process wrote on standard error, and where it ended without a word, how."""
+    lang: str | None = None
+    """Which HTML calls the language of ``text`` where that is always the same."""
 
 
 class Runs:
@@ -142,7 +145,8 @@ class Runs:
         events = tuple(json.loads(line) for line in lines[after : after + MOST_EVENTS])
         state, text = self._outcome(note, alive)
         last = json.loads(lines[-1]) if lines else None
-        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), last, text)
+        lang = None if isinstance(text, Said) else "en"
+        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), last, text, lang)
 
     def _outcome(self, note: RunNote, alive: bool) -> tuple[RunState, str]:
         text = self._text(ERRORS)[-_MOST_ERROR_CHARACTERS:]
@@ -153,12 +157,13 @@ class Runs:
         try:
             code = int(json.loads(self._text(END) or "{}")["exit_code"])
         except (KeyError, ValueError):
-            return "failed", text or "It was ended from outside, or the machine was switched off: start it again."
+            return "failed", text or Said("It was ended from outside, or the machine was switched off: start it again.")
         if code in (_INTERRUPTED, -signal.SIGINT) or (code and note.get("stopped")):
             return "stopped", text
         if code < 0:
-            reason = "memory ran out, most likely" if code == -signal.SIGKILL else signal.Signals(-code).name
-            return "failed", text or f"The system ended it ({reason}): close other programs and start it again."
+            reason = Said("memory ran out, most likely") if code == -signal.SIGKILL else signal.Signals(-code).name
+            ended = Said("The system ended it ({reason}): close other programs and start it again.", reason=reason)
+            return "failed", text or ended
         return ("done" if code == 0 else "failed"), text
 
     def _lines(self) -> list[str]:

@@ -18,9 +18,11 @@ from photogram.desk.map_layers.asked import Own, Taken, With
 from photogram.desk.map_layers.choosing import parts_of, surfaces_in
 from photogram.desk.measurements import Kind
 from photogram.desk.run_settings import Choice, RunSettings, Terrain
-from photogram.desk.survey_folder import Beginning, Table, products_of_delivery
+from photogram.desk.survey_folder import Beginning, ResultsView, Table, products_of_delivery
 from photogram.geodesy.height_systems import HeightSystem
-from photogram.loopback.answers import Asked, Nothing, Query, got, posted
+from photogram.languages.language import Language
+from photogram.loopback.answers import Asked, Nothing, Query, got, got_in_language, posted
+from photogram.loopback.languages import words
 from photogram.loopback.server import LoopbackServer
 from photogram.survey import Role
 
@@ -91,6 +93,7 @@ class _Products(Asked):
 
 class _Places(Asked):
     kind: Kind
+    title: str | None = Field(default=None, max_length=50)
     corners_map_m: list[list[float]] = Field(max_length=1000)
 
 
@@ -139,9 +142,10 @@ class _Addresses:
 
     def routes(self) -> Sequence[BaseRoute]:
         desk = self._desk
-        static = files("photogram.desk").joinpath("static")
+        static = Path(str(files("photogram.desk").joinpath("static")))
         return [
-            got("/", lambda _: FileResponse(str(static.joinpath("index.html")), media_type="text/html")),
+            *words(static),
+            got("/", lambda _: FileResponse(static / "index.html", media_type="text/html")),
             got("/api/state", lambda _: self._state()),
             got("/api/recent", lambda _: desk.recent.views()),
             got("/api/folders", lambda query: listing(Path(query.get("path") or Path.home()))),
@@ -150,7 +154,7 @@ class _Addresses:
             got("/api/settings", lambda _: desk.survey.settings()),
             got("/api/coverage", lambda _: desk.survey.coverage()),
             got("/api/expected", lambda _: desk.survey.expected_accuracy()),
-            got("/api/results", lambda _: desk.survey.results()),
+            got_in_language("/api/results", self._results),
             got("/api/residuals", lambda _: desk.survey.residuals()),
             got("/api/layers", lambda _: desk.survey.layers()),
             got("/api/run", lambda query: self._run(int(query.get("after", "0")))),
@@ -173,7 +177,9 @@ class _Addresses:
             posted("/api/role", _Role, lambda asked: desk.set_role(asked.name, asked.role)),
             got("/api/measurements", lambda _: desk.survey.measurements().all()),
             posted(
-                "/api/measure", _Places, lambda asked: desk.survey.measurements().add(asked.kind, asked.corners_map_m)
+                "/api/measure",
+                _Places,
+                lambda asked: desk.survey.measurements().add(asked.kind, asked.corners_map_m, asked.title),
             ),
             posted("/api/rename", _Renamed, lambda asked: desk.survey.measurements().rename(asked.number, asked.name)),
             posted("/api/forget", _Number, lambda asked: desk.survey.measurements().remove(asked.number)),
@@ -189,7 +195,7 @@ class _Addresses:
             got("/results/{name:path}", self._result),
             got("/compared/{name}/{file:path}", self._compared),
             Mount("/marking/{key}", desk.marking),
-            Mount("/static", StaticFiles(directory=str(static))),
+            Mount("/static", StaticFiles(directory=static)),
         ]
 
     def _state(self) -> Mapping[str, object]:
@@ -202,6 +208,9 @@ class _Addresses:
 
     def _run(self, after: int) -> Mapping[str, object]:
         return asdict(self._desk.survey.runs().view(max(after, 0)))
+
+    def _results(self, language: Language) -> ResultsView:
+        return self._desk.survey.results(language)
 
     def _start(self) -> None:
         self._desk.end_marking()  # an adjustment reads the marks as they are on the disk

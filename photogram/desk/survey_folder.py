@@ -29,6 +29,8 @@ from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.geodesy.height_systems import HeightSystem
+from photogram.languages.language import ENGLISH, Language
+from photogram.languages.said import Said
 from photogram.pipeline.input_validation import CheckedProject, checked_project
 from photogram.pipeline.new_project import init
 from photogram.pipeline.photograph_folder import look_into
@@ -38,6 +40,7 @@ from photogram.pipeline.stages.publishing.report_files import NUMBERS, PAGE, VIE
 from photogram.pipeline.view import write_view
 from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
+from photogram.report.client.judgement import judgement_in
 from photogram.report.reading import read_report
 from photogram.result_files import ResultFolder, contents_of, rank_of, result_path
 
@@ -125,7 +128,7 @@ class ResultsView(TypedDict):
     package: str | None
     texts: dict[str, str]
     """What the report says that no photograph tells, see TEXTS."""
-    missing: list[str]
+    missing: list[Said]
     """What a report that is to be signed still lacks, in words."""
 
 
@@ -212,9 +215,17 @@ class SurveyFolder:
         of a table, or there is a file of that name."""
         path = self.folder / name
         if Path(name).name != name or not name.isprintable() or path.suffix.lower() not in TABLES:
-            raise WorkspaceError(f"{name}: a table of points is a file .csv, .txt or .xml: choose another")
+            raise WorkspaceError(
+                Said("{file}: a table of points is a file .csv, .txt or .xml: choose another", file=name)
+            )
         if path.exists():
-            raise WorkspaceError(f"{name}: there is a file of that name in {self.folder} already: rename one of them")
+            raise WorkspaceError(
+                Said(
+                    "{file}: there is a file of that name in {folder} already: rename one of them",
+                    file=name,
+                    folder=self.folder,
+                )
+            )
         with replacing(path) as partial:
             partial.write_bytes(content)
 
@@ -223,7 +234,13 @@ class SurveyFolder:
         known = {table["file"] for table in self._tables()}
         for name in wishes.tables:
             if name not in known:
-                raise ProjectError(f"{name}: no table of {self.folder}: choose one of those that are listed")
+                raise ProjectError(
+                    Said(
+                        "{file}: no table of {folder}: choose one of those that are listed",
+                        file=name,
+                        folder=self.folder,
+                    )
+                )
         chosen = {use: [self.folder / n for n, u in wishes.tables.items() if u == use] for use in ("control", "check")}
         init(
             self.photographs,
@@ -309,7 +326,9 @@ class SurveyFolder:
         if name not in ASSUMED:
             raise SettingError("name", f"{name!r}: nothing that is assumed is called so")
         if len(sigma_m) != 3 or not all(0.0 < value < 1e4 for value in sigma_m):
-            raise SettingError("accuracy", "three positive lengths in metres are expected: easting, northing, height")
+            raise SettingError(
+                "accuracy", Said("three positive lengths in metres are expected: easting, northing, height")
+            )
         values = dict[tuple[str | int, ...], Value | None]()
         for place in assumed_places(self.project_path, name) or [ASSUMED[name]]:
             block, key = place[:-1], place[-1]
@@ -321,20 +340,21 @@ class SurveyFolder:
         of TEXTS, ProjectError for a language that there is not."""
         for key, text in texts.items():
             if key not in TEXTS or not text.isprintable():
-                raise SettingError(key, "no line of the report that can be set here")
+                raise SettingError(key, Said("no line of the report that can be set here"))
         said = self.project().report
         lines: dict[tuple[str | int, ...], Value | None] = {
             ("report", key): text or None for key, text in texts.items() if text != getattr(said, key)
         }
         write_values(self.project_path, lines, load_project)
 
-    def results(self) -> ResultsView:
-        """Return what the survey has made. Raises ReportError where its report is damaged."""
+    def results(self, language: Language = ENGLISH) -> ResultsView:
+        """Return what the survey has made, with its headline in a language. Raises ReportError where its report is
+        damaged."""
         project = self.project()
         folder = project.results
         numbers, page = result_path(folder, NUMBERS), result_path(folder, PAGE)
         report = read_report(numbers) if numbers.is_file() else None
-        verdict = None if report is None else report["verdict"]
+        verdict = None if report is None else judgement_in(report, language).verdict
         texts = {key: str(getattr(project.report, key)) for key in TEXTS}
         return {
             "headline": None
@@ -357,7 +377,7 @@ class SurveyFolder:
         results = self._named("results")
         path = (results / name).resolve()
         if not path.is_relative_to(results.resolve()) or not path.is_file():
-            raise WorkspaceError(f"{name}: no file of the results: run the survey first")
+            raise WorkspaceError(Said("{file}: no file of the results: run the survey first", file=name))
         return path
 
     def layers(self) -> list[Layer]:
@@ -433,25 +453,25 @@ def _products(results: Path) -> list[ProductFile]:
     return [
         {
             "file": path.relative_to(results).as_posix(),
-            "contents": contents_of(path.name),
+            "contents": Said(contents_of(path.name)),
             "bytes": path.stat().st_size,
         }
         for path in files
     ]
 
 
-def _missing(texts: Mapping[str, str], project: Project) -> list[str]:
+def _missing(texts: Mapping[str, str], project: Project) -> list[Said]:
     roles = {point.role for point in project.control_points}
     wanted = {
-        "name": "a title",
-        "author": "who signs",
-        "client": "the client",
-        "surveyor": "who surveyed the points",
-        "targets": "how the points are marked on the ground",
+        "name": Said("a title"),
+        "author": Said("who signs"),
+        "client": Said("the client"),
+        "surveyor": Said("who surveyed the points"),
+        "targets": Said("how the points are marked on the ground"),
     }
     absent = [
         words for key, words in wanted.items() if not texts[key] and (roles or key not in ("surveyor", "targets"))
     ]
     if "check" not in roles:
-        absent.append("check points: without them accuracy is predicted and not tested")
+        absent.append(Said("check points: without them accuracy is predicted and not tested"))
     return absent

@@ -156,10 +156,10 @@ def test_a_volume_is_that_of_the_comparison(results: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("kind", "corners", "message"),
     [
-        ("area", [[0, 0], [1, 1]], "area: needs 3 to 500 places, found 2"),
+        ("area", [[0, 0], [1, 1]], "3 to 500 places are expected, found 2"),
         ("height", [[0.0, 0.0]], "no measured height there"),
         ("area", [[0, 0], [1, 1], [1, 0], [0, 1]], "the outline crosses itself"),
-        ("distance", [[0, float("nan")], [1, 1]], "places, found 2"),
+        ("distance", [[0, float("nan")], [1, 1]], "places are expected, found 2"),
     ],
 )
 def test_what_cannot_be_measured_says_why(kind: Kind, corners: list[list[float]], message: str, results: Path) -> None:

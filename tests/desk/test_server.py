@@ -129,6 +129,32 @@ def test_no_path_leads_out_of_the_results(path: str, server: DeskServer) -> None
     assert b"typer" not in content
 
 
+@pytest.mark.parametrize(
+    ("headers", "title", "lang"),
+    [
+        ({}, "Accuracy of heights", "en"),
+        ({"Accept_Language": "de-AT,de;q=0.9,en;q=0.8"}, "Genauigkeit der Höhen", "de"),
+        ({"Accept_Language": "de", "Cookie": "photogram_language=pt"}, "Exatidão na altimetria", "pt-BR"),
+        ({"Accept_Language": "de", "Cookie": "photogram_language=../../etc"}, "Genauigkeit der Höhen", "de"),
+    ],
+)
+def test_the_language_is_the_one_chosen_else_the_browsers(
+    headers: Any, title: str, lang: str, server: DeskServer
+) -> None:
+    layers = told(asked(server, "api/layers", **headers))
+    assert next(layer["title"] for layer in layers if layer["name"] == "sigma") == title
+    words = told(asked(server, "words.json", **headers))
+    assert words["tag"] == {"en": "en-GB"}.get(lang, lang)
+    verdict = told(asked(server, "api/results", **headers))["headline"]["sentence"]
+    assert {"en": "check points", "de": "Prüfpunkten", "pt-BR": "pontos de verificação"}[lang] in verdict
+    refused = json.loads(asked(server, "results/none.tif", **headers)[2])
+    assert refused["lang"] == words["tag"]
+    assert refused["error"].startswith("none.tif: ")
+    by_engine = json.loads(asked(server, "api/parts?path=none.obj", **headers)[2])
+    assert by_engine["lang"] == "en"
+    assert asked(server, "static/words.js")[1]["Content-Type"].startswith("text/javascript")
+
+
 def test_rasters_are_read_in_parts(server: DeskServer, folder: Path) -> None:
     path = result_path(folder / "results", "dsm.tif")
     whole = path.read_bytes()

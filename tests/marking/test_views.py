@@ -61,7 +61,7 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
     session = MarkingSession(without_marks(whole), tmp_path / "j", tmp_path / "marks.csv")
     views = Views(session)
     session.add_point(SurveyedPoint("roof"))
-    assert views.state()["points"][-1] | {"words": ""} == {
+    assert views.state()["points"][-1] | {"words": "", "short": ""} == {
         "name": "roof",
         "role": "tie",
         "surveyed": False,
@@ -71,6 +71,7 @@ def test_a_point_that_was_added_is_shown_without_coordinates(tmp_path: Path) -> 
         "doubtful": 0,
         "enough": False,
         "words": "",
+        "short": "",
     }
     assert "roof" not in [place["name"] for place in views.plan()["points"]]
     with pytest.raises(KeyError):

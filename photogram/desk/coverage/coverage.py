@@ -30,6 +30,7 @@ from photogram.errors import WorkspaceError
 from photogram.files.photographs.tags import PhotographTags
 from photogram.geodesy.crs import NO_CRS
 from photogram.grid import MapGrid
+from photogram.languages.said import Said
 from photogram.project.project import Project
 
 CELLS = 300
@@ -91,7 +92,9 @@ def gaps_kml(coverage: Coverage, name: str, crs: str) -> bytes:
     """Return the gaps of a survey called ``name`` in a map grid ``crs`` as KML. Raises WorkspaceError where there is
     none, or no map grid."""
     if not coverage["has_kml"]:
-        raise WorkspaceError("no gaps that could be written as KML: there are none, or the survey has no map grid")
+        raise WorkspaceError(
+            Said("no gaps that could be written as KML: there are none, or the survey has no map grid")
+        )
     shapes = [
         (f"Gap {n}: {area_words(gap['area_m2'])}", shapely.Polygon(gap["rings_map_m"][0], gap["rings_map_m"][1:]))
         for n, gap in enumerate(coverage["gaps"], 1)

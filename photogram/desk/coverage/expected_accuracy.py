@@ -23,6 +23,7 @@ from photogram.factors.elimination.state import State
 from photogram.factors.functionals import Intersected, intersected
 from photogram.factors.graph import IndeterminateError
 from photogram.grid import MapGrid
+from photogram.languages.said import Figures, Said
 from photogram.measures.mark_covariances import isotropic_px2
 from photogram.quality.deformation import deformation, places_of, stiffness
 from photogram.quality.diagnosis import weaknesses
@@ -77,14 +78,14 @@ def expected_accuracy(flight: TaggedFlight) -> ExpectedAccuracy:
     """Return what accuracy ground points will have."""
     ties, ground = _ties(flight), flight.ground_world_m
     if ground is None or ties is None:
-        return _unknown("The photographs do not overlap by their tags, or nothing tells how high they flew.")
+        return _unknown(Said("The photographs do not overlap by their tags, or nothing tells how high they flew."))
     block = replace(flight.block, tie_points=ties, control_points=_marked(flight))
     try:
         problem = make_problem(block, AdjustmentSettings(robust_loss="none"))
         state = start_state(problem)
         of_block = covariances(problem, state)
     except (AdjustmentError, IndeterminateError, ValueError) as error:
-        return _unknown(f"Positions and ground points do not determine the survey yet: {error}.")
+        return _unknown(Said("Positions and ground points do not determine the survey yet: {reason}.", reason=error))
     places = places_of(problem, state)
     weak = list[str]()
     if places is not None:
@@ -95,7 +96,7 @@ def expected_accuracy(flight: TaggedFlight) -> ExpectedAccuracy:
 
 def unplaced() -> ExpectedAccuracy:
     """Return what is said where no photograph has a position."""
-    return _unknown("No photograph has a position: what accuracy to expect cannot be told.")
+    return _unknown(Said("No photograph has a position: what accuracy to expect cannot be told."))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +138,7 @@ def _told(places: _Places, block: Block, weak: Sequence[str]) -> ExpectedAccurac
     sigma_m, known, grid = places.sigmas_m(places.joint), places.points.known, places.grid
     seen = known & (places.rays >= ENOUGH)
     if not seen.any():
-        return _unknown("No place is seen by three photographs.")
+        return _unknown(Said("No place is seen by three photographs."))
     # a single strip has no area that its photographs enclose
     typical = seen & places.within if (seen & places.within).any() else seen
     plan, height = np.median(sigma_m[typical], axis=0)
@@ -145,19 +146,29 @@ def _told(places: _Places, block: Block, weak: Sequence[str]) -> ExpectedAccurac
     sentences: list[Sentence] = [
         {
             "severity": "note",
-            "text": f"A ground point that is marked in all photographs that show it will be known to ± {_cm(plan)} in "
-            f"plan and ± {_cm(height)} in height (median within the survey; at worst {_cm(worst[0])} and "
-            f"{_cm(worst[1])}), if nothing is wrong and all is as accurate as stated or assumed.",
+            "text": Said(
+                "A ground point that is marked in all photographs that show it will be known to ± {plan} in plan and "
+                "± {height} in height (median within the survey; at worst {worst_plan} and {worst_height}), if nothing "
+                "is wrong and all is as accurate as stated or assumed.",
+                plan=_cm(plan),
+                height=_cm(height),
+                worst_plan=_cm(worst[0]),
+                worst_height=_cm(worst[1]),
+            ),
         },
-        *({"severity": "warning", "text": f"{text}."} for text in weak),  # type: ignore[list-item]
+        *({"severity": "warning", "text": f"{text}.", "lang": "en"} for text in weak),  # type: ignore[list-item]
     ]
     best = _next_point(places, block, typical)
     if best is not None:
         sentences.append(
             {
                 "severity": "note",
-                "text": "One more control point helps most where the map shows it: "
-                f"± {_cm(best['plan_m'])} in plan and ± {_cm(best['height_m'])} in height then.",
+                "text": Said(
+                    "One more control point helps most where the map shows it: ± {plan} in plan and ± {height} in "
+                    "height then.",
+                    plan=_cm(best["plan_m"]),
+                    height=_cm(best["height_m"]),
+                ),
             }
         )
     return {
@@ -269,5 +280,5 @@ def _or_none(values: FloatArray) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def _cm(value_m: float) -> str:
-    return f"{100 * value_m:.1f} cm" if value_m < 1.0 else f"{value_m:.1f} m"
+def _cm(value_m: float) -> Figures:
+    return Figures(f"{100 * value_m:.1f} cm" if value_m < 1.0 else f"{value_m:.1f} m")

@@ -8,6 +8,7 @@ from typing_extensions import TypedDict
 from photogram.change.surface_change import SurfaceRequest
 from photogram.errors import ProjectError, SettingError
 from photogram.files.triangulations.reading import READERS
+from photogram.languages.said import Said
 from photogram.result_files import result_path
 from photogram.volumes.stable_ground import Motion
 from photogram.volumes.surfaces import StatedSigma, in_survey, surface_path
@@ -46,20 +47,24 @@ class Asked(TypedDict):
 def checked(asked: Asked) -> Path:
     """Return the other surface. Raises SettingError or ProjectError where it cannot be one."""
     if not asked["path"].strip():
-        raise SettingError("path", "choose a file or a folder to compare with")
+        raise SettingError("path", Said("choose a file or a folder to compare with"))
     path = Path(asked["path"].strip()).expanduser().absolute()
     if not path.exists():
-        raise ProjectError(f"{path}: not found: check its path")
+        raise ProjectError(Said("{path}: not found: check its path", path=path))
     if path.is_dir() and not surface_path(path).is_file():
-        raise ProjectError(f"{path}: no surface among its results: choose a survey whose run has finished, or a file")
+        raise ProjectError(
+            Said("{path}: no surface among its results: choose a survey whose run has finished, or a file", path=path)
+        )
     if path.is_dir() and asked["relation"] == "design":
-        raise SettingError("relation", "the folder of a survey is no design: say whether it is earlier or later")
+        raise SettingError("relation", Said("the folder of a survey is no design: say whether it is earlier or later"))
     if asked["relation"] == "design" and (asked["stable"] or asked["taken_off"] or asked["sigma_m"]):
-        raise SettingError("relation", "a design has no errors and no stable ground: leave both out")
+        raise SettingError("relation", Said("a design has no errors and no stable ground: leave both out"))
     if asked["taken_off"] is not None and not asked["stable"]:
-        raise SettingError("stable", "choose the outlines of ground that has not moved")
+        raise SettingError("stable", Said("choose the outlines of ground that has not moved"))
     if path.suffix.lower() in READERS and asked["relation"] != "design" and asked["sigma_m"] is None:
-        raise SettingError("sigma_m", f"{path.name} says nothing of its errors: state two standard deviations")
+        raise SettingError(
+            "sigma_m", Said("{file} says nothing of its errors: state two standard deviations", file=path.name)
+        )
     return path
 
 
@@ -68,11 +73,17 @@ def request_of(asked: Asked, results: Path, polygons: Path | None, stable: Path 
     no such surface."""
     other, own = checked(asked), result_path(results, OWN_FILES[asked["own"]])
     if not own.is_file():
-        raise ProjectError(f"{own.name}: the results have none: run the survey first, or choose another surface")
+        raise ProjectError(
+            Said("{file}: the results have none: run the survey first, or choose another surface", file=own.name)
+        )
     if other.is_dir():
         other = in_survey(other, OWN_FILES[asked["own"]])
         if not other.is_file():
-            raise ProjectError(f"{other}: that survey has no {asked['own']}: compare the surfaces, or make its terrain")
+            raise ProjectError(
+                Said("{path}: that survey has no terrain: compare the surfaces, or make its terrain", path=other)
+                if asked["own"] == "terrain"
+                else Said("{path}: that survey has no surface: compare the terrains, or make its surface", path=other)
+            )
     is_design = asked["relation"] == "design"
     stated = EXACT if is_design else None if asked["sigma_m"] is None else StatedSigma(*asked["sigma_m"])
     other_is_later = asked["relation"] != "earlier"

@@ -6,6 +6,7 @@ from typing_extensions import TypedDict
 
 from photogram.errors import WorkspaceError
 from photogram.files.triangulations.reading import READERS, reader_of
+from photogram.languages.said import Said
 from photogram.volumes.surfaces import SURFACE_SUFFIXES, surface_path
 
 MOST_LISTED = 500
@@ -50,7 +51,8 @@ def surfaces_in(folder: Path) -> SurfaceListing:
     try:
         within = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:
-        raise WorkspaceError(f"{folder}: cannot be read ({error.strerror}): choose another folder") from error
+        said = Said("{folder}: cannot be read ({reason}): choose another folder", folder=folder, reason=error.strerror)
+        raise WorkspaceError(said) from error
     shown = [path for path in within if path.is_dir() or path.suffix.lower() in (*SURFACE_SUFFIXES, *READERS)]
     return {
         "path": str(folder),

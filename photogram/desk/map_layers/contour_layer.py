@@ -11,6 +11,7 @@ from photogram.delivery.thinned_tin import reduced_raster
 from photogram.errors import SettingError, SurfaceError
 from photogram.files.maps.contour_files import read_contours
 from photogram.geodesy.crs import NO_CRS
+from photogram.languages.said import Figures, Said
 from photogram.result_files import result_path
 from photogram.surface.contours import ContourSettings, contour_lines
 from photogram.survey import Contours
@@ -21,7 +22,7 @@ MOST_VERTICES = 400_000
 MOST_CELLS = 2_000_000
 """Of a raster that lines are traced from for the screen."""
 
-_SURFACES = ("dtm.tif", "terrain"), ("dsm.tif", "surface")
+_SURFACES = "dtm.tif", "dsm.tif"
 
 
 class ContourLine(TypedDict):
@@ -51,17 +52,21 @@ def contour_layer(results: Path, crs: str, interval_m: float | None = None) -> C
     """
     path = result_path(results, "contours.gpkg")
     if interval_m is None and path.is_file():
-        lines, of = read_contours(path, crs, 1.0, 0.0), f"{path.name} of the results"
+        lines, of = read_contours(path, crs, 1.0, 0.0), Said("{file} of the results", file=path.name)
         step_m = _interval(lines.height_m)
         lines = Contours(lines.height_m, lines.vertex_map_m, lines.first, step_m, lines.cell_m)
     else:
         if interval_m is not None and not 0.01 <= interval_m <= 1000.0:
-            raise SettingError("interval_m", f"0.01 to 1000 m are expected, found {interval_m:g}")
+            found = f"{interval_m:g}"
+            raise SettingError("interval_m", Said("0.01 to 1000 m are expected, found {found}", found=found))
         lines, of = _traced(results, crs, interval_m)
     if len(lines.vertex_map_m) > MOST_VERTICES:
         raise SurfaceError(
-            f"{len(lines.vertex_map_m)} vertices are too many for the screen: choose an interval above "
-            f"{lines.interval_m:g} m"
+            Said(
+                "{count} vertices are too many for the screen: choose an interval above {interval} m",
+                count=len(lines.vertex_map_m),
+                interval=Figures(f"{lines.interval_m:g}"),
+            )
         )
     parts: Sequence[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]
     parts = np.split(np.round(lines.vertex_map_m, 2), lines.first[1:-1]) if len(lines) else []
@@ -81,12 +86,17 @@ def _interval(height_m: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> fl
     return float(np.round(steps.min(), 4)) if len(steps) else 1.0
 
 
-def _traced(results: Path, crs: str, interval_m: float | None) -> tuple[Contours, str]:
-    known = [(path, words) for name, words in _SURFACES if (path := result_path(results, name)).is_file()]
+def _traced(results: Path, crs: str, interval_m: float | None) -> tuple[Contours, Said]:
+    known = [path for name in _SURFACES if (path := result_path(results, name)).is_file()]
     if not known:
-        raise SurfaceError("there is no surface to trace contour lines from: run the survey first")
-    path, words = known[0]
-    raster = reduced_raster(path, local=crs == NO_CRS, most=MOST_CELLS)
+        raise SurfaceError(Said("there is no surface to trace contour lines from: run the survey first"))
+    raster = reduced_raster(known[0], local=crs == NO_CRS, most=MOST_CELLS)
     lines = contour_lines(raster, ContourSettings(interval_m=interval_m))
     tolerance_m = DEFAULT_TOLERANCE_CELLS * raster.cell_m
-    return thinned(lines, tolerance_m), f"{words}, traced from cells of {raster.cell_m:g} m for the screen"
+    cell = Figures(f"{raster.cell_m:g}")
+    said = (
+        Said("terrain, traced from cells of {cell} m for the screen", cell=cell)
+        if known[0].name == "dtm.tif"
+        else Said("surface, traced from cells of {cell} m for the screen", cell=cell)
+    )
+    return thinned(lines, tolerance_m), said

@@ -16,12 +16,13 @@ from photogram.change.surface_change import SurfaceRequest, compare_surfaces
 from photogram.desk.kept_measurements import KeptMeasurement, KeptMeasurements
 from photogram.desk.map_layers.asked import Asked, checked, request_of
 from photogram.desk.map_layers.layers import Layer
-from photogram.desk.map_layers.told import Told, command_of, other_layers, told_of
+from photogram.desk.map_layers.told import Told, command_of, in_words, other_layers, told_of
 from photogram.desk.measurements import OUTLINES
 from photogram.errors import PhotogramError, SettingError, WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.maps.measurement_files import StoredMeasurement, write_measurements
 from photogram.files.npz_json import read_json_as, write_json
+from photogram.languages.said import Said
 from photogram.volumes.surfaces import surface_path
 from photogram.wording import printable
 
@@ -104,7 +105,7 @@ class KeptComparisons:
         files = {POLYGONS: _outlines(kept, asked["outlines"]), STABLE: _outlines(kept, asked["stable"])}
         with self._lock:
             if self._under_way["name"] is not None:
-                raise WorkspaceError("another comparison is being made: wait for its end")
+                raise WorkspaceError(Said("another comparison is being made: wait for its end"))
             name = self._new_name(other)
             folder = self._folder / name
             paths = {file: folder / file if outlines else None for file, outlines in files.items()}
@@ -130,13 +131,16 @@ class KeptComparisons:
         """Remove one, with what it wrote alone. Raises WorkspaceError where there is none, or it is being made."""
         folder = self._folder / self._known(name)
         if self._under_way["name"] == name:
-            raise WorkspaceError("it is being made: wait for its end")
+            raise WorkspaceError(Said("it is being made: wait for its end"))
         try:
             for file in WRITTEN:
                 (folder / file).unlink(missing_ok=True)
             folder.rmdir()
         except OSError as error:
-            raise WorkspaceError(f"{folder}: cannot be removed ({error.strerror}): see what else lies in it") from error
+            said = Said(
+                "{folder}: cannot be removed ({reason}): see what else lies in it", folder=folder, reason=error.strerror
+            )
+            raise WorkspaceError(said) from error
 
     def file(self, name: str, file: str) -> Path:
         """Return a raster that the map draws: ``file`` is one of SHOWN, or ``other/`` and the name of a layer of the
@@ -146,7 +150,7 @@ class KeptComparisons:
         known |= {f"{OTHER}/{layer['name']}": path for layer, path in other_layers(record["asked"])}
         path = known.get(file)
         if path is None or not path.is_file():
-            raise WorkspaceError(f"{printable(file)}: no raster of this comparison: compare again")
+            raise WorkspaceError(Said("{file}: no raster of this comparison: compare again", file=printable(file)))
         return path
 
     def _names(self) -> list[str]:
@@ -156,12 +160,14 @@ class KeptComparisons:
 
     def _known(self, name: str) -> str:
         if name not in self._names():
-            raise WorkspaceError(f"{printable(name)!r}: no comparison is called so: another page has removed it")
+            raise WorkspaceError(
+                Said("{name}: no comparison is called so: another page has removed it", name=repr(printable(name)))
+            )
         return name
 
     def _new_name(self, other: Path) -> str:
         if len(self._names()) >= MOST:
-            raise SettingError("comparisons", f"{MOST} are kept at most: remove some first")
+            raise SettingError("comparisons", Said("{most} are kept at most: remove some first", most=MOST))
         used = [path.name for path in self._folder.iterdir()] if self._folder.is_dir() else []
         number = 1 + max((int(n[:3]) for n in used if re.match(r"\d{3}_", n)), default=0)
         return f"{number:03d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', other.stem)[:40]}"
@@ -177,7 +183,7 @@ class KeptComparisons:
         return {
             "name": name,
             "asked": record["asked"],
-            "told": told,
+            "told": None if told is None else in_words(told),
             "problem": problem,
             "is_outdated": told is not None and record["mark"] != _mark(record["surfaces"]),
             "command": record["command"],
@@ -208,7 +214,9 @@ def _outlines(kept: Sequence[KeptMeasurement], numbers: Sequence[int]) -> list[S
     chosen = list[StoredMeasurement]()
     for number in dict.fromkeys(numbers):
         if not 0 <= number < len(kept) or kept[number]["kind"] not in OUTLINES:
-            raise SettingError("outlines", f"there is no outline {number + 1}: another page has removed it")
+            raise SettingError(
+                "outlines", Said("there is no outline {number}: another page has removed it", number=number + 1)
+            )
         item = kept[number]
         name = item["name"]
         if name in [other.name for other in chosen]:

@@ -7,6 +7,7 @@ from typing import Literal
 from typing_extensions import TypedDict
 
 from photogram.files.maps.rasters import open_raster, value_range
+from photogram.languages.said import Said
 from photogram.result_files import ResultFolder
 
 Kind = Literal["picture", "heights", "sigma"]
@@ -25,11 +26,11 @@ class Layer(TypedDict):
 
 
 _LAYERS: tuple[tuple[str, str, Kind, str], ...] = (
-    ("orthophoto", "Orthophoto", "picture", f"{ResultFolder.DELIVERABLES}/orthophoto.tif"),
-    ("surface", "Surface heights", "heights", f"{ResultFolder.DELIVERABLES}/dsm.tif"),
-    ("terrain", "Terrain heights", "heights", f"{ResultFolder.DELIVERABLES}/dtm.tif"),
-    ("sigma", "Accuracy of heights", "sigma", f"{ResultFolder.QUALITY}/dsm_sigma.tif"),
-    ("plan_sigma", "Accuracy in plan", "sigma", f"{ResultFolder.QUALITY}/orthophoto_sigma.tif"),
+    ("orthophoto", Said("Orthophoto"), "picture", f"{ResultFolder.DELIVERABLES}/orthophoto.tif"),
+    ("surface", Said("Surface heights"), "heights", f"{ResultFolder.DELIVERABLES}/dsm.tif"),
+    ("terrain", Said("Terrain heights"), "heights", f"{ResultFolder.DELIVERABLES}/dtm.tif"),
+    ("sigma", Said("Accuracy of heights"), "sigma", f"{ResultFolder.QUALITY}/dsm_sigma.tif"),
+    ("plan_sigma", Said("Accuracy in plan"), "sigma", f"{ResultFolder.QUALITY}/orthophoto_sigma.tif"),
 )
 _RANGE = 0.02, 0.98
 

@@ -7,6 +7,7 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from photogram.errors import WorkspaceError
+from photogram.languages.said import Said
 from photogram.report.reading import read_report
 from photogram.report.record.ground import GroundPointRecord
 from photogram.report.record.report import Report
@@ -53,7 +54,7 @@ def residuals(results: Path) -> Residuals:
     ReportError where it is damaged."""
     path = result_path(results, "report.json")
     if not path.is_file():
-        raise WorkspaceError("no results yet: start the run first")
+        raise WorkspaceError(Said("no results yet: start the run first"))
     report = read_report(path)
     said = _said(report)
     compared = [p for p in report["control_points"] if p["adjusted_map_m"] is not None and p["residual_m"] is not None]

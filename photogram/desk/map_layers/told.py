@@ -14,6 +14,7 @@ from photogram.desk.measurements import Figure
 from photogram.errors import PhotogramError
 from photogram.files.maps.rasters import open_raster, value_range
 from photogram.geodesy.crs import map_units
+from photogram.languages.said import Figures, Said
 from photogram.measures.round_lengths import round_up
 from photogram.volumes.surfaces import SURFACE_SUFFIXES, StatedSigma
 from photogram.volumes.volumes import Volume
@@ -73,14 +74,26 @@ def _sum(change: SurfaceChange) -> tuple[Volume, ...]:
 
 def _volume(volume: Volume) -> VolumeView:
     figures: list[Figure] = [
-        {"name": "fill", "value": volume.fill_m3, "sigma": volume.fill_sigma_m3, "unit": "m³"},
-        {"name": "cut", "value": volume.cut_m3, "sigma": volume.cut_sigma_m3, "unit": "m³"},
-        {"name": "net", "value": volume.net_m3, "sigma": volume.net_sigma_m3, "unit": "m³"},
-        {"name": "area in plan", "value": volume.area_m2, "sigma": None, "unit": "m²"},
+        {"name": Said("fill"), "value": volume.fill_m3, "sigma": volume.fill_sigma_m3, "unit": "m³"},
+        {"name": Said("cut"), "value": volume.cut_m3, "sigma": volume.cut_sigma_m3, "unit": "m³"},
+        {"name": Said("net"), "value": volume.net_m3, "sigma": volume.net_sigma_m3, "unit": "m³"},
+        {"name": Said("area in plan"), "value": volume.area_m2, "sigma": None, "unit": "m²"},
     ]
-    parts = {"of it filled": volume.interpolated_m2, "of it without heights": volume.unmeasured_m2}
+    parts = {
+        Said("of it filled"): volume.interpolated_m2,
+        Said("of it without heights"): volume.unmeasured_m2,
+    }
     figures += [{"name": name, "value": m2, "sigma": None, "unit": "m²"} for name, m2 in parts.items() if m2 > 0.0]
     return {"name": volume.name, "figures": figures}
+
+
+def in_words(told: Told) -> Told:
+    """Return what a comparison says as it is read from its file, with the names of its figures as messages."""
+    volumes: list[VolumeView] = [
+        {"name": volume["name"], "figures": [{**f, "name": Said(f["name"])} for f in volume["figures"]]}
+        for volume in told["volumes"]
+    ]
+    return {**told, "volumes": volumes, "within": Figures(told["within"])}
 
 
 def command_of(request: SurfaceRequest, output: Path) -> str:

@@ -1,10 +1,18 @@
 // What the page asks of its server. Addresses are relative: they begin with the token of this session.
 
-export class Refused extends Error {}
+import { t } from "./words.js";
+
+// What the server says of what it does not do, and in which language.
+export class Refused extends Error {
+  constructor(message, lang = null) {
+    super(message);
+    this.lang = lang;
+  }
+}
 
 async function answered(response) {
-  const content = await response.json().catch(() => ({ error: `the server answered ${response.status}` }));
-  if (!response.ok) throw new Refused(content.error ?? `the server answered ${response.status}`);
+  const content = await response.json().catch(() => ({}));
+  if (!response.ok) throw new Refused(content.error ?? t("the server answered {status}", { status: response.status }), content.lang ?? (content.error ? "en" : null));
   return content;
 }
 
@@ -12,7 +20,7 @@ async function tried(request) {
   try {
     return await request();
   } catch (error) {
-    if (error instanceof TypeError) throw new Refused("photogram desk does not answer: start it again in the terminal");
+    if (error instanceof TypeError) throw new Refused(t("photogram desk does not answer: start it again in the terminal"));
     throw error;
   }
 }

@@ -1,12 +1,12 @@
 // Compare: the survey with a design, another surface or another survey, as `photogram compare` does it.
 
 import { comparedAddress, get, post } from "./api.js";
-import { $, element, fill, figure, guarded } from "./page.js";
+import { $, element, ENGLISH, fill, figure, guarded } from "./page.js";
 import { differenceLayer, differenceLegend, rasterLayer } from "./rasters.js";
 import * as swipe from "./swipe.js";
+import { nt, t, typed } from "./words.js";
 
 const ASK_EVERY_MS = 700;
-const RELATIONS = { design: "a design", earlier: "an earlier survey or surface", later: "a later survey or surface" };
 let look = null, view = null, drawn = [], asking = false;
 let shown = { name: null, how: null };
 
@@ -15,7 +15,7 @@ export async function begin(made) {
   look = made;
   clear();
   fill($("compare-own"), ...made.layers.filter(layer => ["surface", "terrain"].includes(layer.name))
-    .map(layer => element("option", { value: layer.name }, layer.name)));
+    .map(layer => element("option", { value: layer.name }, surfaceOf(layer.name))));
   relation();
   await renew();
 }
@@ -23,11 +23,15 @@ export async function begin(made) {
 // The outlines among the kept measurements, which volumes and stable ground are chosen from.
 export function outlines(kept) {
   const areas = kept.map((item, number) => ({ ...item, number })).filter(item => item.kind === "area" || item.kind === "volume");
-  for (const [id, none] of [["compare-outlines", "everything that both cover; for less, draw an area with the tools above"], ["compare-stable", "none; draw areas with the tools above"]]) {
+  const groups = [
+    ["compare-outlines", t("Volumes within"), t("without any: everything that both cover"), t("everything that both cover; for less, draw an area with the tools above")],
+    ["compare-stable", t("Ground that has not moved"), "", t("none; draw areas with the tools above")],
+  ];
+  for (const [id, title, hint, none] of groups) {
     const ticked = new Set(chosen(id));
-    fill($(id), element("legend", {}, id === "compare-outlines" ? "Volumes within" : "Ground that has not moved"),
+    fill($(id), element("legend", {}, title),
       ...areas.map(({ name, number }) => element("label", {}, element("input", { type: "checkbox", value: String(number), checked: ticked.has(number) }), name)),
-      element("small", {}, areas.length ? (id === "compare-outlines" ? "without any: everything that both cover" : "") : none));
+      element("small", {}, areas.length ? hint : none));
   }
 }
 
@@ -41,8 +45,8 @@ function relation() {
 
 const renew = guarded(async () => {
   view = await get("comparisons");
-  const { name, text, done, total } = view.under_way;
-  $("compare-words").textContent = name ? `Comparing: ${text}${total ? `, ${done} of ${total}` : ""} …` : "";
+  const { name, done, total } = view.under_way;
+  $("compare-words").textContent = !name ? "" : total ? t("Comparing: {done} of {total} …", { done, total }) : t("Comparing …");
   $("compare-start").disabled = Boolean(name);
   list();
   if (name && !asking) {
@@ -56,26 +60,37 @@ const renew = guarded(async () => {
 });
 
 function entry(item) {
-  const title = `${item.asked.path.split("/").filter(Boolean).at(-1)}: ${RELATIONS[item.asked.relation]}${item.asked.own === "terrain" ? ", against the terrain" : ""}`;
-  const button = (words, act, pressed = null) => element("button", { type: "button", "data-act": `${item.name} ${words}`, "aria-pressed": pressed === null ? null : String(pressed), onclick: guarded(act) }, words);
-  const remove = button("Remove", async () => {
+  const title = titleOf(item.asked);
+  const button = (name, words, act, pressed = null) => element("button", { type: "button", "data-act": `${item.name} ${name}`, "aria-pressed": pressed === null ? null : String(pressed), onclick: guarded(act) }, words);
+  const remove = button("remove", t("Remove"), async () => {
     if (shown.name === item.name) clear();
     await post("forget-comparison", { name: item.name });
     await renew();
   });
-  if (!item.told) return element("li", {}, element("h3", {}, title), element("p", { class: "bad" }, item.problem), element("div", { class: "actions" }, remove));
+  if (!item.told) return element("li", {}, element("h3", {}, title), element("p", { class: "bad", ...ENGLISH }, item.problem), element("div", { class: "actions" }, remove));
   const { told } = item;
   return element("li", {}, element("h3", {}, title),
-    item.is_outdated ? element("p", { class: "attention" }, "One of the two has changed since: compare again.") : null,
+    item.is_outdated ? element("p", { class: "attention" }, t("One of the two has changed since: compare again.")) : null,
     ...told.volumes.flatMap(volume => [element("h4", {}, volume.name), element("dl", {}, ...volume.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))]))]),
-    element("p", { class: "muted" }, `${told.within} of the cells within the level of detection.`),
+    element("p", { class: "muted" }, t("{share} of the cells within the level of detection.", { share: told.within })),
     element("div", { class: "actions" },
-      button("Difference", () => (isShown(item, "difference") ? clear() : show(item)), isShown(item, "difference")),
+      button("difference", t("Difference"), () => (isShown(item, "difference") ? clear() : show(item)), isShown(item, "difference")),
       ...item.other_layers.filter(layer => look.layers.some(own => own.name === layer.name))
-        .map(layer => button(`Swipe: ${layer.name}`, () => (isShown(item, layer.name) ? clear() : sideBySide(item, layer)), isShown(item, layer.name))),
+        .map(layer => button(layer.name, swipeTitle(layer.name), () => (isShown(item, layer.name) ? clear() : sideBySide(item, layer)), isShown(item, layer.name))),
       remove),
-    element("details", { "data-act": item.name }, element("summary", {}, "What was compared"), ...told.said.map(text => element("p", {}, text)),
-      element("p", { class: "muted" }, "The same in a terminal:"), element("code", {}, item.command)));
+    element("details", { "data-act": item.name }, element("summary", {}, t("What was compared")), ...told.said.map(text => element("p", ENGLISH, text)),
+      element("p", { class: "muted" }, t("The same in a terminal:")), element("code", {}, item.command)));
+}
+
+const surfaceOf = name => ({ surface: t("surface"), terrain: t("terrain") })[name];
+const swipeTitle = layer => ({ orthophoto: t("Swipe: orthophoto"), surface: t("Swipe: surface"), terrain: t("Swipe: terrain") })[layer];
+
+function titleOf({ path, relation, own }) {
+  const file = path.split("/").filter(Boolean).at(-1);
+  if (own === "terrain") {
+    return { design: t("{file}: a design, against the terrain", { file }), earlier: t("{file}: an earlier survey or surface, against the terrain", { file }), later: t("{file}: a later survey or surface, against the terrain", { file }) }[relation];
+  }
+  return { design: t("{file}: a design", { file }), earlier: t("{file}: an earlier survey or surface", { file }), later: t("{file}: a later survey or surface", { file }) }[relation];
 }
 
 const isShown = (item, how) => shown.name === item.name && shown.how === how;
@@ -125,7 +140,7 @@ function sideBySide(item, layer) {
   look.map.getLayers().insertAt(0, mine);
   look.map.getLayers().insertAt(1, theirs);
   const other = item.asked.path.split("/").filter(Boolean).at(-1);
-  swipe.begin(...(mineFirst ? ["this survey", other] : [other, "this survey"]));
+  swipe.begin(...(mineFirst ? [t("this survey"), other] : [other, t("this survey")]));
   look.legend({ ...own, range });
   list();
 }
@@ -138,15 +153,15 @@ const askParts = guarded(async () => {
   if (!/\.(xml|landxml|dxf)$/i.test(path)) return;
   const { what, triangles } = await get("parts", { path }), names = Object.keys(triangles);
   if (names.length < 2 || path !== $("compare-path").value.trim()) return;
-  fill($("compare-parts"), element("legend", {}, `Which ${what}`),
-    ...names.map(name => element("label", {}, element("input", { type: "checkbox", value: name }), name, element("small", {}, ` ${triangles[name]} triangles`))));
+  fill($("compare-parts"), element("legend", {}, what === "layer" ? t("Which layer") : t("Which surface")),
+    ...names.map(name => element("label", {}, element("input", { type: "checkbox", value: name }), name, " ", element("small", {}, nt("{n} triangle", "{n} triangles", triangles[name])))));
   $("compare-parts").hidden = false;
 });
 
 // A file or a folder of this machine, chosen in a list.
 const browse = guarded(async path => {
   const listed = await get("surfaces", path ? { path } : {});
-  const choice = (words, act, more = "") => element("li", {}, element("button", { type: "button", onclick: act }, words, more ? element("small", {}, more) : null));
+  const choice = (words, act, more = "") => element("li", {}, element("button", { type: "button", onclick: act }, element("span", { translate: "no" }, words), more ? element("small", {}, more) : null));
   const take = async path => {
     $("compare-path").value = path;
     $("compare-listing").hidden = true;
@@ -154,8 +169,8 @@ const browse = guarded(async path => {
     await askParts();
   };
   $("compare-folder").textContent = listed.path;
-  fill($("compare-entries"), ...(listed.above ? [choice("..", () => browse(listed.above), "the folder above")] : []),
-    ...listed.entries.map(one => (one.is_folder && !one.is_survey ? choice(one.name, () => browse(one.path), "folder") : choice(one.name, () => take(one.path), one.is_survey ? "survey" : ""))));
+  fill($("compare-entries"), ...(listed.above ? [choice("..", () => browse(listed.above), t("the folder above"))] : []),
+    ...listed.entries.map(one => (one.is_folder && !one.is_survey ? choice(one.name, () => browse(one.path), t("folder")) : choice(one.name, () => take(one.path), one.is_survey ? t("survey") : ""))));
   $("compare-listing").hidden = false;
   $("compare-entries").querySelector("button")?.focus();
 });
@@ -166,9 +181,9 @@ $("compare-path").addEventListener("change", askParts);
 $("compare-form").addEventListener("submit", guarded(async event => {
   event.preventDefault();
   const form = $("compare-form").elements, design = form.relation.value === "design";
-  const number = name => (form[name].value.trim() ? Number(form[name].value.replace(",", ".")) : null);
+  const number = name => (form[name].value.trim() ? typed(form[name].value) : null);
   const sigmas = [number("own_sigma"), number("common_sigma")];
-  if (!design && sigmas.filter(value => value === null).length === 1) throw new Error("Give both standard deviations, or neither.");
+  if (!design && sigmas.filter(value => value === null).length === 1) throw new Error(t("Give both standard deviations, or neither."));
   await post("compare", {
     path: form.path.value, relation: form.relation.value, own: form.own.value || "surface",
     parts: [...$("compare-parts").querySelectorAll("input:checked")].map(box => box.value),

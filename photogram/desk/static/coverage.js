@@ -4,10 +4,11 @@ import { get } from "./api.js";
 import { PROJECTION, vectorLayer } from "./maps.js";
 import { $, element, fill, guarded } from "./page.js";
 import { ramp } from "./rasters.js";
+import { number, t } from "./words.js";
 
 const { ol } = window;
 // Least number of photographs of each class, its colour, and what it is called; red to blue, which most eyes tell apart.
-const COUNTS = [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [254, 224, 118], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], "9 or more"]];
+const counts = () => [[1, [178, 24, 43], "1"], [2, [239, 138, 98], "2"], [3, [254, 224, 118], "3–4"], [5, [146, 197, 222], "5–8"], [9, [33, 102, 172], t("9 or more")]];
 const SIGMA_CLASSES = 5;
 const OPACITY = .7;
 let map = null, drawn = [], counted = null, expected = null;
@@ -22,7 +23,7 @@ export async function show() {
   clear();
   for (const id of ["coverage", "coverage-legend", "coverage-kind-label", "gaps-kml"]) $(id).hidden = true;
   if (!$("coverage-switch").checked) return;
-  $("coverage-words").textContent = "Counting …";
+  $("coverage-words").textContent = t("Counting …");
   try {
     [counted, expected] = await Promise.all([get("coverage"), get("expected")]);
     draw();
@@ -36,7 +37,7 @@ function clear() {
   drawn = [];
 }
 
-const said = sentences => sentences.map(one => element("li", { class: one.severity }, one.text));
+const said = sentences => sentences.map(one => element("li", { class: one.severity, lang: one.lang }, one.text));
 
 function draw() {
   if (!$("coverage-switch").checked) return;
@@ -49,8 +50,8 @@ function draw() {
   const kind = expected.grid ? $("coverage-kind").value : "counts";
   const grid = kind === "counts" ? counted.grid : expected.grid;
   if (!grid) return;
-  const values = grid[kind], classes = kind === "counts" ? COUNTS : sigmaClasses(values);
-  legend(classes, kind === "counts" ? "photographs" : "cm");
+  const values = grid[kind], classes = kind === "counts" ? counts() : sigmaClasses(values);
+  legend(classes, kind === "counts" ? t("photographs") : "cm");
   const edge = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#b2182b", width: 3, lineDash: [8, 5] }) });
   const gaps = counted.gaps.map(gap => new ol.Feature(new ol.geom.Polygon(gap.rings_map_m)));
   drawn = [picture(grid, values, classes), vectorLayer(gaps, edge)];
@@ -78,14 +79,15 @@ function sigmaClasses(values) {
   const colours = ramp("sigma"), least = n => low * (high / low) ** (n / (SIGMA_CLASSES - 1));
   return Array.from({ length: SIGMA_CLASSES }, (_, n) => {
     const colour = colours[Math.round(n * (colours.length - 1) / (SIGMA_CLASSES - 1))];
-    return [n ? least(n) : 0, [1, 3, 5].map(at => parseInt(colour.slice(at, at + 2), 16)), `${n ? "from " : "to "}${Number((100 * least(n || 1)).toPrecision(2))}`];
+    const bound = number(Number((100 * least(n || 1)).toPrecision(2)));
+    return [n ? least(n) : 0, [1, 3, 5].map(at => parseInt(colour.slice(at, at + 2), 16)), n ? t("from {bound}", { bound }) : t("to {bound}", { bound })];
   });
 }
 
 function further({ position_map_m: [east, north] }) {
   const style = new ol.style.Style({
     image: new ol.style.RegularShape({ points: 5, radius: 11, radius2: 5, fill: new ol.style.Fill({ color: "#ffd500" }), stroke: new ol.style.Stroke({ color: "#333", width: 1.5 }) }),
-    text: new ol.style.Text({ text: "one more control point", offsetY: 20, font: "12px sans-serif", fill: new ol.style.Fill({ color: "#111" }), stroke: new ol.style.Stroke({ color: "#fff", width: 3 }) }),
+    text: new ol.style.Text({ text: t("one more control point"), offsetY: 20, font: "12px sans-serif", fill: new ol.style.Fill({ color: "#111" }), stroke: new ol.style.Stroke({ color: "#fff", width: 3 }) }),
   });
   return vectorLayer([new ol.Feature({ geometry: new ol.geom.Point([east, north]), item: {} })], style);
 }

@@ -2,14 +2,17 @@
 
 import { get, post, resultAddress } from "./api.js";
 import { renew } from "./main.js";
-import { $, element, fill, guarded, size } from "./page.js";
+import { $, element, fill, guarded, keepingFields, size } from "./page.js";
+import { code, languages, t } from "./words.js";
 
-const LINES = [["name", "Title"], ["client", "Client"], ["author", "Who signs"], ["place", "Place"], ["surveyor", "Who surveyed the points"], ["instrument", "Instrument"], ["targets", "Targets"]];
-const LANGUAGES = [["en", "English"], ["de", "Deutsch"], ["es", "Español"], ["pt", "Português"], ["fr", "Français"]];
-const PRODUCTS = {
-  dxf: "CAD drawing", qgis: "QGIS project", landxml: "LandXML", glb: "Textured model", shapefile: "Shapefiles", kmz: "Google Earth", copc: "Cloud for the web", "3dtiles": "3D Tiles",
-};
-let delivering = false;
+const lines = () => [
+  ["name", t("Title")], ["client", t("Client")], ["author", t("Who signs")], ["place", t("Place")],
+  ["surveyor", t("Who surveyed the points")], ["instrument", t("Instrument")], ["targets", t("Targets")],
+];
+const titleOf = product => ({
+  dxf: t("CAD drawing"), qgis: t("QGIS project"), landxml: "LandXML", glb: t("Textured model"), shapefile: "Shapefiles", kmz: "Google Earth", copc: t("Cloud for the web"), "3dtiles": "3D Tiles",
+})[product] ?? product;
+let delivering = false, spoken = null;
 
 export async function show(state) {
   const results = await get("results");
@@ -21,13 +24,16 @@ export async function show(state) {
   fill($("headline"), headline.sentence, headline.also ? ` ${headline.also}` : null);
   fill($("to-do"), ...headline.to_do.map(text => element("li", {}, text)));
   if (results.report) $("report").href = resultAddress(results.report);
-  const said = Object.fromEntries(LINES.map(([key]) => [key, results.texts[key] ?? ""]));
-  fill($("texts"), ...LINES.map(([key, title]) => element("label", {}, title, element("input", { name: key, value: said[key], maxlength: 200 }))),
-    element("label", {}, "Language", element("select", { name: "language" }, ...LANGUAGES.map(([code, name]) => element("option", { value: code, selected: code === results.texts.language, lang: code }, name)))),
-    element("button", { type: "submit" }, "Keep, and renew the report"));
-  $("missing").textContent = results.missing.length ? `A report that is signed still lacks ${results.missing.join("; ")}.` : "";
-  if (!$("products").querySelector("input")) {
-    $("products").append(...state.products.map(({ name, file, usual }) => element("label", {}, element("input", { type: "checkbox", value: name, checked: usual }), PRODUCTS[name] ?? name, element("small", {}, ` ${file}`))));
+  const said = Object.fromEntries(lines().map(([key]) => [key, results.texts[key] ?? ""]));
+  fill($("texts"), ...lines().map(([key, title]) => element("label", {}, title, element("input", { name: key, value: said[key], maxlength: 200 }))),
+    element("label", {}, t("Language of the report"), element("select", { name: "language" }, ...languages().map(({ code: value, name }) => element("option", { value, selected: value === results.texts.language, lang: value }, name)))),
+    element("button", { type: "submit" }, t("Keep, and renew the report")));
+  $("missing").textContent = results.missing.length ? t("A report that is signed still lacks: {missing}.", { missing: results.missing.join("; ") }) : "";
+  if (spoken !== code()) {
+    const legend = $("products").querySelector("legend");
+    await keepingFields($("products"), () => fill($("products"), legend, ...state.products.map(({ name, file, usual }) =>
+      element("label", {}, element("input", { type: "checkbox", value: name, checked: usual }), titleOf(name), " ", element("small", {}, file)))));
+    spoken = code();
   }
   $("package").hidden = !results.package;
   if (results.package) $("package").href = resultAddress(results.package);
@@ -39,7 +45,8 @@ export async function show(state) {
 export function told(run) {
   const busy = run.kind === "deliver" && (run.state === "running" || run.state === "paused");
   $("deliver").disabled = run.state === "running" || run.state === "paused";
-  $("deliver-words").textContent = busy ? "writing …" : run.kind === "deliver" ? { done: "written", failed: run.text, stopped: "stopped" }[run.state] ?? "" : "";
+  const ended = run.kind === "deliver" ? { done: t("written"), failed: run.text, stopped: t("stopped") }[run.state] ?? "" : "";
+  fill($("deliver-words"), element("span", { lang: !busy && run.state === "failed" ? run.lang : null }, busy ? t("writing …") : ended));
   if (delivering && !busy) {
     delivering = false;
     renew();

@@ -5,32 +5,37 @@ import { addBasemap } from "./basemap.js";
 import * as compare from "./compare.js";
 import { contourLayer } from "./contours.js";
 import { features, newMap, photographStyle, pointStyle, shownFully, vectorLayer } from "./maps.js";
-import { $, element, fill, figure, guarded } from "./page.js";
+import { $, element, ENGLISH, fill, figure, guarded } from "./page.js";
 import { ramp, rasterLayer } from "./rasters.js";
 import { residualLayer } from "./residuals.js";
+import { code, fixed, t } from "./words.js";
 
 const { ol } = window;
-const TOOLS = {
-  height: ["Height", "Point", "Click a place."],
-  distance: ["Distance", "LineString", "Click the places; a double click ends."],
-  profile: ["Profile", "LineString", "Click along the line; a double click ends."],
-  area: ["Area", "Polygon", "Click the corners; a double click closes."],
-  volume: ["Volume", "Polygon", "Click the foot of the heap all around; a double click closes."],
-};
-const NAMES = ["height", "distance", "profile", "area", "volume"];
+const SHAPES = { height: "Point", distance: "LineString", profile: "LineString", area: "Polygon", volume: "Polygon" };
+const titleOf = kind => ({ height: t("Height"), distance: t("Distance"), profile: t("Profile"), area: t("Area"), volume: t("Volume") })[kind];
+const hintOf = kind => ({
+  height: t("Click a place."),
+  distance: t("Click the places; a double click ends."),
+  profile: t("Click along the line; a double click ends."),
+  area: t("Click the corners; a double click closes."),
+  volume: t("Click the foot of the heap all around; a double click closes."),
+})[kind] ?? "";
 let map = null, known = null, drawn = null, drawing = null, current = null;
 
 export async function show() {
   const layers = await get("layers");
   $("no-surface").hidden = layers.length > 0;
   $("looking").hidden = !layers.length;
-  if (!layers.length || JSON.stringify(layers) === known) return;
-  known = JSON.stringify(layers);
+  const now = JSON.stringify([layers, code()]);
+  if (!layers.length || now === known) return;
+  known = now;
   await begin(layers);
 }
 
 async function begin(layers) {
+  const seen = map?.getView();
   map?.setTarget(null);
+  if (current) use(current);
   const overview = await get("overview");
   drawn = new ol.source.Vector();
   const line = new ol.style.Style({ stroke: new ol.style.Stroke({ color: "#d9480f", width: 2.5 }), fill: new ol.style.Fill({ color: "rgba(217, 72, 15, .15)" }), image: new ol.style.Circle({ radius: 5, fill: new ol.style.Fill({ color: "#d9480f" }) }) });
@@ -46,14 +51,14 @@ async function begin(layers) {
   map = newMap("result-map", over);
   over.push(residualLayer(map));
   map.addLayer(over.at(-1));
-  map.on("pointermove", event => { $("cursor").textContent = `E ${event.coordinate[0].toFixed(2)}  N ${event.coordinate[1].toFixed(2)}`; });
+  map.on("pointermove", event => { $("cursor").textContent = `E ${fixed(event.coordinate[0], 2)}  N ${fixed(event.coordinate[1], 2)}`; });
   let base = layers[0];
   const choose = async layer => {
     if (!rasters.has(layer.name)) {
       const made = rasterLayer(layer, resultAddress(layer.file));
       rasters.set(layer.name, made);
       map.getLayers().insertAt(0, made.layer);
-      if (rasters.size === 1) shownFully(map, await made.extent);
+      if (rasters.size === 1) shownAgain(seen, await made.extent);
     }
     base = layer;
     compare.clear();
@@ -61,9 +66,9 @@ async function begin(layers) {
     legend(layer);
   };
   const radios = layers.map((layer, n) => element("label", {}, element("input", { type: "radio", name: "layer", value: layer.name, checked: n === 0, onchange: guarded(() => choose(layer)) }), layer.title));
-  const boxes = [["Photographs", over[1]], ["Points", over[2]], ["Measurements", over[3]], ["Residuals", over.at(-1)]].map(([title, layer]) => element("label", {}, element("input", { type: "checkbox", checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
-  fill($("layers"), element("legend", {}, "Show"), ...radios, ...boxes, ...contours.controls);
-  fill($("tools"), element("legend", {}, "Measure"), ...NAMES.map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, TOOLS[kind][0])));
+  const boxes = [["photographs", t("Photographs"), over[1]], ["points", t("Points"), over[2]], ["measurements", t("Measurements"), over[3]], ["residuals", t("Residuals"), over.at(-1)]].map(([value, title, layer]) => element("label", {}, element("input", { type: "checkbox", value, checked: layer.getVisible(), onchange: event => layer.setVisible(event.target.checked) }), title));
+  fill($("layers"), element("legend", {}, t("Show")), ...radios, ...boxes, ...contours.controls);
+  fill($("tools"), element("legend", {}, t("Measure")), ...Object.keys(SHAPES).map(kind => element("button", { type: "button", "data-tool": kind, "aria-pressed": "false", onclick: () => use(kind) }, titleOf(kind))));
   await choose(layers[0]);
   await addBasemap(map);
   await compare.begin({
@@ -74,28 +79,36 @@ async function begin(layers) {
   window.desk = { map, rasters, measure: measured };
 }
 
+// What was seen before, where there was a map of the same survey; else all.
+function shownAgain(seen, extent) {
+  if (seen && ol.extent.containsCoordinate(extent, seen.getCenter())) {
+    map.getView().setCenter(seen.getCenter());
+    map.getView().setResolution(seen.getResolution());
+  } else shownFully(map, extent);
+}
+
 function use(kind) {
   map.removeInteraction(drawing);
   drawing = null;
   current = current === kind ? null : kind;
   for (const button of $("tools").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.tool === current));
-  $("hint").textContent = current ? TOOLS[current][2] : "";
+  $("hint").textContent = hintOf(current);
   if (!current) return;
-  drawing = new ol.interaction.Draw({ type: TOOLS[current][1] });
+  drawing = new ol.interaction.Draw({ type: SHAPES[current] });
   const tool = current;
   drawing.on("drawend", event => {
     const shape = event.feature.getGeometry().getCoordinates();
-    measured(tool, tool === "height" ? [shape] : TOOLS[tool][1] === "Polygon" ? shape[0].slice(0, -1) : shape);
+    measured(tool, tool === "height" ? [shape] : SHAPES[tool] === "Polygon" ? shape[0].slice(0, -1) : shape);
   });
   map.addInteraction(drawing);
 }
 
 const measured = guarded(async (kind, corners) => {
-  $("hint").textContent = "Measuring …";
+  $("hint").textContent = t("Measuring …");
   try {
-    list(await post("measure", { kind, corners_map_m: corners.map(corner => corner.slice(0, 2)) }));
+    list(await post("measure", { kind, title: titleOf(kind), corners_map_m: corners.map(corner => corner.slice(0, 2)) }));
   } finally {
-    $("hint").textContent = current ? TOOLS[current][2] : "";
+    $("hint").textContent = hintOf(current);
   }
 });
 
@@ -103,7 +116,7 @@ const measured = guarded(async (kind, corners) => {
 function list(kept) {
   drawn.clear();
   drawn.addFeatures(kept.map((item, number) => {
-    const type = TOOLS[item.kind][1], corners = item.corners_map_m;
+    const type = SHAPES[item.kind], corners = item.corners_map_m;
     const geometry = type === "Point" ? new ol.geom.Point(corners[0]) : type === "Polygon" ? new ol.geom.Polygon([[...corners, corners[0]]]) : new ol.geom.LineString(corners);
     return new ol.Feature({ geometry, number });
   }));
@@ -113,13 +126,13 @@ function list(kept) {
 }
 
 function entry(item, number) {
-  const name = element("input", { type: "text", value: item.name, maxlength: 100, "aria-label": "Name of the measurement", onchange: guarded(async event => list(await post("rename", { number, name: event.target.value }))) });
+  const name = element("input", { type: "text", value: item.name, maxlength: 100, "aria-label": t("Name of the measurement"), onchange: guarded(async event => list(await post("rename", { number, name: event.target.value }))) });
   const result = item.measurement;
   return element("li", {}, name,
-    result ? element("dl", {}, ...result.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))])) : element("p", { class: "bad" }, item.problem),
+    result ? element("dl", {}, ...result.figures.flatMap(f => [element("dt", {}, f.name), element("dd", {}, figure(f.value, f.sigma, f.unit))])) : element("p", { class: "bad", ...ENGLISH }, item.problem),
     result?.profile.length ? profile(result.profile) : null,
     result?.note ? element("p", { class: "muted" }, result.note) : null,
-    element("button", { type: "button", onclick: guarded(async () => list(await post("forget", { number }))) }, "Remove"));
+    element("button", { type: "button", onclick: guarded(async () => list(await post("forget", { number }))) }, t("Remove")));
 }
 
 // The heights along a line, with a band of one standard deviation.
@@ -141,13 +154,13 @@ function profile(samples) {
     if (text !== null) made.textContent = text;
     return made;
   };
-  const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "profile", role: "img", "aria-label": `Profile of ${long.toFixed(1)} m` });
+  const picture = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "profile", role: "img", "aria-label": t("Profile of {length} m", { length: fixed(long, 1) }) });
   for (const part of runs.filter(run => run.length)) {
     const band = [...part.map(s => [x(s), y(s.height_m + s.sigma_m)]), ...part.toReversed().map(s => [x(s), y(s.height_m - s.sigma_m)])];
     picture.append(svg("path", { d: `${path(band)}Z`, class: "band" }), svg("path", { d: path(part.map(s => [x(s), y(s.height_m)])), class: "line" }));
   }
-  picture.append(svg("text", { x: left - 4, y: 12, "text-anchor": "end" }, high.toFixed(2)), svg("text", { x: left - 4, y: height - bottom, "text-anchor": "end" }, low.toFixed(2)),
-    svg("text", { x: left, y: height - 4 }, "0"), svg("text", { x: width - 4, y: height - 4, "text-anchor": "end" }, `${long.toFixed(1)} m`));
+  picture.append(svg("text", { x: left - 4, y: 12, "text-anchor": "end" }, fixed(high, 2)), svg("text", { x: left - 4, y: height - bottom, "text-anchor": "end" }, fixed(low, 2)),
+    svg("text", { x: left, y: height - 4 }, "0"), svg("text", { x: width - 4, y: height - 4, "text-anchor": "end" }, `${fixed(long, 1)} m`));
   return picture;
 }
 
@@ -156,13 +169,13 @@ function legend(layer) {
   if (layer.kind === "picture") return;
   const bar = element("span", { class: "bar" });
   bar.style.background = `linear-gradient(to right, ${ramp(layer.kind).join(", ")})`;
-  fill($("legend"), element("span", {}, layer.range[0].toFixed(2)), bar, element("span", {}, `${layer.range[1].toFixed(2)} m`));
+  fill($("legend"), element("span", {}, fixed(layer.range[0], 2)), bar, element("span", {}, `${fixed(layer.range[1], 2)} m`));
 }
 
 $("three-d").addEventListener("click", guarded(async () => {
   const flat = $("three-d").getAttribute("aria-pressed") === "true";
   if (!flat && !$("view").src) {
-    $("hint").textContent = "Making the 3-D view …";
+    $("hint").textContent = t("Making the 3-D view …");
     const { file } = await post("view");
     $("view").src = resultAddress(file);
     $("hint").textContent = "";

@@ -1,13 +1,14 @@
 // The page: which survey is open, which step is shown, and what runs.
 
 import { get } from "./api.js";
-import { $, duration, element, problem } from "./page.js";
+import { $, duration, element, fill, guarded, keepingFields, problem } from "./page.js";
 import * as hand from "./hand.js";
 import * as look from "./look.js";
 import * as map from "./overview.js";
 import * as points from "./points.js";
 import * as run from "./run.js";
 import * as start from "./start.js";
+import { code, languages, speak, t } from "./words.js";
 
 const STEPS = { start, map, points, run, look, hand };
 const ASK_EVERY_MS = 1000;
@@ -23,7 +24,7 @@ function wanted() {
 
 export async function renew() {
   page.state = await get("state");
-  $("title").textContent = page.state.survey ? page.state.survey.name : "No survey open";
+  $("title").textContent = page.state.survey ? page.state.survey.name : t("No survey open");
   document.title = page.state.survey ? `${page.state.survey.name} – photogram desk` : "photogram desk";
   const open = Boolean(page.state.survey?.has_project);
   for (const link of document.querySelectorAll("[data-step]")) {
@@ -62,16 +63,32 @@ async function watch() {
   }
   const before = page.run?.state, told = await run.ask();
   page.run = told;
-  const words = { running: "running", paused: "paused" }[told.state];
-  $("running").hidden = !words;
-  if (words) {
-    const left = run.secondsLeft();
-    $("running").replaceChildren(element("a", { href: told.kind === "deliver" ? "#hand" : "#run" },
-      `${told.kind === "deliver" ? "Writing deliverables" : run.stageTitle() ?? "Run"}: ${words}${left ? `, ${duration(left)} left` : ""}`));
-  }
+  const goesOn = told.state === "running" || told.state === "paused";
+  $("running").hidden = !goesOn;
+  if (goesOn) $("running").replaceChildren(element("a", { href: told.kind === "deliver" ? "#hand" : "#run" }, underWay(told)));
   if (before === "running" && told.state !== "running" && page.shown !== "run" && page.shown !== "start") await show(page.shown);
   STEPS[page.shown]?.told?.(told);
 }
+
+function underWay({ kind, state }) {
+  const left = run.secondsLeft();
+  const what = kind === "deliver" ? t("Writing deliverables") : run.stageTitle() ?? t("Run");
+  if (state === "paused") return t("{what}: paused", { what });
+  return left ? t("{what}: running, {time} left", { what, time: duration(left) }) : t("{what}: running", { what });
+}
+
+// The languages that the page can speak; another one changes its words, and nothing else.
+function offerLanguages() {
+  fill($("language"), ...languages().map(({ code: value, name }) => element("option", { value, lang: value, selected: value === code() }, name)));
+}
+
+$("language").addEventListener("change", guarded(async () => {
+  await speak($("language").value);
+  await keepingFields($(page.shown), async () => {
+    await renew();
+    await show();
+  });
+}));
 
 window.addEventListener("hashchange", () => show());
 window.addEventListener("keydown", event => {
@@ -81,6 +98,7 @@ window.addEventListener("keydown", event => {
   }
 });
 
+offerLanguages();
 await renew().catch(problem);
 await show();
 let asking = false;

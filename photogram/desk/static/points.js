@@ -2,8 +2,9 @@
 
 import { post } from "./api.js";
 import { $ } from "./page.js";
+import { code, t } from "./words.js";
 
-let shown = null, wanted = null;
+let shown = null, wanted = null, spoken = null;
 
 // Which point is shown when the page of marking is next.
 export function markingOf(point) {
@@ -12,7 +13,7 @@ export function markingOf(point) {
 
 export async function show(state) {
   $("no-points").hidden = state.survey.has_points;
-  $("no-points").textContent = "The project has no ground points: give their coordinates in project.yaml under control_points, or begin the survey again with a table of points.";
+  $("no-points").textContent = t("The project has no ground points: give their coordinates in project.yaml under control_points, or begin the survey again with a table of points.");
   if (!state.survey.has_points) return;
   const { address, notes } = await post("mark");
   $("points-notes").hidden = !notes.length;
@@ -23,6 +24,7 @@ export async function show(state) {
     $("marking").contentWindow.location.replace("about:blank");
     $("marking").src = wanted === null ? address : `${address}#${encodeURIComponent(wanted)}`;
     wanted = null;
-  }
+  } else if (spoken !== code()) $("marking").contentWindow.location.reload();
+  spoken = code();
   $("marking").hidden = false;
 }

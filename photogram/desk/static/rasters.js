@@ -3,6 +3,7 @@
 
 import { PROJECTION } from "./maps.js";
 import { element, fill, problem } from "./page.js";
+import { number, t } from "./words.js";
 
 const { ol, GeoTIFF } = window;
 const MASK = 4; // of NewSubfileType
@@ -120,8 +121,8 @@ export function differenceLegend(parent, { half_range: half, unit, has_untold: h
     return element("span", { class: "swatch" }, square, words);
   };
   parent.hidden = false;
-  fill(parent, element("span", {}, `cut −${half}`), bar, element("span", {}, `+${half} ${unit} fill`),
-    swatch(WITHIN, "within the level of detection"), hasUntold ? swatch(UNTOLD, "filled, without one") : null);
+  fill(parent, element("span", {}, t("cut {figure}", { figure: `−${number(half)}` })), bar, element("span", {}, t("{figure} fill", { figure: `+${number(half)} ${unit}` })),
+    swatch(WITHIN, t("within the level of detection")), hasUntold ? swatch(UNTOLD, t("filled, without one")) : null);
 }
 
 // A raster of the results, and where it lies.

@@ -4,7 +4,8 @@ import { get } from "./api.js";
 import { vectorLayer } from "./maps.js";
 import { go } from "./main.js";
 import { markingOf } from "./points.js";
-import { $, element, fill, guarded } from "./page.js";
+import { $, element, ENGLISH, fill, guarded } from "./page.js";
+import { fixed, number, t } from "./words.js";
 
 const { ol } = window;
 const LONGEST_PX = 60, SIDES = 48;
@@ -28,9 +29,9 @@ function draw(source, map, { points, others }) {
   source.clear();
   source.addFeatures(points.flatMap(point => shapes(point, times)));
   $("residuals-words").textContent = points.length
-    ? `Residuals in plan as arrows, in height as bars, with 95 % confidence ellipses; all enlarged ${times} times.`
-    : "No ground points were surveyed and marked.";
-  fill($("residuals-others"), ...others.map(text => element("li", { class: "warning" }, text)));
+    ? t("Residuals in plan as arrows, in height as bars, with 95 % confidence ellipses; all enlarged {times} times.", { times: number(times) })
+    : t("No ground points were surveyed and marked.");
+  fill($("residuals-others"), ...others.map(text => element("li", { class: "warning", ...ENGLISH }, text)));
   fill($("residuals-points"), ...points.map(entry));
 }
 
@@ -51,8 +52,8 @@ function shapes(point, times) {
   };
   const tip = [x + times * e, y + times * n], turn = Math.atan2(n, e), head = .18 * Math.hypot(tip[0] - x, tip[1] - y);
   const barb = side => [tip[0] - head * Math.cos(turn + side), tip[1] - head * Math.sin(turn + side)];
-  const around = a === null || b === null ? [] : [Array.from({ length: SIDES + 1 }, (_, k) => 2 * Math.PI * k / SIDES).map(t =>
-    [x + times * WITHIN_95 * a * Math.cos(t), y + times * WITHIN_95 * b * Math.sin(t)])];
+  const around = a === null || b === null ? [] : [Array.from({ length: SIDES + 1 }, (_, k) => 2 * Math.PI * k / SIDES).map(angle =>
+    [x + times * WITHIN_95 * a * Math.cos(angle), y + times * WITHIN_95 * b * Math.sin(angle)])];
   const bar = c === null ? 3 : Math.abs(h) > 1.96 * c ? 6 : 3;
   return [
     ...around.map(ring => shape(new ol.geom.LineString(ring), stroke(1.5, [5, 4]))),
@@ -68,15 +69,17 @@ function opened(name) {
   return true;
 }
 
-const cm = (value, sigma) => `${(100 * value).toFixed(1)}${sigma === null ? "" : ` ± ${(100 * sigma).toFixed(1)}`}`;
+const cm = (value, sigma) => `${fixed(100 * value, 1)}${sigma === null ? "" : ` ± ${fixed(100 * sigma, 1)}`}`;
 
 function entry(point) {
-  const axes = ["east", "north", "height"].map((axis, k) => `${axis} ${cm(point.residual_m[k], point.sigma_m[k])}`);
+  const [east, north, height] = [0, 1, 2].map(k => cm(point.residual_m[k], point.sigma_m[k]));
+  const words = point.role === "control"
+    ? t("control: east {east}, north {north}, height {height} cm", { east, north, height }) : t("check: east {east}, north {north}, height {height} cm", { east, north, height });
   const rows = point.marks.map(mark => element("tr", { class: mark.suspect || mark.left_out ? "bad" : null }, element("th", { scope: "row" }, mark.photograph),
-    element("td", {}, mark.residual_px.map(v => v.toFixed(2)).join(", ")), element("td", {}, mark.left_out ? "left out" : mark.suspect ? "suspect" : "used")));
+    element("td", {}, mark.residual_px.map(v => fixed(v, 2)).join("; ")), element("td", {}, mark.left_out ? t("left out") : mark.suspect ? t("suspect") : t("used"))));
   return element("li", { class: point.suspect ? "warning" : "note" }, element("details", { "data-point": point.name },
-    element("summary", {}, element("b", {}, point.name), ` ${point.role}: ${axes.join(", ")} cm`),
-    ...point.sentences.map(text => element("p", {}, text)),
-    rows.length ? element("table", {}, element("thead", {}, element("tr", {}, ...["Photograph", "Residual u, v, px", "Use"].map(title => element("th", { scope: "col" }, title)))), element("tbody", {}, ...rows)) : null,
-    element("button", { type: "button", onclick: guarded(async () => { markingOf(point.name); await go("points"); }) }, `Show the marks of ${point.name}`)));
+    element("summary", {}, element("b", {}, point.name), ` ${words}`),
+    ...point.sentences.map(text => element("p", ENGLISH, text)),
+    rows.length ? element("table", {}, element("thead", {}, element("tr", {}, ...[t("Photograph"), t("Residual u, v, px"), t("Use")].map(title => element("th", { scope: "col" }, title)))), element("tbody", {}, ...rows)) : null,
+    element("button", { type: "button", onclick: guarded(async () => { markingOf(point.name); await go("points"); }) }, t("Show the marks of {point}", { point: point.name }))));
 }

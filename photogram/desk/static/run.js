@@ -2,19 +2,28 @@
 
 import { get, post } from "./api.js";
 import { renew } from "./main.js";
-import { $, duration, element, fill, guarded } from "./page.js";
+import { $, duration, element, ENGLISH, fill, guarded } from "./page.js";
+import { fixed, t } from "./words.js";
 
-export const TITLES = {
-  photographs: "Photographs", features: "Features", pairs: "Pairs", matches: "Matching", tie_points: "Tie points",
-  orientation: "Orientation", transfer: "Tie points between", intersection: "Linear intersection", comparison: "Comparison", adjustment: "Joint adjustment", dense: "Dense matching",
-  surface: "Surface", volumes: "Volumes", relief: "Terrain and contours", orthophoto: "Orthophoto", results: "Results",
-};
-const CHOICES = { full: ["All", "surface cell by cell, orthophoto, terrain"], quick: ["Quick look", "key points at half size, a surface between tie points"], own: ["As project.yaml says", "neither of the two"] };
+// What a person reads of a stage.
+export function titleOf(stage) {
+  return {
+    photographs: t("Photographs"), features: t("Features"), pairs: t("Pairs"), matches: t("Matching"), tie_points: t("Tie points"),
+    orientation: t("Orientation"), transfer: t("Tie points between"), intersection: t("Linear intersection"), comparison: t("Comparison"),
+    adjustment: t("Joint adjustment"), dense: t("Dense matching"), surface: t("Surface"), volumes: t("Volumes"),
+    relief: t("Terrain and contours"), orthophoto: t("Orthophoto"), results: t("Results"),
+  }[stage] ?? stage;
+}
+
+const titleOfChoice = choice => ({ full: t("All"), quick: t("Quick look"), own: t("As project.yaml says") })[choice];
+const wordsOfChoice = choice => ({
+  full: t("surface cell by cell, orthophoto, terrain"), quick: t("key points at half size, a surface between tie points"), own: t("neither of the two"),
+})[choice];
 let began = null, next = 0, told = null, chosen = null;
 let stages = new Map(), warnings = [], last = null;
 
 export const secondsLeft = () => (told?.state === "running" ? last?.seconds_left ?? null : null);
-export const stageTitle = () => (last?.stage ? TITLES[last.stage] ?? last.stage : null);
+export const stageTitle = () => (last?.stage ? titleOf(last.stage) : null);
 
 export async function ask() {
   const answer = await get("run", { after: next });
@@ -53,9 +62,9 @@ export async function show() {
 // What can be chosen, with the time that each choice is predicted to take.
 function offer() {
   const { settings, choices } = chosen, form = $("settings");
-  fill($("choices"), element("legend", {}, "What is made"), ...choices.map(({ choice, prediction }) => element("label", {},
-    element("input", { type: "radio", name: "choice", value: choice, checked: choice === settings.choice }), CHOICES[choice][0],
-    element("small", {}, ` ${CHOICES[choice][1]}; ${prediction.stages.length ? `${duration(prediction.seconds)} from here` : "up to date"}`))));
+  fill($("choices"), element("legend", {}, t("What is made")), ...choices.map(({ choice, prediction }) => element("label", {},
+    element("input", { type: "radio", name: "choice", value: choice, checked: choice === settings.choice }), titleOfChoice(choice), " ",
+    element("small", {}, prediction.stages.length ? t("{what}; {time} from here", { what: wordsOfChoice(choice), time: duration(prediction.seconds) }) : t("{what}; up to date", { what: wordsOfChoice(choice) })))));
   for (const name of ["cell_m", "interval_m"]) form.elements[name].value = settings[name] ?? "";
   form.elements.terrain.value = settings.terrain;
   form.elements.orthophoto.value = settings.orthophoto ? "yes" : "no";
@@ -69,28 +78,29 @@ export function draw() {
   $("run-stop").hidden = !busy;
   const left = secondsLeft();
   const state = own ? told.state : "none";
-  $("run-start").textContent = { stopped: "Go on", failed: "Try again" }[state] ?? "Start";
+  $("run-start").textContent = { stopped: t("Go on"), failed: t("Try again") }[state] ?? t("Start");
   const words = {
-    none: null, running: left ? `${duration(left)} left` : "Under way", paused: "Paused: it takes no processor time, and keeps its memory",
-    done: "Finished", failed: "Failed", stopped: "Stopped: what is finished is kept",
+    none: null, running: left ? t("{time} left.", { time: duration(left) }) : t("Under way."), paused: t("Paused: it takes no processor time, and keeps its memory."),
+    done: t("Finished."), failed: t("Failed."), stopped: t("Stopped: what is finished is kept."),
   }[state];
   $("settings").hidden = busy || !chosen;
   const predicted = chosen?.choices.find(({ choice }) => choice === chosen.settings.choice).prediction;
-  const ahead = busy || !predicted ? null : predicted.stages.length ? `Predicted: ${duration(predicted.seconds)}, up to ${(predicted.memory_bytes / 1e9).toFixed(1)} GB of memory` : "Everything is up to date";
-  $("run-words").textContent = [words, ahead].filter(Boolean).map(part => `${part}.`).join(" ");
+  const ahead = busy || !predicted ? null : predicted.stages.length
+    ? t("Predicted: {time}, up to {memory} GB of memory.", { time: duration(predicted.seconds), memory: fixed(predicted.memory_bytes / 1e9, 1) }) : t("Everything is up to date.");
+  $("run-words").textContent = [words, ahead].filter(Boolean).join(" ");
   fill($("stages"), ...(own ? [...stages].map(([name, stage]) => row(name, stage)) : []));
-  const said = own ? [...warnings.map(event => [event.event, event.text]), ...(told.state === "failed" && told.text && !warnings.some(w => w.event === "error") ? [["error", told.text]] : [])] : [];
+  const said = own ? [...warnings.map(event => [event.event, event.text, "en"]), ...(told.state === "failed" && told.text && !warnings.some(w => w.event === "error") ? [["error", told.text, told.lang]] : [])] : [];
   $("log-title").hidden = !said.length;
-  fill($("log"), ...said.map(([kind, text]) => element("li", { class: kind }, element("b", {}, kind === "error" ? "Error" : "Warning"), ` ${text}`)));
+  fill($("log"), ...said.map(([kind, text, lang]) => element("li", { class: kind }, element("b", {}, kind === "error" ? t("Error") : t("Warning")), " ", element("span", { lang }, text))));
 }
 
 function row(name, stage) {
   const share = stage.state === "done" ? 1 : stage.total ? stage.done / stage.total : null;
   return element("li", { class: stage.state },
-    element("span", { class: "name" }, TITLES[name] ?? name),
-    element("progress", share === null ? { max: 1, "aria-label": TITLES[name] ?? name } : { max: 1, value: share, "aria-label": TITLES[name] ?? name }),
-    element("span", { class: "time" }, stage.state === "done" ? duration(stage.seconds) : stage.total ? `${stage.done} of ${stage.total}` : ""),
-    element("span", { class: "text" }, stage.text ?? ""));
+    element("span", { class: "name" }, titleOf(name)),
+    element("progress", share === null ? { max: 1, "aria-label": titleOf(name) } : { max: 1, value: share, "aria-label": titleOf(name) }),
+    element("span", { class: "time" }, stage.state === "done" ? duration(stage.seconds) : stage.total ? t("{done} of {total}", { done: stage.done, total: stage.total }) : ""),
+    element("span", { class: "text", ...ENGLISH }, stage.text ?? ""));
 }
 
 export function toldNow() { draw(); }

@@ -2,8 +2,9 @@
 
 import { get, post } from "./api.js";
 import { go, renew, show as showStep } from "./main.js";
-import { $, duration, element, fill, guarded, plural, problem } from "./page.js";
-import { TITLES } from "./run.js";
+import { $, duration, element, ENGLISH, fill, guarded, problem } from "./page.js";
+import { titleOf } from "./run.js";
+import { nt, t, typed } from "./words.js";
 
 const ASK_EVERY_MS = 3000;
 
@@ -11,7 +12,7 @@ let listed = null;
 
 export async function show(state) {
   const survey = state.survey;
-  $("start-title").textContent = survey ? survey.name : "Which survey?";
+  $("start-title").textContent = survey ? survey.name : t("Which survey?");
   $("open-survey").hidden = !survey;
   if (survey) fill($("open-survey"), ...beginning(survey));
   await others(survey?.folder);
@@ -32,18 +33,18 @@ async function others(own) {
 export const leave = () => clearTimeout(asking);
 
 function doing({ run, stage, seconds_left: left, has_results: results }) {
-  const words = { running: stage ? `running: ${TITLES[stage]}` : "running", paused: "paused", failed: "failed", stopped: "stopped" }[run];
-  return [words, left ? `${duration(left)} left` : null, results ? "has results" : null].filter(Boolean).join(", ");
+  const words = { running: stage ? t("running: {stage}", { stage: titleOf(stage) }) : t("running"), paused: t("paused"), failed: t("failed"), stopped: t("stopped") }[run];
+  return [words, left ? t("{time} left", { time: duration(left) }) : null, results ? t("has results") : null].filter(Boolean).join(", ");
 }
 
 const list = guarded(async path => {
   listed = await get("folders", path ? { path } : {});
   $("path").value = listed.path;
-  const photographs = listed.photographs ? plural(listed.photographs, "photograph") : "no photographs, no survey";
-  $("inside").textContent = `Here: ${listed.has_project ? "a survey" : photographs}.`;
-  fill($("folders"), ...(listed.above ? [choice("..", () => list(listed.above), "the folder above")] : []),
+  $("inside").textContent = listed.has_project ? t("Here: a survey.") : listed.photographs
+    ? nt("Here: {n} photograph.", "Here: {n} photographs.", listed.photographs) : t("Here: no photographs, no survey.");
+  fill($("folders"), ...(listed.above ? [choice("..", () => list(listed.above), t("the folder above"))] : []),
     ...listed.folders.map(folder => choice(folder.name, () => list(folder.path),
-      folder.has_project ? "survey" : folder.photographs ? plural(folder.photographs, "photograph") : "")));
+      folder.has_project ? t("survey") : folder.photographs ? nt("{n} photograph", "{n} photographs", folder.photographs) : "")));
 });
 
 const open = guarded(async folder => {
@@ -54,46 +55,48 @@ const open = guarded(async folder => {
 });
 
 function choice(name, act, words = "") {
-  return element("li", {}, element("button", { type: "button", onclick: act, "data-folder": name }, name, words ? element("small", {}, words) : null));
+  return element("li", {}, element("button", { type: "button", onclick: act, "data-folder": name }, element("span", { translate: "no" }, name), words ? element("small", {}, words) : null));
 }
 
 function beginning(survey) {
-  if (survey.problem) return [element("p", { class: "bad" }, survey.problem)];
-  const close = element("button", { type: "button", onclick: guarded(async () => { await post("close"); await renew(); await showStep(); }) }, "Close");
+  if (survey.problem) return [element("p", { class: "bad", ...ENGLISH }, survey.problem)];
+  const close = element("button", { type: "button", onclick: guarded(async () => { await post("close"); await renew(); await showStep(); }) }, t("Close"));
   if (survey.has_project) {
-    return [element("p", {}, `${plural(survey.photographs, "photograph")} in ${survey.photographs_folder}.`),
-      element("div", { class: "actions" }, element("a", { class: "button main", href: "#map" }, "Go on"), close)];
+    return [element("p", {}, nt("{n} photograph in {folder}.", "{n} photographs in {folder}.", survey.photographs, { folder: survey.photographs_folder })),
+      element("div", { class: "actions" }, element("a", { class: "button main", href: "#map" }, t("Go on")), close)];
   }
   const rows = survey.tables.map((table, number) => element("tr", {},
     element("th", { scope: "row" }, element("label", { for: `table-${number}` }, table.file)),
     element("td", {}, element("select", { id: `table-${number}`, "data-file": table.file },
-      ...[["control", "control points"], ["check", "check points"], ["none", "not used"]].map(([value, words]) =>
+      ...[["control", t("control points")], ["check", t("check points")], ["none", t("not used")]].map(([value, words]) =>
         element("option", { value, selected: value === table.use }, words))))));
   const field = (name, title, input) => element("label", {}, title, Object.assign(input, { name }));
   const text = (placeholder, more = {}) => element("input", { type: "text", placeholder, spellcheck: "false", ...more });
   const more = element("form", { class: "lines" },
-    field("crs", "Map grid, such as EPSG:25832", text("the UTM zone of the photographs")),
-    field("focal_px", "Focal length, px", text("from the tags", { inputmode: "decimal" })),
-    field("heights", "Heights of the points", element("select", {}, ...[["", "not stated"], ["ellipsoidal", "above the ellipsoid"], ["orthometric", "above a geoid"]].map(([value, words]) => element("option", { value }, words)))),
-    field("geoid", "Geoid, such as EGM96 or EPSG:5799", text("none")));
+    field("crs", t("Map grid, such as EPSG:25832"), text(t("the UTM zone of the photographs"))),
+    field("focal_px", t("Focal length, px"), text(t("from the tags"), { inputmode: "decimal" })),
+    field("heights", t("Heights of the points"), element("select", {}, ...[["", t("not stated")], ["ellipsoidal", t("above the ellipsoid")], ["orthometric", t("above a geoid")]].map(([value, words]) => element("option", { value }, words)))),
+    field("geoid", t("Geoid, such as EGM96 or EPSG:5799"), text(t("none"))));
   const files = element("input", { id: "table-files", type: "file", multiple: "", accept: ".csv,.txt,.xml", class: "visually-hidden", onchange: () => added(files.files) });
   const begin = guarded(async () => {
     const tables = Object.fromEntries([...$("open-survey").querySelectorAll("select[data-file]")]
       .map(select => [select.dataset.file, select.value]).filter(([, use]) => use !== "none"));
     const said = Object.fromEntries([...new FormData(more)].map(([name, value]) => [name, value.trim()]).filter(([, value]) => value));
-    if ("focal_px" in said) said.focal_px = Number(said.focal_px.replace(",", "."));
+    if ("focal_px" in said) said.focal_px = typed(said.focal_px);
     await post("begin", { tables, recursive: survey.in_folders, ...said });
     await renew();
     await go("map");
     await showStep();
   });
   return [
-    element("p", {}, `${plural(survey.photographs, "photograph")} in ${survey.photographs_folder}${survey.in_folders ? " and folders within" : ""}, no project yet.`),
-    element("h3", {}, "Tables beside them"),
+    element("p", {}, survey.in_folders
+      ? nt("{n} photograph in {folder} and folders within, no project yet.", "{n} photographs in {folder} and folders within, no project yet.", survey.photographs, { folder: survey.photographs_folder })
+      : nt("{n} photograph in {folder}, no project yet.", "{n} photographs in {folder}, no project yet.", survey.photographs, { folder: survey.photographs_folder })),
+    element("h3", {}, t("Tables beside them")),
     rows.length ? element("table", {}, element("tbody", {}, ...rows)) : null,
-    element("p", {}, element("label", { class: "button", for: "table-files" }, "Add tables of points …"), files, element("span", { class: "muted" }, " or drop them on this page")),
-    element("details", {}, element("summary", {}, "What the photographs do not say"), more),
-    element("div", { class: "actions" }, element("button", { id: "begin", type: "button", class: "main", onclick: begin }, "Begin the survey"), close),
+    element("p", {}, element("label", { class: "button", for: "table-files" }, t("Add tables of points …")), files, " ", element("span", { class: "muted" }, t("or drop them on this page"))),
+    element("details", {}, element("summary", {}, t("What the photographs do not say")), more),
+    element("div", { class: "actions" }, element("button", { id: "begin", type: "button", class: "main", onclick: begin }, t("Begin the survey")), close),
   ].filter(Boolean);
 }
 
@@ -114,7 +117,7 @@ $("start").addEventListener("drop", event => {
   event.preventDefault();
   const entries = [...event.dataTransfer.items].map(item => item.webkitGetAsEntry?.());
   if (entries.some(entry => entry?.isDirectory) || $("begin") === null) {
-    problem(new Error("Folders of photographs are chosen in the list below: a browser does not say where they lie. Tables of points can be dropped once a folder of photographs is open."));
+    problem(new Error(t("Folders of photographs are chosen in the list below: a browser does not say where they lie. Tables of points can be dropped once a folder of photographs is open.")));
   } else added(event.dataTransfer.files);
 });
 $("go").addEventListener("click", () => list($("path").value));

@@ -1,6 +1,7 @@
 // Two rasters side by side on one map: the left one up to a line that a slider moves, the right one beyond it.
 
 import { $ } from "./page.js";
+import { t } from "./words.js";
 
 // Classes that the canvases of the two layers bear; the style sheet cuts them off at the line.
 export const LEFT = "swipe-left", RIGHT = "swipe-right";
@@ -20,7 +21,7 @@ export function end() {
 
 function moved() {
   const share = Number($("swipe-share").value);
-  $("swipe-share").setAttribute("aria-valuetext", `${share} % of the map shows ${$("swipe-left").textContent}`);
+  $("swipe-share").setAttribute("aria-valuetext", t("{share} % of the map shows {survey}", { share, survey: $("swipe-left").textContent }));
   $("result-map-frame").style.setProperty("--share", `${share}%`);
 }
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from importlib.resources import files
+from pathlib import Path
 from threading import Thread
 from typing import Annotated, Literal
 
@@ -13,6 +14,7 @@ from starlette.staticfiles import StaticFiles
 
 from photogram.files.tables.surveyed_points import UNSTATED, PointRole, SurveyedPoint
 from photogram.loopback.answers import Asked, Query, got, posted
+from photogram.loopback.languages import words
 from photogram.marking.page.patches import SCALES, PatchReader, Window
 from photogram.marking.page.session import MarkingSession
 from photogram.marking.page.snapping import REACH_PX
@@ -114,10 +116,13 @@ class MarkingPage:
 
     def routes(self) -> Sequence[BaseRoute]:
         """Return the addresses, below that of the page."""
-        static = files("photogram.marking.page").joinpath("static")
-        index, policy = str(static.joinpath("index.html")), {"Content-Security-Policy": POLICY}
+        static, policy = (
+            Path(str(files("photogram.marking.page").joinpath("static"))),
+            {"Content-Security-Policy": POLICY},
+        )
         return [
-            got("/", lambda _: FileResponse(index, media_type="text/html", headers=policy)),
+            *words(static),
+            got("/", lambda _: FileResponse(static / "index.html", media_type="text/html", headers=policy)),
             got("/state", lambda query: self._state(query.get("point"))),
             got("/plan", lambda _: self.views.plan()),
             got("/point/{name:path}", lambda query: self._point(query["name"])),
@@ -125,7 +130,7 @@ class MarkingPage:
             got("/events", self._changed),
             got("/patch", self._patch),
             posted("/action", ACTIONS, self._do),
-            Mount("/static", StaticFiles(directory=str(static))),
+            Mount("/static", StaticFiles(directory=static)),
         ]
 
     def begin(self) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray
 from photogram.camera import Camera, Pose, project_points
-from photogram.wording import things
+from photogram.languages.said import Figures, Said
 
 ENOUGH_MARKS = 4
 """Marks of a point before more of them may be said to gain nothing: with fewer, no wrong one can be identified."""
@@ -93,12 +93,22 @@ def is_enough(marks: int, gains: Sequence[float]) -> bool:
     return marks >= (ENOUGH_MARKS if gains else LEAST_MARKS) and all(not gain > LEAST_GAIN for gain in gains)
 
 
-def in_words(marks: int, sigma_m: FloatArray | None) -> str:
+def in_words(marks: int, sigma_m: FloatArray | None) -> Said:
     """Return how far a point is: its marks, and the largest of its standard deviations (3,) along the map's axes."""
-    text = things(marks, "mark")
     if sigma_m is None or not np.isfinite(sigma_m).all():
-        return text
-    return f"{text}, sigma of the point {length(float(np.max(sigma_m)))}"
+        return Said.plural("{n} mark", "{n} marks", marks)
+    sigma = Figures(length(float(np.max(sigma_m))))
+    return Said.plural(
+        "{n} mark, sigma of the point {sigma}", "{n} marks, sigma of the point {sigma}", marks, sigma=sigma
+    )
+
+
+def in_short(marks: int, sigma_m: FloatArray | None) -> Said:
+    """Return the same for a list."""
+    if sigma_m is None or not np.isfinite(sigma_m).all():
+        return in_words(marks, None)
+    sigma = Figures(length(float(np.max(sigma_m))))
+    return Said.plural("{n} mark, sigma {sigma}", "{n} marks, sigma {sigma}", marks, sigma=sigma)
 
 
 def length(value: float) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from photogram.arrays import FloatArray
 from photogram.errors import ControlPointError, PhotogramError
 from photogram.files.tables.surveyed_points import Mark, MarkKey, Proposal
+from photogram.languages.said import Figures, Said, said_of
 from photogram.marking.assignment import DetectedCentres, assigned_targets
 from photogram.marking.files.journal import utc_now
 from photogram.marking.page.patches import LARGEST_SIDE, PatchReader, Window
@@ -21,7 +22,7 @@ from photogram.marking.targets.acceptance import Judgement
 from photogram.marking.targets.kinds import MeasuredCentre
 from photogram.marking.targets.measurement import targets_and_candidates
 from photogram.survey import Block
-from photogram.wording import Progress, silent, things
+from photogram.wording import Progress, silent
 
 AROUND_PX = 40
 """How far beyond the ellipse of a place a patch reaches: half of a large target."""
@@ -58,28 +59,49 @@ class SearchResult:
 
     def __str__(self) -> str:
         if self.proposals:
-            return f"{things(len(self.proposals), 'target')} found"
+            return Said.plural("{n} target found", "{n} targets found", len(self.proposals))
         if not self.photographs:
-            return "no search was needed: no point without a mark may be seen in any photograph"
-        where = f"in the {things(self.photographs, 'photograph')} where points may be"
-        known = f"their places are known to ± {self.radius_px:.0f} px"
-        if self.radius_px + AROUND_PX > MOST_PX:
-            known += f", and {MOST_PX} px around each were looked at"
+            return Said("no search was needed: no point without a mark may be seen in any photograph")
+        where = Said.plural(
+            "in the {n} photograph where points may be", "in the {n} photographs where points may be", self.photographs
+        )
+        radius, most = f"{self.radius_px:.0f}", MOST_PX
+        known = (
+            Said(
+                "their places are known to ± {radius} px, and {most} px around each were looked at",
+                radius=radius, most=most,
+            )
+            if self.radius_px + AROUND_PX > MOST_PX
+            else Said("their places are known to ± {radius} px", radius=radius)
+        )  # fmt: skip
         if self.targets:
-            return (
-                f"{things(self.targets, 'target')} found {where}, but none can be assigned to a point ({known}): mark "
-                "two points in two photographs each, and search again"
-            )
+            return Said.plural(
+                "{n} target found {where}, but it cannot be assigned to a point ({known}): mark two points in two "
+                "photographs each, and search again",
+                "{n} targets found {where}, but none can be assigned to a point ({known}): mark two points in two "
+                "photographs each, and search again",
+                self.targets, where=where, known=known,
+            )  # fmt: skip
         if self.candidates:
-            best = self.candidates[0]
-            short = f"scores {best.score:.1f}, and {best.limit:.1f} is the limit"
-            if best.score >= best.limit:
-                short += ", but its size, contrast or sharpness is not that of a target"
-            return (
-                f"no certain target {where} ({known}): the best of {things(len(self.candidates), 'candidate')} "
-                f"{short}: mark by hand"
+            return self._of_candidates(where, known)
+        return Said("nothing resembles a target {where} ({known}): mark by hand", where=where, known=known)
+
+    def _of_candidates(self, where: Said, known: Said) -> Said:
+        best = self.candidates[0]
+        score, limit = Figures(f"{best.score:.1f}"), Figures(f"{best.limit:.1f}")
+        short = (
+            Said(
+                "scores {score}, and {limit} is the limit, but its size, contrast or sharpness is not that of a target",
+                score=score, limit=limit,
             )
-        return f"nothing resembles a target {where} ({known}): mark by hand"
+            if best.score >= best.limit
+            else Said("scores {score}, and {limit} is the limit", score=score, limit=limit)
+        )  # fmt: skip
+        return Said.plural(
+            "no certain target {where} ({known}): the only candidate {scores}: mark by hand",
+            "no certain target {where} ({known}): the best of {n} candidates {scores}: mark by hand",
+            len(self.candidates), where=where, known=known, scores=short,
+        )  # fmt: skip
 
 
 def proposed_marks(
@@ -146,14 +168,14 @@ class TargetSearch:
         with self._lock:
             if self._state.is_running:
                 return False
-            self._state = SearchState(True, "looking for targets")
+            self._state = SearchState(True, Said("looking for targets"))
 
         def run() -> None:
-            words = "the search for targets failed"
+            words: str = Said("the search for targets failed")
             try:
                 words = search(self._progressed)
             except PhotogramError as error:
-                words = str(error)
+                words = said_of(error) or str(error)
             finally:
                 self._set(SearchState(False, words))
 
@@ -167,7 +189,17 @@ class TargetSearch:
         self._notify()
 
     def _progressed(self, done: int, total: int, _text: str) -> None:
-        self._set(SearchState(True, f"looking for targets: {done} of {things(total, 'part')}"))
+        self._set(
+            SearchState(
+                True,
+                Said.plural(
+                    "looking for targets: {done} of {n} part",
+                    "looking for targets: {done} of {n} parts",
+                    total,
+                    done=done,
+                ),
+            )
+        )
 
 
 def _proposal(point: str, photograph: str, detection: _Detection, now: str) -> Proposal:

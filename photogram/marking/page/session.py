@@ -25,6 +25,7 @@ from photogram.files.tables.surveyed_points import (
     Proposal,
     SurveyedPoint,
 )
+from photogram.languages.said import Said
 from photogram.marking.files.actions import (
     Action,
     AddPoint,
@@ -348,24 +349,32 @@ class MarkingSession:
         self._check(point, photograph)
         mark = self._state.marks.get((point, photograph))
         if mark is None:
-            raise ControlPointError(f"{point} has no mark in {photograph} that could be doubtful: mark it first")
+            raise ControlPointError(
+                Said(
+                    "{point} has no mark in {photograph} that could be doubtful: mark it first",
+                    point=point,
+                    photograph=photograph,
+                )
+            )
         self._do(PlaceMarks((replace(mark, is_doubtful=is_doubtful),)))
 
     def set_role(self, point: str, role: PointRole) -> None:
         """Give a point a role. Raises ControlPointError where there is no such point, or it has no coordinates."""
         self._check(point)
         if role != "tie" and not self._is_surveyed(point):
-            raise ControlPointError(f"{point} has no coordinates, so it can only be a tie point: give coordinates")
+            raise ControlPointError(
+                Said("{name} has no coordinates, so it can only be a tie point: give coordinates", name=point)
+            )
         self._do(SetRole(point, role))
 
     def add_point(self, point: SurveyedPoint) -> None:
         """Add a point, with coordinates in the map of the survey or without. Raises ControlPointError where there is
         one of its name, or coordinates lack standard deviations, FrameError where they lie outside of the map."""
         if point.name in self.roles:
-            raise ControlPointError(f"there is a point {point.name!r} already: choose another name")
+            raise ControlPointError(Said("there is a point {name} already: choose another name", name=repr(point.name)))
         if point.position is not None:
             if None in point.sigma_m:
-                raise ControlPointError(f"{point.name}: give standard deviations with the coordinates")
+                raise ControlPointError(Said("{name}: give standard deviations with the coordinates", name=point.name))
             self.block.frame.world_from_map(self.block.frame.map_from_unit(np.array([point.position])))
         self._do(AddPoint(point))
 
@@ -385,9 +394,9 @@ class MarkingSession:
         """Look for targets in the background. Raises ControlPointError where a search is under way, or nothing can
         look."""
         if self._propose is None:
-            raise ControlPointError("targets cannot be looked for here: mark the points")
+            raise ControlPointError(Said("targets cannot be looked for here: mark the points"))
         if not self._search.begin(lambda progress: str(self.look(progress))):
-            raise ControlPointError("targets are being looked for already: wait until that has ended")
+            raise ControlPointError(Said("targets are being looked for already: wait until that has ended"))
 
     def look(self, progress: Progress) -> SearchResult:
         """Look for targets where points may be, keep them as proposals, and return what was found. Raises
@@ -417,7 +426,9 @@ class MarkingSession:
         self._check(point, photograph)
         proposal = self.snapshot().proposals.get((point, photograph))
         if proposal is None:
-            raise ControlPointError(f"nothing is proposed for {point} in {photograph}: mark it")
+            raise ControlPointError(
+                Said("nothing is proposed for {point} in {photograph}: mark it", point=point, photograph=photograph)
+            )
         self._do(ConfirmProposals((proposal,)))
 
     def confirm_agreeing(self) -> int:
@@ -442,7 +453,7 @@ class MarkingSession:
 
     def _check(self, point: str, photograph: str | None = None) -> int:
         if point not in self.roles:
-            raise ControlPointError(f"there is no point {point!r}: reload the page")
+            raise ControlPointError(Said("there is no point {name}: reload the page", name=repr(point)))
         if photograph is None:
             return -1
         if photograph not in self.numbers:

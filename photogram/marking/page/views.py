@@ -1,7 +1,7 @@
 """What the page shows, as plain records: the points and how far each is, and the photographs of one in order."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypedDict
 
 import numpy as np
@@ -10,15 +10,15 @@ from photogram.amendments.gross_errors.blunder_naming import Blunder
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose
 from photogram.files.tables.surveyed_points import Mark, MarkKey
+from photogram.languages.said import Figures, Said
 from photogram.marking.mark_comparison import ComparedMark
 from photogram.marking.page.assessment import RAW_SIGMA_PX, Assessment, isotropic_px
-from photogram.marking.page.ordering import azimuth_rad, best_first, in_words, is_enough, share_gained
+from photogram.marking.page.ordering import azimuth_rad, best_first, in_short, in_words, is_enough, share_gained
 from photogram.marking.page.session import ADJUSTED, MarkingSession, Snapshot, agreeing
 from photogram.marking.page.snapping import Snapped, ground_scale
 from photogram.marking.predictions import SURE, PredictedPlaces
 from photogram.marking.targets.kinds import Kind, title_of
 from photogram.survey import Block
-from photogram.wording import things
 
 ELLIPSE_SHARE = 1.0 / 3.0
 """Of the side of a patch, what the ellipse of a predicted place fills."""
@@ -35,7 +35,20 @@ FEW = 4
 AT_ONE_HEIGHT = 0.002
 """Range of the heights of control points, in flying heights, below which they lie nearly at one."""
 
-_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+_CLICKED = "raw", "imported"
+"""Kinds of marks that are on no target."""
+
+_NUMBERS: Mapping[int, str] = {
+    2: Said("two"),
+    3: Said("three"),
+    4: Said("four"),
+    5: Said("five"),
+    6: Said("six"),
+    7: Said("seven"),
+    8: Said("eight"),
+    9: Said("nine"),
+    10: Said("ten"),
+}
 
 
 class EllipseRecord(TypedDict):
@@ -108,6 +121,8 @@ class PointRecord(TypedDict):
     doubtful: int
     enough: bool
     words: str
+    short: str
+    """The same for the list."""
 
 
 class PointView(TypedDict):
@@ -177,7 +192,7 @@ def _measured(mark: Mark) -> MeasuredRecord:
         "u": u,
         "v": v,
         "sigma_px": None if mark.sigma_px is None else isotropic_px(mark),
-        "kind": title_of(mark.kind),
+        "kind": mark.kind if mark.kind in _CLICKED else Said(title_of(mark.kind)),
     }
 
 
@@ -193,24 +208,42 @@ def accused(blunder: Blunder) -> tuple[str, ...]:
 
 def off_target_words(mark: Mark, target: Snapped) -> str:
     """Return what is said of a click that was taken as it is and missed a target."""
-    distance = float(np.hypot(*np.subtract(mark.pixel, target.pixel)))
-    matched = target.kind == Kind.MATCHED.value
-    what = "what the other marks show" if matched else f"the centre of a {title_of(target.kind)}"
-    return f"{distance:.1f} px off {what}"
+    distance = Figures(f"{float(np.hypot(*np.subtract(mark.pixel, target.pixel))):.1f}")
+    if target.kind == Kind.MATCHED.value:
+        return Said("{distance} px off what the other marks show", distance=distance)
+    return Said("{distance} px off the centre of a {kind}", distance=distance, kind=Said(title_of(target.kind)))
 
 
 def said_of(compared: ComparedMark, others: int, is_calibrated: bool = True) -> str:
     """Return what is said of a mark compared with the others of its point, of which there are so many: beside its
     distance the one to be expected (RMS), which before calibration has the uncertainty of the cameras in it."""
-    many = _NUMBERS[others] if others < len(_NUMBERS) else str(others)
-    when = "" if is_calibrated else " before calibration"
-    expected = f", {compared.expected_px:.1f} px expected{when}"
+    many, distance = _NUMBERS.get(others, str(others)), Figures(f"{compared.distance_px:.1f}")
+    figure = Figures(f"{compared.expected_px:.1f}")
+    expected = (
+        Said("{figure} px expected", figure=figure)
+        if is_calibrated
+        else Said("{figure} px expected before calibration", figure=figure)
+    )
     if not compared.rejected:
-        return f"{compared.distance_px:.1f} px from the {many} others{expected}" if others > 1 else ""
-    who = "the other marks put it" if others < 1 else f"the {many} others put it" if others > 1 else "the other puts it"
-    text = f"{compared.distance_px:.1f} px from where {who}{expected}"
-    if compared.fits:
-        return f"{text}; it would fit {' or '.join(compared.fits[:2])}"
+        if others < 2:
+            return ""
+        return Said("{distance} px from the {many} others, {expected}", distance=distance, many=many, expected=expected)
+    if others < 1:
+        text = Said("{distance} px from where the other marks put it, {expected}", distance=distance, expected=expected)
+    elif others == 1:
+        text = Said("{distance} px from where the other puts it, {expected}", distance=distance, expected=expected)
+    else:
+        text = Said(
+            "{distance} px from where the {many} others put it, {expected}",
+            distance=distance,
+            many=many,
+            expected=expected,
+        )
+    match compared.fits[:2]:
+        case [first, second]:
+            return Said("{text}; it would fit {first} or {second}", text=text, first=first, second=second)
+        case [first]:
+            return Said("{text}; it would fit {point}", text=text, point=first)
     return text
 
 
@@ -253,20 +286,28 @@ class Views:
         if assessment is None or not control:
             return []
         if len(control) < 3:
-            return [f"{things(len(control), 'control point')} marked in two photographs or more: three are needed"]
+            return [
+                Said.plural(
+                    "{n} control point marked in two photographs or more: three are needed",
+                    "{n} control points marked in two photographs or more: three are needed",
+                    len(control),
+                )
+            ]
         at = np.array([assessment.position_of(name) for name in control])
         at = at[np.isfinite(at).all(axis=1)]
         if len(at) < 3:
             return []
         spread = np.linalg.svd(at[:, :2] - at[:, :2].mean(axis=0), compute_uv=False)
         if spread[1] < IN_LINE * spread[0]:
-            return ["the control points marked so far lie nearly in one line: mark one off it"]
+            return [Said("the control points marked so far lie nearly in one line: mark one off it")]
         flown = [pose.position_world_m[2] for pose in self._session.block.poses if pose is not None]
         above = float(np.median(flown) - np.median(at[:, 2])) if flown else 0.0
         if np.ptp(at[:, 2]) < AT_ONE_HEIGHT * above:
             return [
-                "the control points marked so far lie nearly at one height: a focal length that is wrong shows only "
-                "at others, so mark one that lies higher or lower"
+                Said(
+                    "the control points marked so far lie nearly at one height: a focal length that is wrong shows "
+                    "only at others, so mark one that lies higher or lower"
+                )
             ]
         return []
 
@@ -281,7 +322,8 @@ class Views:
         )
         gains = list(self._gains_of(assessment, name, snapshot).values())
         enough = assessment is not None and not wrong and is_enough(marks, gains)
-        words = in_words(marks, None if assessment is None else assessment.sigma_m(name))
+        sigma_m = None if assessment is None else assessment.sigma_m(name)
+        words, short = in_words(marks, sigma_m), in_short(marks, sigma_m)
         return {
             "name": name,
             "role": role,
@@ -291,7 +333,8 @@ class Views:
             "wrong": wrong,
             "doubtful": sum(m.is_doubtful for m in own),
             "enough": enough,
-            "words": f"{words}: more gain little" if enough else words,
+            "words": Said("{words}: more gain little", words=words) if enough else words,
+            "short": Said("{words}: more gain little", words=short) if enough else short,
         }
 
     def _of_mark(self, assessment: Assessment, mark: Mark) -> ComparedMark | None:

@@ -1,8 +1,10 @@
 // What is asked of the server: addresses are relative to the page, so that its token is in all of them.
 
+import { t } from "./words.js";
+
 async function answered(response) {
   const value = await response.json();
-  if (!response.ok) throw new Error(value.error ?? `the server answers ${response.status}`);
+  if (!response.ok) throw Object.assign(new Error(value.error ?? t("the server answered {status}", { status: response.status })), { lang: value.lang ?? null });
   return value;
 }
 

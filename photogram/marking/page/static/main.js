@@ -4,6 +4,7 @@ import * as api from "./api.js";
 import * as loupe from "./loupe.js";
 import { Patch } from "./patch.js";
 import * as plan from "./plan.js";
+import { fixed, nt, t, typed } from "./words.js";
 
 const FIRST = 12, LATER = 12, PAUSE_MS = 300;
 const REACH = 8; // CSS px from a click within which a target is looked for
@@ -18,19 +19,30 @@ let order = [], visited = [], patches = new Map(), sending = Promise.resolve(), 
 // ---- what is shown --------------------------------------------------------------------------------------------------
 
 let silence = 0;
-function said(text) {
+function said(text, lang = null) {
   $("said").textContent = text;
+  if (lang) $("said").lang = lang;
+  else $("said").removeAttribute("lang");
   $("said").hidden = false;
   clearTimeout(silence);
   silence = setTimeout(() => { $("said").hidden = true; }, 6000);
 }
 
+const counted = (n, photographs) => nt("{n} mark, {photographs} photographs.", "{n} marks, {photographs} photographs.", n, { photographs });
+
+// What places of points are predicted from: the tags, perhaps with the reason why it is no more, or an adjustment.
+function placed(basis) {
+  if (basis === "adjustment") return t("Places from the adjustment.");
+  return basis === "tags" ? t("Places from the tags.") : t("Places from the tags ({reason}).", { reason: basis.replace(/^tags \((.*)\)$/s, "$1") });
+}
+
+const roleOf = role => ({ control: t("control"), check: t("check"), tie: t("tie") })[role];
+
 function showSession() {
   const { points } = session, marks = points.reduce((sum, point) => sum + point.marks, 0);
   document.title = `${session.title}: photogram mark`;
   $("survey").textContent = session.title;
-  $("basis").textContent = `${marks} marks, ${session.photographs} photographs. Places from ${session.basis}`
-    + (session.computing ? ", computing …" : "");
+  $("basis").textContent = [counted(marks, session.photographs), placed(session.basis), session.computing ? t("Computing …") : ""].filter(Boolean).join(" ");
   const entries = points.map((point) => {
     const entry = document.createElement("li"), button = document.createElement("button");
     button.type = "button";
@@ -44,13 +56,13 @@ function showSession() {
     const title = Object.assign(document.createElement("span"), { className: "title", textContent: point.name });
     const words = document.createElement("span");
     words.className = "words";
-    const parts = [point.role, point.marks ? point.words.replace("sigma of the point", "sigma") : "no marks"];
-    if (point.doubtful) parts.push(`${point.doubtful} doubtful`);
-    if (point.proposals) parts.push(`${point.proposals} proposed`);
+    const parts = [roleOf(point.role), point.marks ? point.short : t("no marks")];
+    if (point.doubtful) parts.push(t("{n} doubtful", { n: point.doubtful }));
+    if (point.proposals) parts.push(t("{n} proposed", { n: point.proposals }));
     words.textContent = parts.join(", ");
     if (point.enough) words.classList.add("enough");
     button.append(icon, title, words);
-    if (point.wrong) button.append(Object.assign(document.createElement("span"), { className: "words wrong", textContent: "something is wrong" }));
+    if (point.wrong) button.append(Object.assign(document.createElement("span"), { className: "words wrong", textContent: t("something is wrong") }));
     button.addEventListener("click", () => choose(point.name));
     entry.append(button);
     return entry;
@@ -59,11 +71,11 @@ function showSession() {
   $("points").replaceChildren(...entries);
   if (had) $("points").querySelector(`[data-point="${CSS.escape(had)}"]`)?.focus();
   const warnings = [
-    ...session.blunders.map((text) => [text, "wrong"]), ...session.warnings.map((text) => [text, ""]),
-    ...(session.problem ? [[session.problem, ""]] : []),
+    ...session.blunders.map((text) => [text, "wrong", "en"]), ...session.warnings.map((text) => [text, "", ""]),
+    ...(session.problem ? [[session.problem, "", "en"]] : []),
   ];
-  $("warnings").replaceChildren(...warnings.map(([textContent, className]) =>
-    Object.assign(document.createElement("li"), { textContent, className })));
+  $("warnings").replaceChildren(...warnings.map(([textContent, className, lang]) =>
+    Object.assign(document.createElement("li"), { textContent, className, ...(lang ? { lang } : {}) })));
   $("search").textContent = session.search;
   $("search").hidden = !session.search;
   $("find").disabled = session.searching;
@@ -71,8 +83,10 @@ function showSession() {
   $("confirm").hidden = !session.proposals;
   $("confirm").disabled = !session.agreeing || session.computing;
   $("confirm").textContent = session.agreeing
-    ? `Confirm ${session.agreeing} that agree${left ? `, ${left} left` : ""}`
-    : `${left} proposed, none agrees yet`;
+    ? left
+      ? nt("Confirm {n} that agrees, {left} left", "Confirm {n} that agree, {left} left", session.agreeing, { left })
+      : nt("Confirm {n} that agrees", "Confirm {n} that agree", session.agreeing)
+    : t("{n} proposed, none agrees yet", { n: left });
   $("undo").disabled = !session.undoable;
   $("redo").disabled = !session.redoable;
 }
@@ -80,7 +94,7 @@ function showSession() {
 function showPoint() {
   const { point } = view;
   $("name").textContent = point.name;
-  $("words").textContent = view.point.marks ? point.words : "no marks yet";
+  $("words").textContent = view.point.marks ? point.words : t("no marks yet");
   for (const button of document.querySelectorAll("[data-role]")) {
     button.setAttribute("aria-pressed", String(button.dataset.role === point.role));
     button.disabled = !point.surveyed;
@@ -102,7 +116,7 @@ function showPoint() {
     patch.update(records.get(name), span);
   }
   $("more").hidden = order.length <= shown;
-  $("more").textContent = `Show more photographs (${Math.max(order.length - shown, 0)})`;
+  $("more").textContent = t("Show more photographs ({n})", { n: Math.max(order.length - shown, 0) });
   showScale();
   if (places) plan.draw(places, session.points, chosen, new Set(order), choose);
 }
@@ -111,7 +125,7 @@ function showScale() {
   const patch = patches.values().next().value;
   if (!patch?.span) return;
   const across = patch.picture.getBoundingClientRect().width, k = across / patch.span;
-  $("scale").textContent = k >= 1 ? `${k.toFixed(1)} : 1` : `1 : ${(1 / k).toFixed(1)}`;
+  $("scale").textContent = k >= 1 ? `${fixed(k, 1)} : 1` : `1 : ${fixed(1 / k, 1)}`;
 }
 
 // The point comes with the state that it belongs to: an action in between can take it away.
@@ -138,7 +152,7 @@ function refreshed() {
     following ??= refreshing.then(() => { following = null; return refreshed(); });
     return following;
   }
-  refreshing = refresh().catch((fault) => said(fault.message)).finally(() => { refreshing = null; });
+  refreshing = refresh().catch((fault) => said(fault.message, fault.lang)).finally(() => { refreshing = null; });
   return refreshing;
 }
 
@@ -151,7 +165,7 @@ async function follow() {
         await refreshed();
       }
     } catch {
-      said("photogram mark has ended: start it again; every mark is kept");
+      said(t("photogram mark has ended: start it again; every mark is kept"));
       await new Promise((resolve) => setTimeout(resolve, 3000));
     }
   }
@@ -186,7 +200,7 @@ function readAhead() {
 
 function act(action) {
   // one after the other, in the order in which the hands did it
-  sending = sending.then(() => api.act(action)).then(refreshed).catch((fault) => { said(fault.message); return refreshed(); });
+  sending = sending.then(() => api.act(action)).then(refreshed).catch((fault) => { said(fault.message, fault.lang); return refreshed(); });
   return sending;
 }
 
@@ -282,7 +296,7 @@ function key(event) {
   } else if (/^[1-9]$/.test(event.key)) {
     amount = Number(event.key);
     for (const patch of patches.values()) patch.contrast(amount);
-    said(`Contrast ${amount}`);
+    said(t("Contrast {amount}", { amount }));
   } else {
     const done = COMMANDS[event.key.toLowerCase()];
     if (!done || event.key === " " || event.key === "Enter") return;
@@ -319,18 +333,18 @@ const COMMANDS = {
 
 function added(event) {
   event.preventDefault();
-  const form = new FormData(event.target), number = (name) => Number(String(form.get(name)).trim().replace(",", ".") || NaN);
+  const form = new FormData(event.target), number = (name) => typed(String(form.get(name)));
   const position = ["east", "north", "height"].map(number), sigma = ["sigma-east", "sigma-north", "sigma-height"].map(number);
   const action = { do: "point", name: String(form.get("name")).trim() };
   if (position.some((value) => !Number.isNaN(value))) {
-    if ([...position, ...sigma].some(Number.isNaN)) return said("Give easting, northing, height and their standard deviations, or none");
+    if ([...position, ...sigma].some(Number.isNaN)) return said(t("Give easting, northing, height and their standard deviations, or none"));
     Object.assign(action, { position, sigma_m: sigma });
   }
   api.act(action).then(() => {
     $("new").close();
     event.target.reset();
     return refreshed();
-  }).then(() => choose(action.name)).catch((fault) => said(fault.message));
+  }).then(() => choose(action.name)).catch((fault) => said(fault.message, fault.lang));
 }
 
 document.addEventListener("keydown", key);

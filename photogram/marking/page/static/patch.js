@@ -2,6 +2,7 @@
 // pixel u reaches from u - 0.5 to u + 0.5, and a window of the server's from `left` covers u from left - 0.5 on.
 
 import * as api from "./api.js";
+import { fixed, t } from "./words.js";
 
 const CLICK = 4; // CSS px that a pointer may move and still click
 const HOLD_MS = 300; // that a finger rests before the loupe follows it
@@ -122,17 +123,18 @@ export class Patch {
       lines.push(made);
     };
     line(record.name, "photograph");
-    if (record.hidden) line("not visible here");
+    if (record.hidden) line(t("not visible here"));
     else if (record.rejected || record.off_target) line(record.words, "wrong");
     else if (record.mark) {
-      const kind = { raw: "as clicked", imported: "given" }[record.mark.kind] ?? record.mark.kind;
-      const parts = [kind, record.words, record.mark.doubtful ? "doubtful" : ""].filter(Boolean);
-      line(parts.join(", ") || "marked");
+      const kind = { raw: t("as clicked"), imported: t("given") }[record.mark.kind] ?? record.mark.kind;
+      const parts = [kind, record.words, record.mark.doubtful ? t("doubtful") : ""].filter(Boolean);
+      line(parts.join(", ") || t("marked"));
     } else if (record.proposal) {
-      line(`proposed: ${record.proposal.kind}, ${record.proposal.agrees ? "agrees with the rest" : "not confirmed by others"}`);
-    } else if (record.u === null) line("nothing says where it is");
-    else if (!record.inside) line("outside the photograph, by the prediction");
-    else line(`not marked, ± ${record.ellipse.long_px < 10 ? record.ellipse.long_px.toFixed(1) : Math.round(record.ellipse.long_px)} px`);
+      const { kind, agrees } = record.proposal;
+      line(agrees ? t("proposed: {kind}, agrees with the rest", { kind }) : t("proposed: {kind}, not confirmed by others", { kind }));
+    } else if (record.u === null) line(t("nothing says where it is"));
+    else if (!record.inside) line(t("outside the photograph, by the prediction"));
+    else line(t("not marked, ± {radius} px", { radius: fixed(record.ellipse.long_px, record.ellipse.long_px < 10 ? 1 : 0) }));
     this.caption.replaceChildren(...lines);
     this.figure.classList.toggle("hidden", record.hidden);
     this.figure.setAttribute("aria-label", lines.map((made) => made.textContent).join(": "));
@@ -191,7 +193,7 @@ export class Patch {
     }).catch((fault) => {
       if (fault.name === "AbortError") return;
       this.key = null;
-      this.hands.said(fault.message);
+      this.hands.said(fault.message, fault.lang);
     });
   }
 
