@@ -38,7 +38,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "matplotlib": ("report", "simulation.planning.figures", "teaching.figures"),
     "numba": ("compilation", "sfm.tie_points.matchers.byte_distances"),
     "pillow_heif": ("files.photographs.heic",),
-    "psutil": ("desk.runs", "machine", "pipeline.store.memory"),
+    "psutil": ("background.runs", "machine", "pipeline.store.memory"),
     "pyogrio": ("files.maps",),
     "pyproj": ("geodesy", "local_grids.definition"),
     "rasterio": ("files.maps", "files.photographs"),

@@ -7,7 +7,7 @@ from typing import Literal
 
 from typing_extensions import TypedDict
 
-from photogram.desk.runs import Runs, RunState
+from photogram.background.runs import Runs, RunState
 from photogram.errors import ProjectError
 from photogram.files.atomic import make_folder, replacing
 from photogram.pipeline.project_file import PROJECT_FILE
@@ -17,6 +17,9 @@ from photogram.project.schema import ProjectFile
 from photogram.result_files import result_path
 
 MOST = 12
+
+RUNS = "desk"
+"""Folder of the runs within that of intermediate results."""
 
 
 class RecentSurvey(TypedDict):
@@ -74,7 +77,7 @@ def folder_of(survey: Path, key: Literal["work", "results"]) -> Path:
 
 
 def _view(folder: Path) -> RecentSurvey:
-    view = Runs(folder_of(folder, "work")).view()
+    view = Runs(folder_of(folder, "work") / RUNS).view()
     goes_on = view.state in ("running", "paused") and view.last is not None
     return {
         "folder": str(folder),

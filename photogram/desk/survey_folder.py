@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from typing_extensions import TypedDict
 
+from photogram.background.runs import Runs
 from photogram.delivery.names import FILES, USUAL, Product
 from photogram.delivery.package import PACKAGE
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
@@ -23,9 +24,8 @@ from photogram.desk.map_layers.kept_comparisons import KeptComparisons
 from photogram.desk.map_layers.layers import Layer, layers
 from photogram.desk.map_layers.residuals import Residuals, residuals
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
-from photogram.desk.recent import folder_of
+from photogram.desk.recent import RUNS, folder_of
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
-from photogram.desk.runs import Runs
 from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.geodesy.height_systems import HeightSystem
@@ -171,7 +171,7 @@ class SurveyFolder:
         """Return the runs of the survey, the same ones for all who ask."""
         work = self._named("work")
         with self._lock:
-            return self._runs.setdefault(work, Runs(work))
+            return self._runs.setdefault(work, Runs(work / RUNS))
 
     def view(self) -> FolderView:
         """Return what lies in the folder."""

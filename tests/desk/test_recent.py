@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from photogram.desk.recent import MOST, RecentSurveys, recent_file
-from photogram.desk.runs import FOLDER, LOCK, NOTE, OUTPUT
+from photogram.background.runs import LOCK, NOTE, OUTPUT
+from photogram.desk.recent import MOST, RUNS, RecentSurveys, recent_file
 
 
 def test_the_last_one_is_first_and_those_that_are_gone_are_not_named(tmp_path: Path) -> None:
@@ -30,7 +30,7 @@ def test_what_a_run_does_is_told_from_what_it_wrote(finished_survey: Path, tmp_p
     surveys = RecentSurveys(tmp_path / "desk.json")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "project.yaml").write_text("photogram: 1\nwork: scratch\n")
-    notes = tmp_path / "b" / "scratch" / FOLDER
+    notes = tmp_path / "b" / "scratch" / RUNS
     notes.mkdir(parents=True)
     note = {"pid": os.getpid(), "kind": "adjust", "arguments": [], "began_unix_s": 1.0, "paused": True}
     (notes / NOTE).write_text(json.dumps(note))

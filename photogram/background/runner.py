@@ -1,7 +1,8 @@
-"""The process of a run: starts the command as a terminal would and leaves its exit code in a file, however it ends.
+"""The process of a run: starts a module as a terminal would and leaves its exit code in a file, however it ends.
 
-`python -m photogram.desk.runner LOCK FILE ARGUMENTS…`. It holds a lock as long as it lives, which tells others that the
-run does; where somebody else has it nothing is started. Interruptions are left to the command, which ends in order.
+`python -m photogram.background.runner LOCK FILE MODULE ARGUMENTS…`. It holds a lock as long as it lives, which tells
+others that the run does; where somebody else has it nothing is started. Interruptions are left to the module, which
+ends in order.
 """
 
 import json
@@ -20,7 +21,7 @@ PATIENCE_S = 10.0
 
 
 def main() -> None:
-    """Run the command of the arguments."""
+    """Run the module of the arguments."""
     # a handler, and not SIG_IGN, which the command would inherit
     signal.signal(signal.SIGINT, lambda *_: None)
     with Path(sys.argv[1]).open("ab") as lock:
@@ -29,7 +30,7 @@ def main() -> None:
             if time.monotonic() > end:
                 sys.exit(IS_TAKEN)
             time.sleep(0.02)
-        code = subprocess.call([sys.executable, "-m", "photogram.cli.main", *sys.argv[3:]], stdin=subprocess.DEVNULL)
+        code = subprocess.call([sys.executable, "-m", *sys.argv[3:]], stdin=subprocess.DEVNULL)
         with replacing(Path(sys.argv[2])) as path:
             path.write_text(json.dumps({"exit_code": code}))
 

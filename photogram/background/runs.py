@@ -1,8 +1,8 @@
 """Commands that work for hours, each in a process of its own: a page that is closed or a server that ends stops none.
 
-What runs is `photogram adjust --json` or `photogram deliver`, as in a terminal. Its output goes to files in the folder
-of intermediate results, from which this server, or the next one, reads what it does. Whether it still runs is told by a
-lock that the process holds as long as it lives.
+What runs is `photogram adjust --json` or `photogram deliver`, as in a terminal, or another module that says events. Its
+output goes to files in a folder of their own, from which this server, or the next one, reads what it does. Whether it
+still runs is told by a lock that the process holds as long as it lives.
 """
 
 import json
@@ -21,16 +21,20 @@ from typing import Literal, NotRequired
 import psutil
 from typing_extensions import TypedDict
 
-from photogram.desk.runner import IS_TAKEN
+from photogram.background.runner import IS_TAKEN
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import make_folder, make_folder_within, replacing
 from photogram.files.portable import try_lock
 from photogram.languages.said import Said
 from photogram.terminal.events import Event
 
-FOLDER, NOTE, LOCK, OUTPUT, ERRORS, END = "desk", "run.json", "run.lock", "output.txt", "errors.txt", "end.json"
+NOTE, LOCK, OUTPUT, ERRORS, END = "run.json", "run.lock", "output.txt", "errors.txt", "end.json"
 RunState = Literal["none", "running", "paused", "done", "failed", "stopped"]
-RunKind = Literal["adjust", "deliver"]
+RunKind = Literal["adjust", "deliver", "task"]
+"""All but `deliver` say events."""
+
+COMMAND = "photogram.cli.main"
+"""The module of photogram's own command."""
 
 MOST_EVENTS = 2000
 """That are handed on at once."""
@@ -62,7 +66,7 @@ class RunView:
     kind: RunKind | None
     began_unix_s: float | None
     events: tuple[Event, ...]
-    """From the one that was asked for on; of `adjust` alone."""
+    """From the one that was asked for on; none of `deliver`."""
     next: int
     """Number of the event that comes next."""
     last: Event | None
@@ -74,17 +78,17 @@ class RunView:
 
 
 class Runs:
-    """The runs of one survey, whose intermediate results lie in the folder ``work``. May be asked from several threads
-    at once."""
+    """The runs of one survey, of which no two go on at a time; ``folder`` is theirs alone, within one that is made for
+    it. May be asked from several threads at once."""
 
-    def __init__(self, work: Path) -> None:
-        self._folder = work / FOLDER
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._one_at_a_time = Lock()
         self._child: subprocess.Popen[bytes] | None = None
 
-    def start(self, kind: RunKind, arguments: Sequence[str]) -> None:
-        """Start a command of photogram. Raises WorkspaceError where one runs already, or the folder cannot be
-        written."""
+    def start(self, kind: RunKind, arguments: Sequence[str], module: str = COMMAND) -> None:
+        """Start a command of photogram, or another module. Raises WorkspaceError where one runs already, or the folder
+        cannot be written."""
         make_folder(self._folder.parent)
         make_folder_within(self._folder)
         with self._one_at_a_time:
@@ -92,7 +96,7 @@ class Runs:
                 if not try_lock(lock.fileno()):
                     raise WorkspaceError(UNDER_WAY)
                 (self._folder / END).unlink(missing_ok=True)
-                self._child = self._started(arguments)
+                self._child = self._started(module, arguments)
                 self._write(
                     {
                         "pid": self._child.pid,
@@ -110,11 +114,11 @@ class Runs:
                     return
                 time.sleep(0.05)
 
-    def _started(self, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    def _started(self, module: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         places = str(self._folder / LOCK), str(self._folder / END)
         with (self._folder / OUTPUT).open("wb") as out, (self._folder / ERRORS).open("wb") as errors:
             return subprocess.Popen(
-                [sys.executable, "-m", "photogram.desk.runner", *places, *arguments],
+                [sys.executable, "-m", "photogram.background.runner", *places, module, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=errors,
@@ -141,7 +145,7 @@ class Runs:
             note, alive = self._note(), self._alive()
         if note is None:
             return RunView("none", None, None, (), 0, None, "")
-        lines = self._lines() if note["kind"] == "adjust" else []
+        lines = self._lines() if note["kind"] != "deliver" else []
         events = tuple(json.loads(line) for line in lines[after : after + MOST_EVENTS])
         state, text = self._outcome(note, alive)
         last = json.loads(lines[-1]) if lines else None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from photogram.desk.runs import ERRORS, FOLDER, LOCK, NOTE, Runs, RunState, RunView
+from photogram.background.runs import ERRORS, LOCK, NOTE, Runs, RunState, RunView
 from photogram.errors import WorkspaceError
 from photogram.files.portable import try_lock
 
@@ -35,7 +35,7 @@ def test_before_any_run_there_is_none(tmp_path: Path) -> None:
 
 
 def test_a_run_says_what_a_terminal_would_hear(survey: Path) -> None:
-    runs = Runs(survey / "work")
+    runs = Runs(survey / "work" / "runs")
     runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json", "--until", "photographs"])
     with pytest.raises(WorkspaceError, match="a run is under way already"):
         runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json"])
@@ -43,7 +43,7 @@ def test_a_run_says_what_a_terminal_would_hear(survey: Path) -> None:
     assert view.state == "done"
     assert [e["event"] for e in view.events if e["stage"] == "photographs"][-1] == "end"
     assert view.next == len(view.events) > 0
-    rest = Runs(survey / "work").view(after=view.next - 1)  # another server
+    rest = Runs(survey / "work" / "runs").view(after=view.next - 1)  # another server
     assert rest.events == view.events[-1:]
 
 
@@ -59,8 +59,8 @@ def test_where_nothing_can_be_interrupted_a_run_is_ended_and_goes_on(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on Windows."""
-    monkeypatch.setattr("photogram.desk.runs.HAS_GROUPS", False)
-    runs = Runs(survey / "work")
+    monkeypatch.setattr("photogram.background.runs.HAS_GROUPS", False)
+    runs = Runs(survey / "work" / "runs")
     runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json"])
     waited(runs, lambda view: any(e["stage"] is not None for e in view.events))
     runs.pause()
@@ -74,8 +74,8 @@ def test_who_holds_the_lock_is_the_run(tmp_path: Path) -> None:
     runs, other = Runs(tmp_path / "work"), Runs(tmp_path / "work")
     runs.pause()  # of nothing
     runs.stop()
-    (tmp_path / "work" / FOLDER).mkdir(parents=True)
-    with (tmp_path / "work" / FOLDER / LOCK).open("ab") as lock:
+    (tmp_path / "work").mkdir(parents=True)
+    with (tmp_path / "work" / LOCK).open("ab") as lock:
         assert try_lock(lock.fileno())
         with pytest.raises(WorkspaceError, match="a run is under way already"):
             other.start("adjust", ["adjust", "project.yaml"])
@@ -87,7 +87,7 @@ def test_who_holds_the_lock_is_the_run(tmp_path: Path) -> None:
     [(signal.SIGINT, "stopped", ""), (signal.SIGKILL, "failed", "It was ended from outside")],
 )
 def test_a_run_is_held_and_ended(number: signal.Signals, state: RunState, words: str, survey: Path) -> None:
-    runs = Runs(survey / "work")
+    runs = Runs(survey / "work" / "runs")
     runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json"])
     waited(runs, lambda view: any(e["stage"] is not None for e in view.events))
     runs.pause()
@@ -100,10 +100,10 @@ def test_a_run_is_held_and_ended(number: signal.Signals, state: RunState, words:
     if number == signal.SIGINT:
         runs.stop()
     else:
-        os.killpg(json.loads((survey / "work" / FOLDER / NOTE).read_text())["pid"], number)
+        os.killpg(json.loads((survey / "work" / "runs" / NOTE).read_text())["pid"], number)
     view = waited(runs, ended)
     assert view.state == state
     if number == signal.SIGKILL:
-        assert words in view.text or (survey / "work" / FOLDER / ERRORS).read_text().strip() == view.text
+        assert words in view.text or (survey / "work" / "runs" / ERRORS).read_text().strip() == view.text
     runs.start("adjust", ["adjust", str(survey / "project.yaml"), "--json", "--until", "photographs"])
     assert waited(runs, ended).state == "done"
