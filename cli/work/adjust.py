@@ -63,8 +63,12 @@ def run(
     if report and pdf and silent:
         print_report(survey)
     renewed = renewed_prints(survey, [name for name in before if not (pdf and name == PRINTED)]) if report else []
+    changed = (*renewed, *(removed_products(survey, products) if report else ()))
+    if lines is not None:
+        for sentence in changed:
+            lines.say("warning", sentence)  # every line is an event, and the verdict is the last
     voice.result(survey, report)
-    for sentence in (*renewed, *(removed_products(survey, products) if report else ())):
+    for sentence in () if lines is not None else changed:
         console.print(escape(sentence), soft_wrap=True)
     if report and pdf and not silent:
         say_printed(survey)

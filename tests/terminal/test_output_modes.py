@@ -60,6 +60,18 @@ def test_quiet_prints_warnings_and_one_line(adjusted_survey: Path, photogram: Ru
     assert last.endswith("results/deliverables/report.html")
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_what_is_removed_of_earlier_results_is_an_event_and_the_verdict_the_last(
+    adjusted_survey: Path, photogram: Run, edit: Callable[..., None]
+) -> None:
+    edit(adjusted_survey / "project.yaml", lambda values: values.update(contours={"enabled": False}))
+    outcome = photogram("adjust", adjusted_survey / "project.yaml", "--json")
+    assert outcome.code == 0
+    events = events_of(outcome.out)
+    assert [e["event"] for e in events if "removed contours.gpkg" in e["text"]] == ["warning"]
+    assert events[-1]["event"] == "done"
+
+
 def test_errors_of_the_check_are_events_and_lines(survey: Path, photogram: Run) -> None:
     project = survey / "project.yaml"
     photograph = min(survey.rglob("*.JPG"))
