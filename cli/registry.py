@@ -26,6 +26,7 @@ COMMANDS = {
     "volume": "photogram.change.commands.volume:volume",
     "audit": "photogram.exchange.commands.audit:audit",
     "study": "photogram.teaching.command:experiments",
+    "serve": "photogram.node.command:serve",
     "schema": "photogram.cli.commands.schema:schema",
 }
 """Name of each command, and the function that has its arguments, or the group of its commands."""

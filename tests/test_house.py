@@ -15,13 +15,13 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("photogram", "factors", "cli")
 MOST_MODULES = 15
 TABLE = Path(__file__).with_name("covered_by.txt")
-WINGS = ("change", "delivery", "desk", "exchange", "local_grids", "marking", "simulation", "teaching")
+WINGS = ("change", "delivery", "desk", "exchange", "local_grids", "marking", "node", "simulation", "teaching")
 COMMANDS = (
     "cli",
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
-    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "teaching")),
-    *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "teaching")),
+    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching")),
+    *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "babel": ("languages",),
@@ -41,11 +41,12 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "psutil": ("background.runs", "machine", "pipeline.store.memory"),
     "pyogrio": ("files.maps",),
     "pyproj": ("geodesy", "local_grids.definition"),
+    "python_multipart": ("node.forms",),
     "rasterio": ("files.maps", "files.photographs"),
     "rich": COMMANDS,
-    "starlette": ("desk", "loopback", "marking.page.addresses"),
+    "starlette": ("desk", "loopback", "marking.page.addresses", "node"),
     "typer": COMMANDS,
-    "uvicorn": ("loopback.server",),
+    "uvicorn": ("loopback.server", "node.server"),
     "yaml": ("project.document", "project.draft.edits"),
 }
 """Libraries that stay in few places: the modules and rooms that import them, and nothing else does."""

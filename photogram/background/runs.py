@@ -75,6 +75,8 @@ class RunView:
     """What the process wrote on standard error, and where it ended without a word, how."""
     lang: str | None = None
     """Which HTML calls the language of ``text`` where that is always the same."""
+    exit_code: int | None = None
+    """Of a process that ended by itself; negative where a signal ended it."""
 
 
 class Runs:
@@ -139,6 +141,13 @@ class Runs:
         """End the run; stages that are finished, and pieces of the one under way, are kept."""
         self._do(_end, paused=False, stopped=True)
 
+    def goes_on(self) -> bool:
+        """Return whether the last run has a process still, held or not."""
+        with self._one_at_a_time:
+            if self._child is not None:
+                self._child.poll()
+            return self._alive()
+
     def view(self, after: int = 0) -> RunView:
         """Return what the last run does, with its events from number ``after`` on."""
         with self._one_at_a_time:
@@ -147,20 +156,19 @@ class Runs:
             return RunView("none", None, None, (), 0, None, "")
         lines = self._lines() if note["kind"] != "deliver" else []
         events = tuple(json.loads(line) for line in lines[after : after + MOST_EVENTS])
-        state, text = self._outcome(note, alive)
+        code = None if alive else self._exit_code()
+        state, text = self._outcome(note, alive, code)
         last = json.loads(lines[-1]) if lines else None
         lang = None if isinstance(text, Said) else "en"
-        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), last, text, lang)
+        return RunView(state, note["kind"], note["began_unix_s"], events, after + len(events), last, text, lang, code)
 
-    def _outcome(self, note: RunNote, alive: bool) -> tuple[RunState, str]:
+    def _outcome(self, note: RunNote, alive: bool, code: int | None) -> tuple[RunState, str]:
         text = self._text(ERRORS)[-_MOST_ERROR_CHARACTERS:]
         if alive:
             return ("paused" if note["paused"] else "running"), text
         if self._child is not None:
             self._child.poll()  # so that no process stays behind that has ended
-        try:
-            code = int(json.loads(self._text(END) or "{}")["exit_code"])
-        except (KeyError, ValueError):
+        if code is None:
             return "failed", text or Said("It was ended from outside, or the machine was switched off: start it again.")
         if code in (_INTERRUPTED, -signal.SIGINT) or (code and note.get("stopped")):
             return "stopped", text
@@ -169,6 +177,12 @@ class Runs:
             ended = Said("The system ended it ({reason}): close other programs and start it again.", reason=reason)
             return "failed", text or ended
         return ("done" if code == 0 else "failed"), text
+
+    def _exit_code(self) -> int | None:
+        try:
+            return int(json.loads(self._text(END) or "{}")["exit_code"])
+        except (KeyError, ValueError):
+            return None
 
     def _lines(self) -> list[str]:
         """Return the whole lines of the events so far."""

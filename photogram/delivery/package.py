@@ -1,6 +1,5 @@
 """A survey in one file: its results, with a record of what they were made of."""
 
-import shutil
 import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -11,6 +10,7 @@ from photogram import __version__
 from photogram.files.atomic import replacing
 from photogram.files.npz_json import file_fingerprint, text_of
 from photogram.files.stage_folders import errors_of
+from photogram.files.zip_archives import add_file, zip_entry
 from photogram.pipeline.store.run import Run
 from photogram.project.folders import input_files
 from photogram.project.project import SECTIONS
@@ -22,9 +22,6 @@ PACKAGE = "survey.zip"
 RECORD = "record"
 """Folder in the archive for what the results were made of."""
 INPUTS = "inputs.json"
-_PIECE_BYTES = 1 << 20
-_NO_TIME = (1980, 1, 1, 0, 0, 0)
-_COMPRESSED = frozenset({".tif", ".laz", ".zip", ".kmz", ".qgz", ".glb", ".png", ".pdf"})
 
 
 class InputFile(TypedDict):
@@ -76,9 +73,9 @@ def write_package(path: Path, project: Path, results: Path, record: InputRecord)
     files = [file for file in _packed(results) if file.resolve() != path.resolve()]
     with replacing(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in files:
-            _add(archive, file, file.relative_to(results).as_posix())
-        _add(archive, project, f"{RECORD}/{project.name}")
-        archive.writestr(_entry(f"{RECORD}/{INPUTS}"), text_of(record))
+            add_file(archive, file, file.relative_to(results).as_posix())
+        add_file(archive, project, f"{RECORD}/{project.name}")
+        archive.writestr(zip_entry(f"{RECORD}/{INPUTS}"), text_of(record))
     return f"{things(len(files), 'file')} of {', '.join(ResultFolder)}, and what they were made of"
 
 
@@ -86,18 +83,3 @@ def _packed(results: Path) -> Iterator[Path]:
     for folder in ResultFolder:
         within = sorted((results / folder).rglob("*"))
         yield from (path for path in within if path.is_file() and not path.is_symlink() and path.name[0] != ".")
-
-
-def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name, _NO_TIME)
-    entry.compress_type = zipfile.ZIP_STORED if Path(name).suffix in _COMPRESSED else zipfile.ZIP_DEFLATED
-    return entry
-
-
-def _add(archive: zipfile.ZipFile, path: Path, name: str) -> None:
-    """Add a file in pieces, so that a large one is never in memory whole."""
-    with errors_of(path, "cannot be read"), path.open("rb") as source:
-        entry = _entry(name)
-        entry.file_size = path.stat().st_size  # tells whether its length needs more than 32 bits
-        with archive.open(entry, "w") as target:
-            shutil.copyfileobj(source, target, _PIECE_BYTES)

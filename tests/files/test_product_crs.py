@@ -13,7 +13,7 @@ from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 from rio_cogeo import cog_validate
 
 from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
-from photogram.files.maps.geo_keys import set_vertical_key
+from photogram.files.maps.geo_keys import drop_vertical_keys, set_vertical_key
 from photogram.files.maps.rasters import picture_on_grid, read_raster
 from photogram.geodesy.crs import height_system_of, plan_of, product_crs
 from photogram.geodesy.height_systems import DeclaredHeights, Geoid
@@ -125,6 +125,26 @@ def test_the_key_is_found_in_every_kind_of_tiff(tmp_path: Path, big: str, endian
     with rasterio.open(path) as dataset:
         found = pyproj.CRS.from_wkt(dataset.crs.to_wkt(version="WKT2_2019"))
     assert (found.is_compound, len(found.axis_info)) == (False, 3)
+
+
+@pytest.mark.parametrize("heights", [None, "ellipsoidal", "EPSG:5773"])
+def test_a_raster_is_brought_to_the_map_grid_alone_and_stays_as_it_is(tmp_path: Path, heights: str | None) -> None:
+    declared = {
+        None: DeclaredHeights(),
+        "ellipsoidal": DeclaredHeights(output="ellipsoidal"),
+        "EPSG:5773": DeclaredHeights(output="orthometric", geoid=Geoid("EPSG:5773")),
+    }[heights]
+    path = tmp_path / "dsm.tif"
+    write(path, product_crs("EPSG:25832", declared), (600_000.0, 5_800_000.0))
+    with rasterio.open(path) as raster:
+        before = raster.read(), raster.transform, raster.overviews(1)
+    assert drop_vertical_keys(path) == (heights is not None)
+    assert not drop_vertical_keys(path)
+    with rasterio.open(path) as raster:
+        assert raster.crs.to_epsg() == 25832
+        assert np.array_equal(raster.read(), before[0])
+        assert (raster.transform, raster.overviews(1)) == before[1:]
+    assert cog_validate(path)[0]
 
 
 def test_bands_have_units_and_descriptions(tmp_path: Path) -> None:

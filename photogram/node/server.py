@@ -1,0 +1,96 @@
+"""The server of a node, for other machines: over HTTP, with a token where one is set.
+
+No page of a browser is answered, since none is NodeODM's: a page that somebody looks at on this machine or in its
+network could otherwise send tasks in their name. A node without a token that listens on the loopback alone answers
+requests that name the loopback, so that no page of the web reaches it under a name of its own (DNS rebinding).
+"""
+
+import ipaddress
+import socket
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from photogram.node.addresses import Addresses
+from photogram.node.node import Node
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether nobody but this machine reaches a host."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+class _NoPages:
+    """Refuses what a page in a browser asks for, and other names of the loopback where ``only_loopback``."""
+
+    def __init__(self, app: ASGIApp, only_loopback: bool) -> None:
+        self._app, self._only_loopback = app, only_loopback
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] == "http":
+            headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+            foreign = "origin" in headers or headers.get("sec-fetch-site", "none") not in ("none", "same-origin")
+            if foreign or (self._only_loopback and not is_loopback(_host(headers.get("host", "")))):
+                await JSONResponse({"error": "this node answers no pages of a browser"}, 403)(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+
+def _host(named: str) -> str:
+    """Return the host that a request names, without its port."""
+    if named.startswith("["):
+        return named[1:].partition("]")[0]
+    return named.rpartition(":")[0] if ":" in named else named
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": str(error.detail)}, error.status_code)
+
+
+class NodeServer:
+    """Serves a node at an address of this machine; ``port`` 0 picks a free port. Raises OSError where the address
+    cannot be used."""
+
+    def __init__(self, node: Node, host: str, port: int, token: str) -> None:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.create_server((host, port), family=family)
+        self.host, self.port = host, int(self._socket.getsockname()[1])
+        application = Starlette(routes=Addresses(node, token).routes(), exception_handlers={HTTPException: _refused})
+        config = uvicorn.Config(
+            _NoPages(application, only_loopback=not token and is_loopback(host)),
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            ws="none",
+            http="h11",
+            timeout_graceful_shutdown=5,
+        )
+        self._server = uvicorn.Server(config)
+
+    @property
+    def url(self) -> str:
+        """The address of the node, without its token."""
+        return f"http://[{self.host}]:{self.port}" if ":" in self.host else f"http://{self.host}:{self.port}"
+
+    def serve(self) -> None:
+        """Answer until ``stop`` is called from another thread, or Ctrl-C ends it."""
+        try:
+            self._server.run(sockets=[self._socket])
+        except KeyboardInterrupt:
+            return  # how it is meant to end
+        finally:
+            self._socket.close()
+
+    def stop(self) -> None:
+        """End ``serve``."""
+        self._server.should_exit = True
