@@ -7,55 +7,63 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from photogram.files.atomic import make_folder, replacing
+from photogram.files.atomic import make_folder, replacing, scratch_folder, temporary_name
 from photogram.files.clouds.copc import point_count, write_copc
+from photogram.files.clouds.ept import write_ept
 from photogram.files.maps.geo_keys import drop_vertical_keys
 from photogram.files.zip_archives import add_file
 from photogram.geodesy.crs import NO_CRS
 from photogram.node.options import Options, is_on
 from photogram.node.refusals import RequestError
 from photogram.node.solution import Json, cameras, left_out_of_cameras, odm_statistics, shots
+from photogram.node.tasks import Task, TaskFolder
 from photogram.project.project import Project
 from photogram.report.reading import read_report
 from photogram.result_files import ResultFolder, result_path
+from photogram.wording import things
 
 Say = Callable[[str], None]
 
 OWN = "photogram"
 """Folder for what ODM has no place for."""
 
-_CLOUD, _SPARSE, _COPC = "dense.laz", "points_adjusted.laz", "copc"
+TILES = "entwine_pointcloud"
+"""Folder for the point cloud as WebODM shows it."""
+
 _PIECE_BYTES = 1 << 20
+_CLOUDS = ("dense.laz", "points_adjusted.laz")
+_COPC = "georeferenced_model.copc.laz"
+_SELDOM = ("report.pdf", _COPC)
 
 
 @dataclass(frozen=True)
 class Asset:
     """A file that is handed back: its name where it is asked for alone, its place in the archive, and which file of the
-    results it is; none of what is made here."""
+    results it is, the first that there is; none of what is made here."""
 
     name: str
     place: str
-    result: str = ""
+    results: tuple[str, ...] = ()
     option: str = ""
     """That must be switched on for it."""
 
 
 ASSETS: tuple[Asset, ...] = (
-    Asset("orthophoto.tif", "odm_orthophoto/odm_orthophoto.tif", "orthophoto.tif"),
-    Asset("dsm.tif", "odm_dem/dsm.tif", "dsm.tif", "dsm"),
-    Asset("dtm.tif", "odm_dem/dtm.tif", "dtm.tif", "dtm"),
-    Asset("georeferenced_model.laz", "odm_georeferencing/odm_georeferenced_model.laz", _CLOUD),
-    Asset("georeferenced_model.copc.laz", "odm_georeferencing/odm_georeferenced_model.copc.laz", _COPC, "pc-copc"),
-    Asset("report.pdf", "odm_report/report.pdf", "report.pdf"),
+    Asset("orthophoto.tif", "odm_orthophoto/odm_orthophoto.tif", ("orthophoto.tif",)),
+    Asset("dsm.tif", "odm_dem/dsm.tif", ("dsm_filled.tif", "dsm.tif"), "dsm"),  # ODM's has no holes either
+    Asset("dtm.tif", "odm_dem/dtm.tif", ("dtm.tif",), "dtm"),
+    Asset("georeferenced_model.laz", "odm_georeferencing/odm_georeferenced_model.laz", _CLOUDS),
+    Asset(_COPC, "odm_georeferencing/odm_georeferenced_model.copc.laz", _CLOUDS, "pc-copc"),
+    Asset("report.pdf", "odm_report/report.pdf", ("report.pdf",)),
     Asset("shots.geojson", "odm_report/shots.geojson"),
     Asset("stats.json", "odm_report/stats.json"),
     Asset("cameras.json", "cameras.json"),
-    Asset("report.html", f"{OWN}/report.html", "report.html"),
-    Asset("report.json", f"{OWN}/report.json", "report.json"),
+    Asset("report.html", f"{OWN}/report.html", ("report.html",)),
+    Asset("report.json", f"{OWN}/report.json", ("report.json",)),
 )
 _BY_NAME = {asset.name: asset for asset in ASSETS}
 _OWN_FOLDERS = (ResultFolder.DELIVERABLES, ResultFolder.QUALITY)
@@ -84,28 +92,29 @@ def checked_outputs(text: str) -> tuple[str, ...]:
     return tuple(str(PurePosixPath(path)) for path in paths)
 
 
-def make_assets(
-    project: Project, folder: Path, archive: Path, options: Options, outputs: Sequence[str], say: Say
-) -> None:
-    """Lay out what a task hands back in ``folder``, which is made anew, and pack it into ``archive``; ``outputs`` are
-    what alone is packed, where there are any.
+def make_assets(project: Project, folder: TaskFolder, task: Task, say: Say) -> None:
+    """Lay out what a task hands back in its folder of assets, which is made anew, and pack it into its archive: all of
+    it, or the ``outputs`` of the task alone.
 
-    Raises ReportError where the report is damaged, WorkspaceError where a file cannot be read or written.
+    Raises ReportError where the report is damaged, WorkspaceError and OSError where a file cannot be read or written.
     """
-    shutil.rmtree(folder, ignore_errors=True)
-    make_folder(folder)
-    _results(project, folder, options, say)
-    _solution(project, folder, say)
-    for path in _others(project):
-        _put(path, folder / OWN / path.name)
-    packed = [path for path in _files(folder) if not outputs or _is_wanted(path.relative_to(folder), outputs)]
-    for wanted in outputs:
-        if not any(_is_wanted(path.relative_to(folder), [wanted]) for path in packed):
+    assets = folder.assets
+    shutil.rmtree(assets, ignore_errors=True)
+    make_folder(assets)
+    taken = _results(project, assets, task.options, say)
+    _solution(project, assets, say)
+    for path in _others(project, taken):
+        _put(path, assets / OWN / path.name)
+    if is_on(task.options, "pc-ept") and not task.skips_tiles:
+        _tiles(assets, say)
+    packed = [path for path in _files(assets) if not task.outputs or _is_wanted(path.relative_to(assets), task.outputs)]
+    for wanted in task.outputs:
+        if not any(_is_wanted(path.relative_to(assets), [wanted]) for path in packed):
             say(f"{wanted} is asked for and not there")
-    say(f"Packing {len(packed)} files …")
-    with replacing(archive) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as target:
+    say(f"Packing {things(len(packed), 'file')} …")
+    with replacing(folder.archive) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as target:
         for path in packed:
-            add_file(target, path, path.relative_to(folder).as_posix())
+            add_file(target, path, path.relative_to(assets).as_posix())
 
 
 def _is_wanted(path: Path, outputs: Sequence[str]) -> bool:
@@ -117,31 +126,41 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def _results(project: Project, folder: Path, options: Options, say: Say) -> None:
-    """Put results into their places."""
+def _results(project: Project, folder: Path, options: Options, say: Say) -> set[str]:
+    """Put results into their places; return the names of those that have one, or are not wanted."""
+    taken = set[str]()
     for asset in ASSETS:
-        if not asset.result or (asset.option and not is_on(options, asset.option)):
+        if asset.option and not is_on(options, asset.option):
+            taken |= set(asset.results)
             continue
-        source, target = _source(project, asset.result), folder / asset.place
-        if source is None:
-            if asset.result not in ("report.pdf", _COPC):
+        found = [path for name in asset.results if (path := result_path(project.results, name)).is_file()]
+        if not found:
+            if asset.results and asset.name not in _SELDOM:
                 say(f"{asset.place}: not made by this survey")
             continue
-        if asset.result == _COPC:
+        source, target = found[0], folder / asset.place
+        taken.add(source.name)
+        if asset.name == _COPC:
             make_folder(target.parent)
             write_copc(target, source)
             continue
         _put(source, target)
         if target.suffix == ".tif" and _on_map_grid_alone(target):
             say(f"{asset.place}: heights are {_above(project)}; the file names the map grid alone, as WebODM needs it")
+    return taken
 
 
-def _source(project: Project, name: str) -> Path | None:
-    """Return the file of the results that is handed back, None where there is none; the cloud is that of the tie points
-    where nothing was matched densely."""
-    names = (_CLOUD, _SPARSE) if name in (_CLOUD, _COPC) else (name,)
-    paths = [result_path(project.results, one) for one in names]
-    return next((path for path in paths if path.is_file()), None)
+def _tiles(folder: Path, say: Say) -> None:
+    """Make the point cloud for WebODM's view in 3-D, of what is laid out."""
+    cloud, copc = folder / _BY_NAME["georeferenced_model.laz"].place, folder / _BY_NAME[_COPC].place
+    if not cloud.is_file():
+        return
+    with scratch_folder(temporary_name(folder)) as scratch:
+        if not copc.is_file():
+            copc = scratch / "cloud.copc.laz"
+            write_copc(copc, cloud)
+        nodes = write_ept(folder / TILES, copc)
+    say(f"{TILES}: the point cloud for the view in 3-D, {things(nodes, 'node')}")
 
 
 def _above(project: Project) -> str:
@@ -168,7 +187,7 @@ def _on_map_grid_alone(path: Path) -> bool:
 def _solution(project: Project, folder: Path, say: Say) -> None:
     """Write what is made of the report."""
     report = read_report(result_path(project.results, "report.json"))
-    cloud = result_path(project.results, _CLOUD)
+    cloud = result_path(project.results, _CLOUDS[0])
     made: dict[str, Json] = {
         "cameras.json": cameras(report),
         "stats.json": odm_statistics(report, point_count(cloud) if cloud.is_file() else None),
@@ -186,11 +205,10 @@ def _solution(project: Project, folder: Path, say: Say) -> None:
             partial.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
 
 
-def _others(project: Project) -> Iterator[Path]:
+def _others(project: Project, taken: Set[str]) -> Iterator[Path]:
     """Yield the other results that a client is handed; their names differ, whatever their folders."""
-    placed = {asset.result for asset in ASSETS}
     for own in _OWN_FOLDERS:
         within = project.results / own
         for path in _files(within):
-            if path.parent == within and path.name not in (*placed, *_NOT_OWN) and path.name[0] != ".":
+            if path.parent == within and path.name not in (*taken, *_NOT_OWN) and path.name[0] != ".":
                 yield path

@@ -123,6 +123,10 @@ OPTIONS: tuple[NodeOption, ...] = (
     ),
     NodeOption("skip-report", "bool", False, "Do not print the report as PDF; report.html and report.json stay."),
     NodeOption("pc-copc", "bool", False, "Hand back the point cloud as Cloud Optimized Point Cloud (COPC) too."),
+    NodeOption(
+        "pc-ept", "bool", True,
+        "Hand back the point cloud as Entwine Point Tiles (EPT) too, which WebODM shows in 3-D.",
+    ),
     NodeOption("auto-boundary", "bool", True, "Map only ground that the photographs show well, always.", always=True),
     NodeOption("cog", "bool", True, "Rasters are Cloud Optimized GeoTIFFs, always.", always=True),
     NodeOption(

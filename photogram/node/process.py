@@ -55,8 +55,7 @@ def _done(folder: TaskFolder, task: Task, lines: EventLines) -> int:
     code = _adjusted(folder, task.options, lines)
     if code:
         return code
-    project = load_project(folder.project)
-    make_assets(project, folder.assets, folder.archive, task.options, task.outputs, lambda text: lines.say("end", text))
+    make_assets(load_project(folder.project), folder, task, lambda text: lines.say("end", text))
     lines.say("done", "Finished")
     return 0
 

@@ -76,7 +76,7 @@ def test_a_survey_from_photographs_to_maps_and_once_more_with_other_options(
 
         with pytest.raises(NodeResponseError, match="no-such-option: this node has no such option"):
             task.restart({"no-such-option": 1})
-        assert task.restart({**wanted, "dsm": False, "skip-orthophoto": True, "pc-copc": False})
+        assert task.restart({**wanted, "dsm": False, "skip-orthophoto": True, "pc-copc": False, "pc-ept": False})
         assert not ended(task.info())
         with pytest.raises(NodeResponseError, match="the task has not completed"):
             task.get(f"/task/{UUID}/download/all.zip")
@@ -85,7 +85,9 @@ def test_a_survey_from_photographs_to_maps_and_once_more_with_other_options(
         assert any("removed orthophoto.tif" in line for line in task.output())
         names = archive_names(Path(task.download_zip(str(tmp_path / "again"))))
         assert "odm_dem/dtm.tif" in names
-        assert not {n for n in names if "orthophoto.tif" in n or n.endswith(("dsm.tif", "copc.laz"))}
+        assert not {
+            n for n in names if "orthophoto.tif" in n or n.endswith(("dsm.tif", "filled.tif", "copc.laz", "ept.json"))
+        }
         with pytest.raises(NodeResponseError, match=r"orthophoto\.tif: this task has made none"):
             task.get(f"/task/{UUID}/download/orthophoto.tif")
         assert task.remove()
@@ -108,7 +110,10 @@ def check_results(assets: Path, task: Path) -> None:
     for name in ("odm_orthophoto/odm_orthophoto.tif", "odm_dem/dsm.tif", "odm_dem/dtm.tif"):
         with rasterio.open(assets / name) as raster:
             assert raster.crs.to_epsg() == 25832, "WebODM takes no other CRS than one with a code"
-    with rasterio.open(assets / "odm_dem/dsm.tif") as dsm, rasterio.open(task / "results/deliverables/dsm.tif") as own:
+    with (
+        rasterio.open(assets / "odm_dem/dsm.tif") as dsm,
+        rasterio.open(task / "results/deliverables/dsm_filled.tif") as own,
+    ):
         assert np.array_equal(dsm.read(), own.read())
         assert own.crs.to_epsg() is None, "the survey's own file stays as it was"
         assert dsm.res == (0.27, 0.27)
@@ -119,6 +124,8 @@ def check_results(assets: Path, task: Path) -> None:
         assert orthophoto.res[0] == pytest.approx(0.067, abs=0.002)
     clouds = [laspy.read(assets / f"odm_georeferencing/odm_georeferenced_model{end}") for end in (".laz", ".copc.laz")]
     assert len(clouds[0]) == len(clouds[1]) > 3000
+    tiles = json.loads((assets / "entwine_pointcloud/ept.json").read_text(encoding="utf-8"))
+    assert (tiles["points"], tiles["srs"]["horizontal"]) == (len(clouds[0]), "25832")
     report = json.loads((assets / "photogram/report.json").read_text(encoding="utf-8"))
     roles = [point["role"] for point in report["control_points"]]
     assert (roles.count("control"), roles.count("check")) == (8, 4)
@@ -131,7 +138,7 @@ def check_results(assets: Path, task: Path) -> None:
     assert statistics["point_cloud_statistics"]["stats"]["statistic"][0]["count"] == len(clouds[0])
     assert json.loads((assets / "cameras.json").read_text(encoding="utf-8"))
     assert "Kiesgrube Süd" in (assets / "photogram/report.html").read_text(encoding="utf-8")
-    assert {"dsm_sigma.tif", "contours.gpkg", "dsm_filled.tif"} <= {p.name for p in (assets / "photogram").iterdir()}
+    assert {"dsm_sigma.tif", "contours.gpkg", "dsm.tif"} <= {p.name for p in (assets / "photogram").iterdir()}
     settings = yaml.safe_load((task / "project.yaml").read_text(encoding="utf-8"))
     assert (settings["features"]["maximum"], settings["surface"]["cell_m"]) == (800, 0.27)
 
