@@ -1,18 +1,21 @@
-"""The tables of settings in the documentation, made from the fields of the settings.
+"""The tables of settings in the documentation, made from the fields of the settings, and that of a node's options.
 
     python tests/docs_tables.py
 
 writes them anew between `<!-- settings: NAME -->` and `<!-- end of settings -->`; NAME is a section of project.yaml.
+That of the options stands between `<!-- node options -->` and `<!-- end of node options -->`.
 """
 
 import re
 from pathlib import Path
 
+from photogram.node.options import OPTIONS, option_views
 from photogram.project.project import SECTIONS
 from photogram.settings.settings import Setting, settings_of
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 _TABLE = re.compile(r"(<!-- settings: (\w+) -->\n\n).*?(\n<!-- end of settings -->)", re.DOTALL)
+_OPTIONS = re.compile(r"(<!-- node options -->\n\n).*?(\n<!-- end of node options -->)", re.DOTALL)
 
 
 def _value(value: object) -> str:
@@ -43,8 +46,21 @@ def table(section: str) -> str:
     return "| key | default | allowed | meaning |\n|---|---|---|---|\n" + "".join(rows)
 
 
+def options_table() -> str:
+    """Return the table of the options of a node, in Markdown."""
+    rows = []
+    for view, option in zip(option_views(), OPTIONS, strict=True):
+        keys = ", ".join(f"`{'.'.join(map(str, key))}`" for key in option.sets(option.default)) or "–"
+        allowed = ", ".join(f"`{choice}`" for choice in option.choices) or view["domain"] or "–"
+        default = f"`{view['value']}`" if view["value"] else "empty"
+        rows.append(f"| `{view['name']}` | {view['type']} | {default} | {allowed} | {keys} | {view['help']} |\n")
+    head = "| option | type | default | allowed | sets | meaning |\n|---|---|---|---|---|---|\n"
+    return head + "".join(rows)
+
+
 def with_tables(text: str) -> str:
-    """Return a page with the tables that its settings have now."""
+    """Return a page with the tables that its settings, or options, have now."""
+    text = _OPTIONS.sub(lambda match: match[1] + options_table() + match[2], text)
     return _TABLE.sub(lambda match: match[1] + table(match[2]) + match[3], text)
 
 

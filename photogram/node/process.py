@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from photogram.background.runs import COMMAND
-from photogram.errors import PhotogramError, WorkspaceError
+from photogram.errors import PhotogramError, ReportError, WorkspaceError
 from photogram.node.assets import make_assets
 from photogram.node.options import InitArguments, Lines, Options, init_arguments, is_on, project_lines, value_of
 from photogram.node.received import is_check
@@ -20,10 +20,10 @@ from photogram.node.tasks import GROUPS, TABLES, Task, TaskFolder
 from photogram.pipeline.input_validation import tags_of
 from photogram.pipeline.new_project import NewProject, init
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.stages.publishing.report_files import print_report
 from photogram.project.draft.edits import write_values
 from photogram.project.project import Project
 from photogram.project.validation.resources import surface_size
-from photogram.report.printing import find_browser
 from photogram.terminal.events import EventLines
 from photogram.terminal.exit_codes import in_words
 from photogram.wording import some, things
@@ -114,17 +114,18 @@ def ground_sampling_m(project: Project) -> float | None:
 
 def _adjusted(folder: TaskFolder, options: Options, lines: EventLines) -> int:
     """Work the survey out by the command, which says its own events, and return its exit code; of an interruption it is
-    that of one."""
-    arguments = ["adjust", str(folder.project), "--json"]
-    if not is_on(options, "skip-report"):
-        if find_browser() is None:
-            lines.say("warning", "no report.pdf: this node has no browser to print it with; report.html is there")
-        else:
-            arguments.append("--pdf")
-    return _called(arguments)
+    that of one. The report is printed where that can be."""
+    code = _called(["adjust", str(folder.project), "--json"])
+    if code == 0 and not is_on(options, "skip-report"):
+        try:
+            print_report(load_project(folder.project))
+        except ReportError as error:
+            lines.say("warning", f"no report.pdf, report.html is there: {error}")
+    return code
 
 
 def _called(arguments: Sequence[str]) -> int:
+    """Call a command of photogram and return its exit code. Raises WorkspaceError where the system ended it."""
     # an interruption reaches the command too, which ends in order; a handler, and not SIG_IGN, which it would inherit
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from photogram.errors import WorkspaceError
+from photogram.errors import ReportError, WorkspaceError
 from photogram.node import process
 from photogram.node.options import checked_options
 from photogram.node.process import FAILED, INTERRUPTED, ground_sampling_m
@@ -50,6 +50,20 @@ def test_a_command_that_the_system_ended_is_told(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(subprocess, "call", lambda *_, **__: -signal.SIGTERM)
     with pytest.raises(WorkspaceError, match=r"the system ended the work \(SIGTERM"):
         process._called(["adjust"])
+
+
+def test_a_report_that_cannot_be_printed_is_a_warning(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(_: object) -> Path:
+        raise ReportError("no browser is installed")
+
+    said: list[str] = []
+    monkeypatch.setattr(subprocess, "call", lambda *_, **__: 0)
+    monkeypatch.setattr(process, "print_report", refused)
+    folder = TaskFolder(survey)
+    assert process._adjusted(folder, {}, EventLines(said.append)) == 0
+    assert "no report.pdf, report.html is there: no browser is installed" in said[0]
+    assert process._adjusted(folder, {"skip-report": True}, EventLines(said.append)) == 0
+    assert len(said) == 1
 
 
 def test_an_error_is_an_event_and_an_exit_code(
