@@ -141,6 +141,10 @@ class Runs:
         """End the run; stages that are finished, and pieces of the one under way, are kept."""
         self._do(_end, paused=False, stopped=True)
 
+    def kill(self) -> None:
+        """End a run that does not end in order; what its stages have written is whole."""
+        self._do(_kill, paused=False, stopped=True)
+
     def goes_on(self) -> bool:
         """Return whether the last run has a process still, held or not."""
         with self._one_at_a_time:
@@ -241,6 +245,12 @@ def _resume(pid: int) -> None:
     for process in _family(pid):
         with suppress(psutil.NoSuchProcess):
             process.resume()
+
+
+def _kill(pid: int) -> None:
+    for process in reversed(_family(pid)):
+        with suppress(psutil.NoSuchProcess):
+            process.kill()
 
 
 def _end(pid: int) -> None:

@@ -16,7 +16,7 @@ from typing import BinaryIO
 from typing_extensions import TypedDict
 
 from photogram import __version__
-from photogram.background.runs import Runs, RunView
+from photogram.background.runs import Runs
 from photogram.errors import PhotogramError, WorkspaceError
 from photogram.files.atomic import make_folder
 from photogram.files.portable import try_lock
@@ -25,7 +25,7 @@ from photogram.node.assets import place_of
 from photogram.node.options import checked_options
 from photogram.node.progress import all_events, from_line, last_error, lines_of, share_percent
 from photogram.node.refusals import RequestError
-from photogram.node.tasks import RUN, Status, Task, TaskFolder, TaskInfo, is_uuid, task_info
+from photogram.node.tasks import RUN, Status, Task, TaskFolder, TaskInfo, after_its_process, is_uuid, task_info
 from photogram.node.uploads import Uploads
 from photogram.wording import printable, shortened
 
@@ -33,8 +33,8 @@ API_VERSION = "2.2.1"
 """Of NodeODM, whose interface this is."""
 
 ENGINE = "photogram"
-MOST_ATTEMPTS = 3
-"""Of a task whose process ended with the machine; then it fails."""
+PATIENCE_S = 120.0
+"""In which a process that is told to end does so; then it is killed."""
 
 _PAUSE_S = 0.5
 _DAY_S = 86_400.0
@@ -83,6 +83,7 @@ class Node:
         folders = [TaskFolder(path) for path in sorted(self._folder.iterdir()) if is_uuid(path.name)]
         self._tasks = {folder.path.name: folder.read() for folder in folders}
         self._runs = {name: Runs(self._folder / name / RUN) for name in self._tasks}
+        self._told_to_end = dict[str, float]()
         self._thread = Thread(target=self._watch, name="tasks", daemon=True)
 
     def __enter__(self) -> "Node":
@@ -174,14 +175,14 @@ class Node:
             if task.status in _ENDED:
                 raise RequestError("the task has ended already")
             self._set(replace(task, status=Status.CANCELED, ended_unix_s=time.time()))
-            self._runs[name].stop()
+            self._end(name)
 
     def remove(self, name: str) -> None:
         """Remove a task and all of its files. Raises RequestError where there is no such task."""
         with self._lock:
             task = self._known(name)
             self._set(replace(task, removed=True))
-            self._runs[name].stop()
+            self._end(name)
 
     def restart(self, name: str, options: str | None) -> None:
         """Queue a task again that has ended, with other options where they are given; what is finished and still holds
@@ -206,6 +207,10 @@ class Node:
             raise RequestError(f"{shortened(printable(name))} not found")
         return task
 
+    def _end(self, name: str) -> None:
+        self._told_to_end.setdefault(name, time.monotonic())
+        self._runs[name].stop()
+
     def _set(self, task: Task) -> None:
         """Note what a task is now. Where the disk takes nothing, it is known to this process alone, until the next
         change."""
@@ -227,10 +232,14 @@ class Node:
         """Look after all tasks once: note which have ended, delete what is to be deleted, start what is queued."""
         with self._lock:
             working = {name for name in self._unsettled() if self._runs[name].goes_on()}
+            self._told_to_end = {name: at for name, at in self._told_to_end.items() if name in working}
+            for name, at in self._told_to_end.items():
+                if time.monotonic() - at > PATIENCE_S:
+                    self._runs[name].kill()
             for name, task in list(self._tasks.items()):
                 if task.status is Status.RUNNING and name not in working and not task.removed:
                     runs = self._runs[name]
-                    self._set(_ended(task, runs.view(), last_error(all_events(runs)), time.time()))
+                    self._set(after_its_process(task, runs.view(), last_error(all_events(runs)), time.time()))
             gone = [name for name, task in self._tasks.items() if task.removed and name not in working]
             waiting = [t for t in self._tasks.values() if t.status is Status.QUEUED and not t.removed]
             free = self._settings.parallel_tasks - len(working)
@@ -270,15 +279,6 @@ class Node:
                     self._set(replace(task, removed=True))
             for name in self.uploads.older_than(before):
                 self.uploads.remove(name)
-
-
-def _ended(task: Task, view: RunView, said: str, now_unix_s: float) -> Task:
-    """Return a task whose process has ended."""
-    if view.exit_code is None and view.state != "stopped" and task.attempts < MOST_ATTEMPTS:
-        return replace(task, status=Status.QUEUED)
-    status = {"done": Status.COMPLETED, "stopped": Status.CANCELED}.get(view.state, Status.FAILED)
-    error = "" if status is not Status.FAILED else said or view.text.strip() or "the process ended without a word"
-    return replace(task, status=status, error=error, ended_unix_s=now_unix_s)
 
 
 def _locked(folder: Path) -> BinaryIO:

@@ -11,7 +11,7 @@ tasks/UUID/
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import NotRequired
@@ -19,6 +19,7 @@ from typing import NotRequired
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
+from photogram.background.runs import RunView
 from photogram.errors import WorkspaceError
 from photogram.files.atomic import write_whole
 from photogram.node.options import GivenOption, OptionValue, given_options
@@ -28,6 +29,9 @@ NOTE, IMAGES, MASKS, TABLES, RUN, ASSETS, ARCHIVE = (
 )  # fmt: skip
 PROJECT = "project.yaml"
 GROUPS = "image_groups.txt"
+
+MOST_ATTEMPTS = 3
+"""Of a task whose process ended with the machine; then it fails."""
 
 _UUID = re.compile(r"[0-9a-f]{8}-[0-9a-f]{4}-[1-5][0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}")
 
@@ -155,3 +159,13 @@ def task_info(task: Task, progress: float, now_unix_s: float) -> TaskInfo:
         "imagesCount": task.images,
         "progress": 100.0 if task.status is Status.COMPLETED else round(progress, 1),
     }
+
+
+def after_its_process(task: Task, view: RunView, said: str, now_unix_s: float) -> Task:
+    """Return what a task is once its process has ended, which ``said`` an error last, or none: queued again where it
+    ended with the machine."""
+    if view.exit_code is None and view.state != "stopped" and task.attempts < MOST_ATTEMPTS:
+        return replace(task, status=Status.QUEUED)
+    status = {"done": Status.COMPLETED, "stopped": Status.CANCELED}.get(view.state, Status.FAILED)
+    error = "" if status is not Status.FAILED else said or view.text.strip() or "the process ended without a word"
+    return replace(task, status=status, error=error, ended_unix_s=now_unix_s)

@@ -66,6 +66,11 @@ class Uploads:
         self._folder, self._max_images, self._most_bytes = folder, max_images, most_bytes
         self._used: dict[str, int] = {}
         make_folder(folder)
+        for path in folder.glob("*"):  # what requests of a server that was killed have left
+            if path.name.startswith(_INCOMING):
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                shutil.rmtree(path / _INCOMING, ignore_errors=True)
 
     def __contains__(self, name: str) -> bool:
         return is_uuid(name) and self._of(name).note.is_file()

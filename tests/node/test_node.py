@@ -434,6 +434,49 @@ def test_a_process_that_ends_with_the_machine_again_and_again_fails(tmp_path: Pa
     assert "ended from outside" in info["status"]["errorMessage"]
 
 
+def test_a_process_that_does_not_end_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that hears no interruption."""
+    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); open('ready', 'x'); time.sleep(600)"
+    folder = TaskFolder(tmp_path / "tasks" / UUID)
+    folder.path.mkdir(parents=True)
+    folder.write(Task(UUID, "deaf", 0, status=Status.RUNNING, attempts=1, began_unix_s=1.0))
+    node = Node(NodeSettings(tmp_path))
+    (tmp_path / "deaf.py").write_text(deaf)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    runs = node._runs[UUID]
+    runs.start("task", [], "deaf")
+    end = time.monotonic() + 20
+    while not (tmp_path / "ready").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    node.cancel(UUID)
+    node.step()
+    time.sleep(0.5)
+    assert runs.goes_on()
+    monkeypatch.setattr("photogram.node.node.PATIENCE_S", 0.0)
+    node.step()
+    while runs.goes_on() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not runs.goes_on()
+    assert node.task(UUID)["status"] == {"code": 50}
+
+
+def test_what_a_killed_server_has_left_of_requests_is_removed(tmp_path: Path, picture: bytes) -> None:
+    first = Node(NodeSettings(tmp_path))
+    uuid = begun(application(first))
+    assert sent(application(first), uuid, ("a.jpg", picture)) == {"success": True}
+    half = tmp_path / "uploads" / uuid / ".incoming/0123/0/b.jpg"
+    other = tmp_path / "uploads/.incoming-4567/0/c.jpg"
+    for path in (half, other):
+        path.parent.mkdir(parents=True)
+        path.write_bytes(picture[:100])
+    first._lock_file.close()
+    second = application(Node(NodeSettings(tmp_path)))
+    assert not half.exists()
+    assert not other.exists()
+    assert asked(second, "POST", f"/task/new/commit/{uuid}").json == {"uuid": uuid}
+
+
 def test_a_task_whose_note_is_damaged_is_named(tmp_path: Path) -> None:
     folder = TaskFolder(tmp_path / "tasks" / UUID)
     folder.path.mkdir(parents=True)
