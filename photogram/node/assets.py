@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from photogram.files.atomic import make_folder, replacing, scratch_folder, temporary_name
 from photogram.files.clouds.copc import point_count, write_copc
 from photogram.files.clouds.ept import write_ept
-from photogram.files.maps.geo_keys import drop_vertical_keys
+from photogram.files.maps.geo_keys import drop_vertical_keys, has_vertical_keys
 from photogram.files.zip_archives import add_file
 from photogram.geodesy.crs import NO_CRS
 from photogram.node.options import Options, is_on
@@ -178,10 +178,14 @@ def _put(source: Path, target: Path) -> None:
 
 
 def _on_map_grid_alone(path: Path) -> bool:
-    """Take what a raster says of heights out of it; the result of the same content stays as it is."""
+    """Take what a raster says of heights out of it, and return whether it says anything; the file of the results, of
+    which it is a second name, stays as it is."""
+    if not has_vertical_keys(path):
+        return False
     with replacing(path) as partial:
         shutil.copyfile(path, partial)
-        return drop_vertical_keys(partial)
+        drop_vertical_keys(partial)
+    return True
 
 
 def _solution(project: Project, folder: Path, say: Say) -> None:

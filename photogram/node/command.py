@@ -40,7 +40,7 @@ def serve(
         float | None,
         typer.Option(
             metavar="DAYS",
-            min=0.0,
+            min=0.1,
             help="Delete tasks so many days after their end, and uploads that nobody completes; default: never.",
             show_default=False,
         ),

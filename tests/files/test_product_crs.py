@@ -13,7 +13,7 @@ from pyproj.crs.coordinate_operation import TransverseMercatorConversion
 from rio_cogeo import cog_validate
 
 from photogram.files.maps.cogs import CATEGORY_SUFFIX, Category, write_cog, write_cog_codes, write_cog_rgba
-from photogram.files.maps.geo_keys import drop_vertical_keys, set_vertical_key
+from photogram.files.maps.geo_keys import drop_vertical_keys, has_vertical_keys, set_vertical_key
 from photogram.files.maps.rasters import picture_on_grid, read_raster
 from photogram.geodesy.crs import height_system_of, plan_of, product_crs
 from photogram.geodesy.height_systems import DeclaredHeights, Geoid
@@ -138,8 +138,9 @@ def test_a_raster_is_brought_to_the_map_grid_alone_and_stays_as_it_is(tmp_path: 
     write(path, product_crs("EPSG:25832", declared), (600_000.0, 5_800_000.0))
     with rasterio.open(path) as raster:
         before = raster.read(), raster.transform, raster.overviews(1)
-    assert drop_vertical_keys(path) == (heights is not None)
-    assert not drop_vertical_keys(path)
+    assert has_vertical_keys(path) == (heights is not None)
+    drop_vertical_keys(path)
+    assert not has_vertical_keys(path)
     with rasterio.open(path) as raster:
         assert raster.crs.to_epsg() == 25832
         assert np.array_equal(raster.read(), before[0])

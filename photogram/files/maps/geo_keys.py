@@ -29,23 +29,31 @@ def set_vertical_key(path: Path, code: int) -> None:
     raise OSError(f"{path}: no vertical geo key")
 
 
-def drop_vertical_keys(path: Path) -> bool:
-    """Take the keys of the vertical CRS out of a GeoTIFF or BigTIFF, which is then on the map grid alone; return
-    whether it had any. Nothing else of the file moves.
+def has_vertical_keys(path: Path) -> bool:
+    """Return whether a GeoTIFF or BigTIFF names a vertical CRS. Raises OSError where it cannot be read."""
+    with path.open("rb") as stream:
+        _, _, keys = _directory(stream)
+    return any(_is_vertical(key) for key in keys[4::4])
+
+
+def _is_vertical(key: int) -> bool:
+    return VERTICAL_KEY <= key < VERTICAL_KEY + _VERTICAL_KEYS
+
+
+def drop_vertical_keys(path: Path) -> None:
+    """Take the keys of the vertical CRS out of a GeoTIFF or BigTIFF, which is then on the map grid alone. Nothing else
+    of the file moves.
 
     Raises OSError where the file cannot be read or written.
     """
     with path.open("r+b") as stream:
         order, place, keys = _directory(stream)
         rows = [keys[at : at + 4] for at in range(4, len(keys), 4)]
-        kept = [row for row in rows if not VERTICAL_KEY <= row[0] < VERTICAL_KEY + _VERTICAL_KEYS]
-        if len(kept) == len(rows):
-            return False
+        kept = [row for row in rows if not _is_vertical(row[0])]
         # keys stand in ascending order, and their number in the last word of the first row: what follows is not read
         flat = [*keys[:3], len(kept), *(word for row in kept for word in row)]
         stream.seek(place)
         stream.write(struct.pack(f"{order}{len(flat)}H", *flat))
-    return True
 
 
 def _directory(stream: BinaryIO) -> tuple[str, int, tuple[int, ...]]:
