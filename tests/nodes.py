@@ -25,7 +25,7 @@ from photogram.node.server import NodeServer
 FOCAL = {"focal-px": 604, "min-num-features": 800}
 """Options that the rendered photographs need, whose tags give no focal length, and that small ones suffice with."""
 
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 FULL = Path("/dev/full")
 """A device on Linux that takes nothing."""
 BOUNDARY = "a-boundary-of-parts"
