@@ -226,6 +226,8 @@ class Node:
                 self.step()
             except (PhotogramError, OSError) as error:  # of one step: the disk is full, for example
                 _LOG.warning("%s", error)
+            except Exception:  # noqa: BLE001 - a defect, which is said and must not stop the queue
+                _LOG.exception("a defect of photogram, in the queue of tasks")
             self._ending.wait(_PAUSE_S)
 
     def step(self) -> None:

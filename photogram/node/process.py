@@ -25,7 +25,6 @@ from photogram.project.draft.edits import write_values
 from photogram.project.project import Project
 from photogram.project.validation.resources import surface_size
 from photogram.terminal.events import EventLines
-from photogram.terminal.exit_codes import in_words
 from photogram.wording import some, things
 
 INTERRUPTED, FAILED = 130, 1
@@ -36,12 +35,13 @@ def main() -> None:
     """Do the task of the folder that is named."""
     folder, lines = TaskFolder(Path(sys.argv[1])), EventLines()
     try:
-        sys.exit(_done(folder, folder.read(), lines))
+        with lines.errors():
+            code = _done(folder, folder.read(), lines)
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
-    except (PhotogramError, OSError, MemoryError) as error:
-        lines.say("error", in_words(error))
-        sys.exit(FAILED)
+        code = INTERRUPTED
+    except (PhotogramError, OSError, MemoryError):  # said already; a defect leaves its traceback too
+        code = FAILED
+    sys.exit(code)
 
 
 def _done(folder: TaskFolder, task: Task, lines: EventLines) -> int:

@@ -6,17 +6,22 @@ requests that name the loopback, so that no page of the web reaches it under a n
 """
 
 import ipaddress
+import logging
 import socket
+from collections.abc import Mapping
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, ExceptionHandler, Receive, Scope, Send
 
 from photogram.node.addresses import Addresses
 from photogram.node.node import Node
+
+_LOG = logging.getLogger(__name__)
 
 
 def is_loopback(host: str) -> bool:
@@ -56,6 +61,14 @@ async def _refused(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error.detail)}, error.status_code)
 
 
+async def _failed(request: Request, error: Exception) -> Response:
+    _LOG.error("a defect of photogram, at %s", request.url.path, exc_info=error)
+    return JSONResponse({"error": f"a defect of photogram ({type(error).__name__}): see what its node says"}, 500)
+
+
+_ANSWERS: Mapping[Any, ExceptionHandler] = {HTTPException: _refused, Exception: _failed}
+
+
 class NodeServer:
     """Serves a node at an address of this machine; ``port`` 0 picks a free port. Raises OSError where the address
     cannot be used."""
@@ -64,7 +77,7 @@ class NodeServer:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.create_server((host, port), family=family)
         self.host, self.port = host, int(self._socket.getsockname()[1])
-        application = Starlette(routes=Addresses(node, token).routes(), exception_handlers={HTTPException: _refused})
+        application = Starlette(routes=Addresses(node, token).routes(), exception_handlers=_ANSWERS)
         config = uvicorn.Config(
             _NoPages(application, only_loopback=not token and is_loopback(host)),
             log_level="critical",

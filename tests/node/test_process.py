@@ -79,3 +79,7 @@ def test_an_error_is_an_event_and_an_exit_code(
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert events[-1]["event"] == "error"
     assert "no photographs" in events[-1]["text"]
+    monkeypatch.setattr(process, "_done", lambda *_: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        process.main()
+    assert "a defect of photogram (ZeroDivisionError" in capsys.readouterr().out

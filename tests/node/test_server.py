@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from nodes import application, asked, multipart, served
-from pyodm.exceptions import NodeResponseError
+from pyodm.exceptions import NodeResponseError, NodeServerError
 
 from photogram.node.node import Node, NodeSettings
 from photogram.node.server import NodeServer, _NoPages, is_loopback
@@ -77,6 +77,23 @@ def test_what_is_said_of_a_node_that_others_reach() -> None:
     assert "Only this machine" in openness("127.0.0.1", "")[0]
     assert "takes tasks from anyone" in openness("0.0.0.0", "")[0]
     assert "unencrypted" in openness("0.0.0.0", "secret")[0]
+
+
+def test_a_defect_is_said_and_the_server_lives_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    with served(tmp_path) as client:
+        with monkeypatch.context() as patch:
+            patch.setattr(Node, "info", lambda _: 1 // 0)
+            patch.setattr(Node, "step", lambda _: 1 // 0)
+            with pytest.raises(NodeServerError, match="500"):
+                client.info()
+            time.sleep(1.0)
+        assert client.info().engine == "photogram"
+        said = [record.getMessage() for record in caplog.records]
+        assert "a defect of photogram, at /info" in said
+        assert "a defect of photogram, in the queue of tasks" in said
+        assert all(record.exc_info for record in caplog.records)
 
 
 def test_requests_that_are_none_leave_the_server_alive(tmp_path: Path) -> None:
