@@ -19,7 +19,7 @@ from photogram.files.photographs.masks import is_called_mask
 from photogram.files.photographs.names import SUFFIXES
 from photogram.node.refusals import RequestError
 from photogram.node.tasks import GROUPS, IMAGES, MASKS, TABLES
-from photogram.pipeline.new_project import GEO_TXT
+from photogram.pipeline.project_file import GEO_TXT
 from photogram.wording import printable, shortened
 
 MOST_ENTRIES, MOST_RATIO = 20_000, 100.0

@@ -26,6 +26,7 @@ from photogram.geodesy.height_systems import HeightSystem
 from photogram.machine import cores
 from photogram.pipeline.photograph_folder import MASKS_FOLDER, look_into
 from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.project_file import GEO_TXT
 from photogram.project.control.mark_entries import of_page
 from photogram.project.draft.control import ControlFile
 from photogram.project.draft.draft import (
@@ -44,9 +45,6 @@ from photogram.project.ranges import FOCAL_PX, PIXELS, SIGMA_M
 from photogram.settings.settings import Within
 from photogram.survey import Role
 from photogram.wording import Progress, html_table, silent, things
-
-GEO_TXT = "geo.txt"
-"""OpenDroneMap's table of the positions of cameras, in the folder of the photographs or above it."""
 
 _POSITIONS = (".mrk", ".pos", ".csv", ".txt")
 """Of files that may hold positions of photographs, in small letters."""
