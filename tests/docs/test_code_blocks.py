@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from pages import PAGES, CodeBlock, blocks, blocks_in, text_of
 
 import photogram as pg
 from photogram.adjustment.problem import AdjustmentSettings, minimise, start_state
+from photogram.node.options import OPTIONS
 from photogram.report.numbers.overall import length
 from photogram.simulation import simulated_survey
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -136,19 +138,40 @@ def message(block: CodeBlock) -> None:
     )
 
 
+def sentence(block: CodeBlock) -> None:
+    names: Names = {"n": 2, "folder": "site"}
+    run(block, names)
+    said = names["Said"]("{folder}: folder not found: choose another", folder="site")
+    assert str(said) == "site: folder not found: choose another"
+
+
+def test_a_client_of_a_node_is_asked_as_the_page_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PyODM stands in for itself, with its own signatures; tests/node runs it against a node."""
+    pyodm = pytest.importorskip("pyodm")
+    node = create_autospec(pyodm.Node, instance=True)
+    task = node.create_task.return_value = create_autospec(pyodm.api.Task, instance=True)
+    monkeypatch.setattr(pyodm, "Node", create_autospec(pyodm.Node, return_value=node))
+    (block,) = blocks("python", "docs/node.md")
+    run(block, {"photographs": ["a.jpg", "b.jpg"]})
+    files, options, _ = node.create_task.call_args.args
+    assert files == ["a.jpg", "b.jpg"]
+    assert set(options) <= {option.name for option in OPTIONS}
+    task.download_assets.assert_called_once_with("results")
+
+
 @pytest.mark.parametrize(
     ("number", "check"),
-    list(enumerate((setting, observation, stage, message))),
-    ids=["setting", "observation", "stage", "message"],
+    list(enumerate((setting, observation, stage, message, sentence))),
+    ids=["setting", "observation", "stage", "message", "sentence"],
 )
 def test_what_developers_add_fits(number: int, check: Callable[[CodeBlock], None]) -> None:
     added = blocks("python", "docs/how-to-add.md")
-    assert len(added) == 4
+    assert len(added) == 5
     check(added[number])
 
 
 def test_no_other_page_has_python() -> None:
-    tested = {"assignment", "file-formats", "how-to-add", "masks", "notebook", "report", "simulation"}
+    tested = {"assignment", "file-formats", "how-to-add", "masks", "node", "notebook", "report", "simulation"}
     assert {block.page for block in blocks("python")} == {f"docs/{name}.md" for name in tested}
 
 

@@ -23,7 +23,7 @@ from photogram.simulation.survey_files import write_survey
 
 pytestmark = pytest.mark.survey
 
-UNTIL_ENDED = re.compile(r"photogram (desk|mark project\.yaml$)|dask ")
+UNTIL_ENDED = re.compile(r"photogram (desk|serve|mark project\.yaml$)|dask |podman ")
 ELSEWHERE = {
     r"project\.psz|reconstruction\.json": "tests/exchange reads what other programs write",
     r"--scheduler": "tests/pipeline has a scheduler",
