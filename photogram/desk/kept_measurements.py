@@ -6,6 +6,7 @@ Each holds for the surface that it was measured on: where that has changed since
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,12 @@ from photogram import __version__
 from photogram.desk.measurements import KINDS, OUTLINES, Figure, Kind, Measurement, measure, note_of
 from photogram.errors import PhotogramError, ProjectError, SettingError
 from photogram.files.maps.measurement_files import StoredMeasurement, read_measurements, write_measurements
+from photogram.files.npz_json import file_fingerprint
 from photogram.languages.said import Said
+from photogram.report.kept_measurements import FILE, surface_mark
 from photogram.result_files import result_path
 from photogram.volumes.surfaces import SURFACE
 
-FILE = "measurements.gpkg"
 MOST = 500
 LONGEST_NAME = 100
 
@@ -116,7 +118,7 @@ class KeptMeasurements:
         if not path.is_file():
             raise ProjectError(Said("there is no surface to measure on: run the survey first"))
         status = path.stat()
-        return f"{__version__} {status.st_size} {status.st_mtime_ns}"
+        return surface_mark(__version__, _content(path, status.st_size, status.st_mtime_ns))
 
     def _measured(self, name: str, kind: Kind, corners: list[list[float]]) -> KeptMeasurement:
         try:
@@ -137,6 +139,12 @@ class KeptMeasurements:
             for item in kept
         ]
         write_measurements(self.path, stored, self.crs)
+
+
+@lru_cache(maxsize=16)
+def _content(path: Path, _bytes: int, _changed_unix_ns: int) -> str:
+    """Return the SHA-256 of a file, read once for each version of it."""
+    return file_fingerprint(path)
 
 
 def _kept(

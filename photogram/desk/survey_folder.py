@@ -15,7 +15,6 @@ from photogram.delivery.package import PACKAGE
 from photogram.desk.coverage.coverage import Coverage, coverage, gaps_kml
 from photogram.desk.coverage.expected_accuracy import ExpectedAccuracy, expected_accuracy, unplaced
 from photogram.desk.coverage.tagged_flight import tagged_flight
-from photogram.desk.kept_measurements import FILE as MEASUREMENTS
 from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.map_layers.asked import Asked
 from photogram.desk.map_layers.basemap import Basemap, basemap
@@ -41,6 +40,7 @@ from photogram.pipeline.view import write_view
 from photogram.project.draft.edits import Value, write_values
 from photogram.project.project import Project
 from photogram.report.client.judgement import judgement_in
+from photogram.report.kept_measurements import FILE as MEASUREMENTS
 from photogram.report.reading import read_report
 from photogram.result_files import ResultFolder, contents_of, rank_of, result_path
 
@@ -53,6 +53,8 @@ PHOTOGRAPHS = "photographs"
 
 TEXTS = ("name", "client", "author", "place", "surveyor", "instrument", "targets", "language")
 """What a person can say of the report on the page."""
+MEASURED = "measurements"
+"""Whether the report has them; empty text: no."""
 
 Table = Literal["control", "check", "none"]
 
@@ -128,6 +130,10 @@ class ResultsView(TypedDict):
     package: str | None
     texts: dict[str, str]
     """What the report says that no photograph tells, see TEXTS."""
+    has_measurements: bool
+    """Whether something was measured that the report could have."""
+    with_measurements: bool
+    """Whether it is to have that."""
     missing: list[Said]
     """What a report that is to be signed still lacks, in words."""
 
@@ -339,12 +345,16 @@ class SurveyFolder:
         """Say in the project file what the report says that no photograph tells. Raises SettingError for what is none
         of TEXTS, ProjectError for a language that there is not."""
         for key, text in texts.items():
-            if key not in TEXTS or not text.isprintable():
+            if key not in (*TEXTS, MEASURED) or not text.isprintable():
                 raise SettingError(key, Said("no line of the report that can be set here"))
         said = self.project().report
         lines: dict[tuple[str | int, ...], Value | None] = {
-            ("report", key): text or None for key, text in texts.items() if text != getattr(said, key)
+            ("report", key): text or None
+            for key, text in texts.items()
+            if key != MEASURED and text != getattr(said, key)
         }
+        if MEASURED in texts and said.measurements != bool(texts[MEASURED]):
+            lines["report", MEASURED] = True if texts[MEASURED] else None
         write_values(self.project_path, lines, load_project)
 
     def results(self, language: Language = ENGLISH) -> ResultsView:
@@ -369,6 +379,8 @@ class SurveyFolder:
             "report": page.relative_to(folder).as_posix() if page.is_file() else None,
             "package": PACKAGE if (folder / PACKAGE).is_file() else None,
             "texts": texts,
+            "has_measurements": (self.folder / MEASUREMENTS).is_file(),
+            "with_measurements": project.report.measurements,
             "missing": _missing(texts, project),
         }
 

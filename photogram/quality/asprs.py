@@ -60,6 +60,9 @@ class ReportSettings(Settings):
         "Accuracy class in height: the largest RMSE_V.",
         Default("none agreed on"),
     ] = None
+    measurements: Annotated[
+        bool, "Whether the report has what was measured and named on the page of `photogram desk`."
+    ] = False
     legacy_95: Annotated[bool, "Whether the 95 % figures of older standards are added."] = False
 
 

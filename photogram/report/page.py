@@ -15,6 +15,7 @@ from photogram.languages.language import Language
 from photogram.projection import CAMERA_PARAMETERS
 from photogram.quality.asprs import AXES
 from photogram.report.client.contents import client_part
+from photogram.report.client.measurements import MOST_ROWS, measurement_rows, measurement_sentences
 from photogram.report.client.volumes import reason_in, volume_rows, volume_sentences
 from photogram.report.figures.mark_patches import figure_key
 from photogram.report.identity import grouped
@@ -106,6 +107,9 @@ def report_page(
         client=client_part(report, language),
         volume_rows=volume_rows(report),
         volume_sentences=volume_sentences(report),
+        measurement_rows=measurement_rows(report, whole=True),
+        measurement_sentences=measurement_sentences(report),
+        most_measurements=MOST_ROWS,
         figures={figure["key"]: figure for figure in figures},
         residual_figures=residuals,
         datum=_datum(report),

@@ -13,7 +13,7 @@ import pytest
 from makers import write_platform
 
 import photogram as pg
-from photogram.desk.kept_measurements import FILE, KeptMeasurements
+from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.map_layers.asked import Asked, request_of
 from photogram.desk.map_layers.choosing import parts_of, surfaces_in
 from photogram.desk.map_layers.contour_layer import contour_layer
@@ -21,6 +21,7 @@ from photogram.desk.map_layers.kept_comparisons import FOLDER, ComparisonView, K
 from photogram.errors import PhotogramError, ProjectError, SettingError, SurfaceError, WorkspaceError
 from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
+from photogram.report.kept_measurements import FILE
 from photogram.result_files import result_path
 from photogram.volumes.surfaces import StatedSigma
 

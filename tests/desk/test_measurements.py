@@ -9,13 +9,14 @@ import pytest
 import shapely
 
 import photogram as pg
-from photogram.desk.kept_measurements import FILE, KeptMeasurements
+from photogram.desk.kept_measurements import KeptMeasurements
 from photogram.desk.measurements import Kind, Measurement, measure
 from photogram.desk.plan_errors import PlanErrors, area_gradient, length_gradient
 from photogram.errors import PhotogramError, SettingError
 from photogram.files.maps.measurement_files import StoredMeasurement, write_measurements
 from photogram.files.maps.rasters import read_raster
 from photogram.grid import MapGrid
+from photogram.report.kept_measurements import FILE
 from photogram.result_files import result_path
 
 CRS = "EPSG:25832"

@@ -155,6 +155,17 @@ def test_the_language_is_the_one_chosen_else_the_browsers(
     assert asked(server, "static/words.js")[1]["Content-Type"].startswith("text/javascript")
 
 
+def test_a_box_has_the_report_with_measurements_or_without(server: DeskServer, folder: Path) -> None:
+    project = folder / "project.yaml"
+    before = project.read_text(encoding="utf-8")
+    assert told(posted(server, "texts", {"texts": {"measurements": "yes"}})) == {}
+    assert "measurements: true" in project.read_text(encoding="utf-8")
+    assert told(asked(server, "api/results"))["with_measurements"]
+    assert told(posted(server, "texts", {"texts": {"measurements": "", "place": ""}})) == {}
+    assert not told(asked(server, "api/results"))["with_measurements"]
+    project.write_text(before, encoding="utf-8")
+
+
 def test_rasters_are_read_in_parts(server: DeskServer, folder: Path) -> None:
     path = result_path(folder / "results", "dsm.tif")
     whole = path.read_bytes()

@@ -28,7 +28,7 @@ from selenium.webdriver import Chrome  # noqa: E402
 
 A4_PT = (595, 842)
 PRINTED_WIDTH_PX = 680  # 180 mm between the margins, at 96 px to the inch
-TABLES = 32
+TABLES = 33
 FIGURES, MARKED_POINTS = 14, 12
 SMALLEST_PX = 12.0
 
@@ -268,9 +268,9 @@ def test_the_clients_part_is_four_printed_pages(pages: dict[str, Path], tmp_path
     assert compact("Signature") in texts[CLIENT_PAGES - 1]
 
 
-@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize(("code", "measured"), [*((code, "volumes") for code in CODES), ("de", "measurements")])
 def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
-    full_report: Json, finished_survey: Path, tmp_path: Path, code: LanguageCode
+    full_report: Json, finished_survey: Path, tmp_path: Path, code: LanguageCode, measured: str
 ) -> None:
     report = deepcopy(full_report)
     model = next(p for p in report["control_points"] if p["role"] == "check" and p["residual_m"])
@@ -283,6 +283,12 @@ def test_the_clients_part_keeps_to_four_pages_when_all_is_long(
     }
     volumes = report["volumes"]
     volumes["polygons"] = [{**volumes["polygons"][0], "name": f"Heap of gravel {n}"} for n in range(60)]
+    if measured == "measurements":
+        report.pop("volumes")
+        names = ["length in plan", "lowest", "highest", "height difference"]
+        figures_of_one = [{"name": name, "value": 1234.5, "sigma": 0.012, "unit": "m"} for name in names]
+        one = {**report["measurements"][0], "kind": "profile", "figures": figures_of_one, "is_current": False}
+        report["measurements"] = [{**one, "name": f"Profile along the upper road {n}"} for n in range(60)]
     page, target = tmp_path / "long.html", tmp_path / "long.pdf"
     figures = read_json(finished_survey / "work/results.stage/figures.json")
     page.write_text(report_page(report, figures), encoding="utf-8")

@@ -27,6 +27,7 @@ export async function show(state) {
   const said = Object.fromEntries(lines().map(([key]) => [key, results.texts[key] ?? ""]));
   fill($("texts"), ...lines().map(([key, title]) => element("label", {}, title, element("input", { name: key, value: said[key], maxlength: 200 }))),
     element("label", {}, t("Language of the report"), element("select", { name: "language" }, ...languages().map(({ code: value, name }) => element("option", { value, selected: value === results.texts.language, lang: value }, name)))),
+    results.has_measurements || results.with_measurements ? element("label", { class: "tick" }, element("input", { type: "checkbox", name: "measurements", value: "yes", checked: results.with_measurements }), t("With what was measured and named")) : "",
     element("button", { type: "submit" }, t("Keep, and renew the report")));
   $("missing").textContent = results.missing.length ? t("A report that is signed still lacks: {missing}.", { missing: results.missing.join("; ") }) : "";
   if (spoken !== code()) {
@@ -60,7 +61,8 @@ $("deliver").addEventListener("click", guarded(async () => {
 }));
 $("texts").addEventListener("submit", guarded(async event => {
   event.preventDefault();
-  await post("texts", { texts: Object.fromEntries(new FormData($("texts"))) });
+  const measured = $("texts").elements.measurements;
+  await post("texts", { texts: { ...Object.fromEntries(new FormData($("texts"))), ...(measured ? { measurements: measured.checked ? "yes" : "" } : {}) } });
   await post("start");
   await renew();
 }));

@@ -8,6 +8,7 @@ from photogram.quality.asprs import AXES
 from photogram.report.client.facts import Fact, survey_facts
 from photogram.report.client.files import HandedOver, handed_over
 from photogram.report.client.judgement import judgement_in
+from photogram.report.client.measurements import MeasurementRow, measurement_rows, measurement_sentences
 from photogram.report.client.volumes import VolumeRow, leading_rows, volume_rows, volume_sentences
 from photogram.report.numbers.overall import FAR_APART, length
 from photogram.report.numbers.traffic_lights import number
@@ -47,6 +48,8 @@ class ClientPart:
     volumes: list[VolumeRow]
     shown_volumes: list[VolumeRow]
     volume_sentences: list[str]
+    measurements: list[MeasurementRow]
+    measurement_sentences: list[str]
 
 
 def client_part(report: Report, language: Language = ENGLISH) -> ClientPart:
@@ -68,6 +71,8 @@ def client_part(report: Report, language: Language = ENGLISH) -> ClientPart:
         volume_rows(report, language),
         leading_rows(volume_rows(report, language)),
         volume_sentences(report, language),
+        measurement_rows(report, language),
+        measurement_sentences(report, language),
     )
 
 

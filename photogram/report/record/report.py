@@ -23,6 +23,7 @@ from photogram.report.record.ground import (
     VarianceComponentRecord,
 )
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord, LocalFrameRecord, MarkedPointRecord
+from photogram.report.record.measurements import MeasurementRecord
 from photogram.report.record.photographs import MasksRecord, OrientedPhotograph, PhotographRecord, StretchRecord
 from photogram.report.record.positions import GnssRecord, HeightsRecord
 from photogram.report.record.rigs import RigRecord
@@ -83,6 +84,7 @@ class AdjustedNumbers(TypedDict):
     masks: NotRequired[MasksRecord]
     stretches: NotRequired[dict[str, StretchRecord]]
     volumes: NotRequired[VolumesRecord | NoVolumesRecord]
+    measurements: NotRequired[list[MeasurementRecord]]
 
 
 class SurveyNumbers(AdjustedNumbers):

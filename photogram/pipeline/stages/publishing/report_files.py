@@ -21,6 +21,8 @@ from photogram.pipeline.store.workspace import Workspace
 from photogram.project.project import Project
 from photogram.project.validation.masks import marks_in_masks
 from photogram.report.figures.page_figures import CLIENTS, PageFigure
+from photogram.report.kept_measurements import FILE as MEASUREMENTS
+from photogram.report.kept_measurements import measurement_records
 from photogram.report.numbers.completion import complete, survey_names
 from photogram.report.numbers.numbers import RejectedAttitudes
 from photogram.report.numbers.verdicts import RejectedBlunders
@@ -103,8 +105,24 @@ def write_report(project: Project, numbers: SurveyNumbers, figures: Sequence[Pag
     ``kept``. Returns what was written into the folder of results. Raises WorkspaceError where a file cannot be written.
     """
     write_json(kept / FIGURES, [figure.to_json() for figure in figures])
-    _write(project, complete(numbers, project.report), [figure.to_json() for figure in figures])
+    completed = complete(_with_measurements(project, numbers), project.report)
+    _write(project, completed, [figure.to_json() for figure in figures])
     return [within_results(name) for name in (NUMBERS, SCHEMA, PAGE)]
+
+
+def measurements_of(project: Project) -> Path | None:
+    """Return the file of measurements that the report is to have, None where it is to have none."""
+    path = project.path.parent / MEASUREMENTS
+    return path if project.report.measurements and path.is_file() else None
+
+
+def _with_measurements(project: Project, numbers: SurveyNumbers) -> SurveyNumbers:
+    """Return numbers with what was measured on the page, where the project asks for it, and without otherwise."""
+    path, other = measurements_of(project), numbers.copy()
+    other.pop("measurements", None)
+    if path is not None:
+        other["measurements"] = measurement_records(path, project.crs, numbers["deliverables"])
+    return other
 
 
 def _write(project: Project, completed: Report, figures: Sequence[dict[str, str]]) -> None:
@@ -150,7 +168,7 @@ def remake_report(project: Project) -> Path:
     numbers = read_report(path)
     former = numbers["report_id"]
     with making_of(path):
-        completed = complete(numbers, project.report)
+        completed = complete(_with_measurements(project, numbers), project.report)
         if completed["report_id"] != former:
             discard_prints(project.results)
         with recorded(project.results):

@@ -20,7 +20,7 @@ from photogram.adjustment.oriented_subset import of_surveyed_points
 from photogram.files.atomic import make_folder_within, remove_leftovers
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
-from photogram.files.npz_json import read_json
+from photogram.files.npz_json import file_fingerprint, read_json
 from photogram.files.photographs.masks import name_of_mask, write_mask
 from photogram.files.poses import write_pose_geojson, write_pose_table
 from photogram.files.records import write_record
@@ -58,6 +58,7 @@ from photogram.pipeline.stages.publishing.report_files import (
     deliverables,
     discard_prints,
     mask_numbers,
+    measurements_of,
     rejected_attitudes,
     rejected_blunders,
     survey_record,
@@ -415,6 +416,7 @@ RESULTS: Stage = Stage(
         # from the project file, so that a survey that is moved as a whole keeps its results
         relpath(run.project.results, run.project.path.parent),
         run.project.report,
+        *(file_fingerprint(path) for path in [measurements_of(run.project)] if path is not None),
         [point.mark_kind for point in run.project.surveyed.control_points],
     ],
     publish,
