@@ -8,7 +8,9 @@ import pytest
 from pages import PAGES, ROOT, text_of
 
 NAMED_IN = re.compile(r"((?:`\w+`(?:, | and )?)+) in `([\w/]+\.py)`")
-FILES = re.compile(r"`((?:photogram|factors|cli|benchmarks|tests|docs|examples)/[\w./-]+\.(?:py|md|js|po|jinja|yaml|png))`")
+FILES = re.compile(
+    r"`((?:photogram|factors|cli|benchmarks|tests|docs|examples)/[\w./-]+\.(?:py|md|js|po|jinja|yaml|png))`"
+)
 TO_BE_WRITTEN = {"docs/how-to-add.md"}
 """Pages that name files that a reader will write."""
 
