@@ -54,6 +54,7 @@ class _Begin(Asked):
     geoid: str | None = None
     focal_px: float | None = None
     recursive: bool = False
+    solution: str | None = None
 
 
 class _Accuracy(Asked):

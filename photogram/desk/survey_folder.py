@@ -25,7 +25,8 @@ from photogram.desk.map_layers.residuals import Residuals, residuals
 from photogram.desk.overview import ASSUMED, Overview, assumed_places, overview
 from photogram.desk.recent import RUNS, folder_of
 from photogram.desk.run_settings import ChoiceView, RunSettings, choices, settings_of, write_settings
-from photogram.errors import ImageError, ProjectError, SettingError, WorkspaceError
+from photogram.desk.solutions import SolutionFile, begin_with, solutions_in
+from photogram.errors import ExchangeError, ImageError, ProjectError, SettingError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.geodesy.height_systems import HeightSystem
 from photogram.languages.language import ENGLISH, Language
@@ -88,6 +89,8 @@ class FolderView(TypedDict):
     """Whether they lie in folders within it."""
     photographs_folder: str
     tables: list[TableFile]
+    solutions: list[SolutionFile]
+    """Of other programs, with which a project can begin."""
     has_project: bool
     has_points: bool
     problem: str
@@ -148,6 +151,8 @@ class Beginning:
     geoid: str | None = None
     focal_px: float | None = None
     recursive: bool = False
+    solution: str | None = None
+    """Of another program, to go on from; its points are taken, and no tables."""
 
 
 class SurveyFolder:
@@ -182,7 +187,7 @@ class SurveyFolder:
     def view(self) -> FolderView:
         """Return what lies in the folder."""
         has_project, problem, points, count, pictures = self.project_path.is_file(), "", False, 0, self.photographs
-        in_folders = False
+        in_folders, solutions = False, list[SolutionFile]()
         try:
             if has_project:
                 project = self.project()
@@ -190,7 +195,8 @@ class SurveyFolder:
                 pictures = project.photographs[0].path.parent
             else:
                 count, in_folders = _photographs_in(pictures)
-        except (ProjectError, ImageError) as error:
+                solutions = solutions_in(self.folder)
+        except (ProjectError, ImageError, ExchangeError) as error:
             problem = str(error)
         return {
             "folder": str(self.folder),
@@ -199,6 +205,7 @@ class SurveyFolder:
             "in_folders": in_folders,
             "photographs_folder": str(pictures),
             "tables": [] if has_project else self._tables(),
+            "solutions": solutions,
             "has_project": has_project,
             "has_points": points,
             "problem": problem,
@@ -236,7 +243,11 @@ class SurveyFolder:
             partial.write_bytes(content)
 
     def begin(self, wishes: Beginning) -> None:
-        """Write the project file. Raises as ``init``, and ProjectError for a table that is not in the folder."""
+        """Write the project file. Raises as ``init``, or ``begin_with`` for a solution, and ProjectError for a table
+        that is not in the folder."""
+        if wishes.solution is not None:
+            begin_with(self.folder, wishes.solution, self.photographs, self.project_path, wishes.crs)
+            return
         known = {table["file"] for table in self._tables()}
         for name in wishes.tables:
             if name not in known:

@@ -81,6 +81,13 @@ function beginning(survey) {
   const begin = guarded(async () => {
     const tables = Object.fromEntries([...$("open-survey").querySelectorAll("select[data-file]")]
       .map(select => [select.dataset.file, select.value]).filter(([, use]) => use !== "none"));
+    const solution = $("solution")?.value;
+    if (solution) {
+      await post("begin", { solution, ...(more.elements.crs.value.trim() ? { crs: more.elements.crs.value.trim() } : {}) });
+      await renew();
+      await go("map");
+      return showStep();
+    }
     const said = Object.fromEntries([...new FormData(more)].map(([name, value]) => [name, value.trim()]).filter(([, value]) => value));
     if ("focal_px" in said) said.focal_px = typed(said.focal_px);
     await post("begin", { tables, recursive: survey.in_folders, ...said });
@@ -88,13 +95,20 @@ function beginning(survey) {
     await go("map");
     await showStep();
   });
+  const theirs = survey.solutions.length ? element("p", {}, element("label", {}, t("Begin with"), " ",
+    element("select", { id: "solution", onchange: event => { beside.hidden = Boolean(event.target.value); note.hidden = !event.target.value; } },
+      element("option", { value: "" }, t("the photographs alone")),
+      ...survey.solutions.map(({ file, program }) => element("option", { value: file, translate: "no" }, `${program}: ${file}`))))) : null;
+  const note = element("p", { class: "muted", hidden: true }, t("Cameras, poses, points and marks are those of this solution; tables are not read."));
+  const beside = element("div", {},
+    element("h3", {}, t("Tables beside them")),
+    rows.length ? element("table", {}, element("tbody", {}, ...rows)) : null,
+    element("p", {}, element("label", { class: "button", for: "table-files" }, t("Add tables of points …")), files, " ", element("span", { class: "muted" }, t("or drop them on this page"))));
   return [
     element("p", {}, survey.in_folders
       ? nt("{n} photograph in {folder} and folders within, no project yet.", "{n} photographs in {folder} and folders within, no project yet.", survey.photographs, { folder: survey.photographs_folder })
       : nt("{n} photograph in {folder}, no project yet.", "{n} photographs in {folder}, no project yet.", survey.photographs, { folder: survey.photographs_folder })),
-    element("h3", {}, t("Tables beside them")),
-    rows.length ? element("table", {}, element("tbody", {}, ...rows)) : null,
-    element("p", {}, element("label", { class: "button", for: "table-files" }, t("Add tables of points …")), files, " ", element("span", { class: "muted" }, t("or drop them on this page"))),
+    theirs, note, beside,
     element("details", {}, element("summary", {}, t("What the photographs do not say")), more),
     element("div", { class: "actions" }, element("button", { id: "begin", type: "button", class: "main", onclick: begin }, t("Begin the survey")), close),
   ].filter(Boolean);
