@@ -76,8 +76,8 @@ def test_a_block_that_lies_far_off_gets_there_in_few_steps(engine: str, monkeypa
         tie_point=(start.tie_point - middle) @ R.T + middle,
     )
     found = minimise(problem, turned, settings)
-    for name in ("elimination.bundle", "reference.graph"):
-        monkeypatch.setattr(f"photogram.factors.{name}.bend_of", lambda *_: np.zeros((4, 3)))
+    name = {"fast": "elimination.bundle", "reference": "reference.graph"}[engine]
+    monkeypatch.setattr(f"photogram.factors.{name}.bend_of", lambda *_: np.zeros((4, 3)))
     linear = minimise(problem, turned, settings)
     assert found.converged
     assert found.cost <= linear.cost * (1.0 + 1e-6)
