@@ -46,7 +46,7 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     "rich": COMMANDS,
     "starlette": ("desk", "loopback", "marking.page.addresses", "node"),
     "typer": COMMANDS,
-    "uvicorn": ("loopback.server", "node.server"),
+    "uvicorn": ("loopback.socket_server",),
     "yaml": ("project.document", "project.draft.edits"),
 }
 """Libraries that stay in few places: the modules and rooms that import them, and nothing else does."""

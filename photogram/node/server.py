@@ -11,13 +11,13 @@ import socket
 from collections.abc import Mapping
 from typing import Any
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, ExceptionHandler, Receive, Scope, Send
 
+from photogram.loopback.socket_server import SocketServer, refused
 from photogram.node.addresses import Addresses
 from photogram.node.node import Node
 
@@ -56,54 +56,26 @@ def _host(named: str) -> str:
     return named.rpartition(":")[0] if ":" in named else named
 
 
-async def _refused(_: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    return JSONResponse({"error": str(error.detail)}, error.status_code)
-
-
 async def _failed(request: Request, error: Exception) -> Response:
     _LOG.error("a defect of photogram, at %s", request.url.path, exc_info=error)
     return JSONResponse({"error": f"a defect of photogram ({type(error).__name__}): see what its node says"}, 500)
 
 
-_ANSWERS: Mapping[Any, ExceptionHandler] = {HTTPException: _refused, Exception: _failed}
+_ANSWERS: Mapping[Any, ExceptionHandler] = {HTTPException: refused, Exception: _failed}
 
 
-class NodeServer:
+class NodeServer(SocketServer):
     """Serves a node at an address of this machine; ``port`` 0 picks a free port. Raises OSError where the address
     cannot be used."""
 
     def __init__(self, node: Node, host: str, port: int, token: str) -> None:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._socket = socket.create_server((host, port), family=family)
-        self.host, self.port = host, int(self._socket.getsockname()[1])
+        bound = socket.create_server((host, port), family=family)
+        self.host = host
         application = Starlette(routes=Addresses(node, token).routes(), exception_handlers=_ANSWERS)
-        config = uvicorn.Config(
-            _NoPages(application, only_loopback=not token and is_loopback(host)),
-            log_level="critical",
-            access_log=False,
-            server_header=False,
-            lifespan="off",
-            ws="none",
-            http="h11",
-            timeout_graceful_shutdown=5,
-        )
-        self._server = uvicorn.Server(config)
+        super().__init__(_NoPages(application, only_loopback=not token and is_loopback(host)), bound, patience_s=5)
 
     @property
     def url(self) -> str:
         """The address of the node, without its token."""
         return f"http://[{self.host}]:{self.port}" if ":" in self.host else f"http://{self.host}:{self.port}"
-
-    def serve(self) -> None:
-        """Answer until ``stop`` is called from another thread, or Ctrl-C ends it."""
-        try:
-            self._server.run(sockets=[self._socket])
-        except KeyboardInterrupt:
-            return  # how it is meant to end
-        finally:
-            self._socket.close()
-
-    def stop(self) -> None:
-        """End ``serve``."""
-        self._server.should_exit = True
