@@ -285,6 +285,9 @@ class Deformation:
     """Places (S, 3) spread over the ground."""
     shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     """The cameras' share (S, 3, 3) at these places, relative to the mean error of all of them."""
+    component_shift_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """Covariance (C, 3, 3) of the vector from the mean tie point of the first adjusted component to that of each; zero
+    of the first, empty for a block in one piece."""
     model_error_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     """Covariance (4, 4) of what an error of the camera models does to the mean height, b, c and d, zero without a
     significant pattern in the residuals; it is in all covariances of heights above."""

@@ -6,18 +6,24 @@ from pathlib import Path
 import typer
 from rich.markup import escape
 
+from photogram.errors import PhotogramError
+from photogram.files.portable import path_from
 from photogram.pipeline.finished_report import prints_of, products_of, removed_products, renewed_prints
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.precompilation import compiling_early
-from photogram.pipeline.stages.publishing.report_files import PRINTED, print_report
+from photogram.pipeline.stages.publishing.report_files import PAGE, PRINTED, print_report
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
+from photogram.project.draft.component import write_component
 from photogram.project.project import Project
+from photogram.report.record.report import Report
+from photogram.result_files import within_results
+from photogram.sfm.components import FEWEST_PHOTOGRAPHS
 from photogram.terminal.console import console
 from photogram.terminal.events import EventLines
 from photogram.terminal.findings_table import has_errors
-from photogram.terminal.output_modes import voice_of
+from photogram.terminal.output_modes import Voice, voice_of
 
 
 def say_printed(survey: Project) -> None:
@@ -30,6 +36,30 @@ def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager[
     if scheduler is not None:
         return cluster(scheduler)
     return nullcontext() if workers is None else ProcessPool(workers)
+
+
+def _adjust_apart(survey: Project, report: Report, voice: Voice, lines: EventLines | None) -> None:
+    """Adjust each component that nothing ties to the rest as a free network of its own, and say where its report is;
+    one that cannot be is named with the reason, and ends nothing."""
+    for number, (names, tie) in enumerate(
+        zip(report["block"]["components"], report["block"]["component_ties"], strict=True), start=1
+    ):
+        if tie["adjusted"] or len(names) < FEWEST_PHOTOGRAPHS:
+            continue
+        try:
+            own = load_project(write_component(survey, names, number))
+            with voice.watching({}) as watcher:
+                apart = run_pipeline(own, watcher=watcher)
+            said = f"component {number}, {len(names)} photographs that nothing ties to the rest, is a free network of "
+            said += f"its own: {path_from(Path(), own.results / within_results(PAGE)).as_posix()}"
+            if apart is not None and not apart["adjustment"]["converged"]:
+                said += ", not converged"
+        except PhotogramError as error:
+            said = f"component {number}, {len(names)} photographs, cannot be adjusted by itself: {error}"
+        if lines is not None:
+            lines.say("warning", said)
+        else:
+            console.print(escape(f"Apart: {said}"), soft_wrap=True)
 
 
 def run(
@@ -72,5 +102,7 @@ def run(
         console.print(escape(sentence), soft_wrap=True)
     if report and pdf and not silent:
         say_printed(survey)
+    if report and until is None:
+        _adjust_apart(survey, report, voice, lines)
     if report and strict and report["blunders"]:
         raise typer.Exit(1)

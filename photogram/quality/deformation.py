@@ -265,6 +265,28 @@ def shape_covariances(problem: Problem, state: State, solvable: Solvable, places
     return np.asarray(0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
 
+def component_shifts(problem: Problem, state: State, solvable: Solvable, component: IntArray) -> FloatArray:
+    """Return the covariances (C, 3, 3) in the world, m², of the vectors from the mean tie point of the first component
+    to that of each, by the ``component`` (N,) of the photographs; empty for a block in one piece."""
+    tie = problem.tie
+    of_point = np.full(len(state.tie_point), -1)
+    of_point[tie.point] = component[tie.photograph]
+    numbers, counts = np.unique(of_point[of_point >= 0], return_counts=True)
+    if len(numbers) < 2:
+        return np.zeros((0, 3, 3))
+    points = np.flatnonzero(of_point >= 0)
+    means = np.zeros((len(points), 3, len(numbers), 3))
+    which = np.searchsorted(numbers, of_point[points])
+    means[np.arange(len(points)), :, which] = np.eye(3) / counts[which][:, None, None]
+    # the difference is taken before it is solved for, as in shape_covariances
+    means = means - means[:, :, :1]
+    functions = functions_of_tie_points(
+        problem, state, solvable.layout, points, means.reshape(len(points), 3, -1)
+    ).covariance(solvable)
+    each = functions.reshape(len(numbers), 3, len(numbers), 3)
+    return np.asarray(np.einsum("cicj->cij", each))
+
+
 def given_parameters(problem: Problem) -> FloatArray:
     """Return the interior orientations (cameras, 12) before the adjustment."""
     return np.array([camera.parameters for camera in problem.block.cameras]).reshape(-1, PARAMETERS)

@@ -28,6 +28,7 @@ from photogram.quality.deformation import (
     SLOPES,
     Places,
     Stiffness,
+    component_shifts,
     deformation,
     given_parameters,
     places_of,
@@ -220,13 +221,17 @@ def _predicted(problem: Problem, state: State, places: Places) -> Stiffness | No
 
 
 def block_deformation(
-    result: Adjustment, settings: AdjustmentSettings, given_parameters: Sequence[FloatArray]
+    result: Adjustment,
+    settings: AdjustmentSettings,
+    given_parameters: Sequence[FloatArray],
+    component: IntArray | None = None,
 ) -> Deformation:
     """Return how a finished block may be deformed as a whole, and what would help, on its final linearisation.
 
-    ``given_parameters`` are the interior orientations (12,) of its cameras before the adjustment.
+    ``given_parameters`` are the interior orientations (12,) of its cameras before the adjustment, ``component`` (N,)
+    the components of the photographs that share no tie points; None for a block in one piece.
     """
-    part, _ = registered_block(result.block)
+    part, kept = registered_block(result.block)
     problem = make_problem(part, settings)
     control = np.array(result.block.control_points.role) == "control"
     state = replace(
@@ -238,6 +243,8 @@ def block_deformation(
     with limited_threads(0):  # everything here is too small for BLAS to share out
         stiff = factored(problem, state)
         known = deformation_and_remedies(problem, state, stiff)
+        if component is not None:
+            known = replace(known, component_shift_m2=component_shifts(problem, state, stiff, component[kept]))
         pattern_m2 = pattern_covariance_m2(problem, state, stiff)
         places = places_of(problem, state)
     known = replace(known, given_parameters=np.array(given_parameters).reshape(-1, PARAMETERS))

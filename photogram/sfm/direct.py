@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import similarity_from_attitudes
 from photogram.survey import Block
@@ -18,6 +18,7 @@ from photogram.survey import Block
 START_SHARE = 0.1  # of the height above the ground; standard deviation of the measured positions in the start
 GROUND_WEIGHT = 0.02  # of a ray; weight of the ground constraint of a tie point at the start
 ROUNDS = 8
+FEWEST = 3  # photographs of a component
 AGREEING_SHARE = 0.6  # of all image points, from which the measured poses are accepted
 REGISTERED_SHARE = 0.6  # of the photographs
 STRANGER_SHARE = 0.6  # of what the photographs agree on average, below which one belongs elsewhere
@@ -106,16 +107,31 @@ def _agreeing_shares(structure: Structure) -> FloatArray:
     return np.asarray(structure.agreeing / np.maximum(everything, 1))
 
 
-def direct_structure(block: Block, settings: StructureSettings) -> Structure | None:
-    """Return the structure that the measured poses lead to, None where the tie points do not confirm them.
+def direct_structures(block: Block, settings: StructureSettings) -> list[Structure]:
+    """Return the components that measured poses lead to, the largest first; none where tie points do not confirm them.
 
-    The frame stays near the world frame; photographs that do not agree with the others are not in it.
+    The frame stays near the world frame; photographs that do not agree with the others are in none.
     """
+    whole = _confirmed_structure(block, settings)
+    if whole is None:
+        return []
+    piece, structures = _pieces(whole), []
+    for number in np.argsort(-np.bincount(piece[whole.registered]), kind="stable").tolist():
+        own = whole.registered & (piece == number)
+        if own.sum() < FEWEST:
+            continue
+        structure = whole.copy()
+        structure.withdraw(structure.registered & ~own)
+        structures.append(structure)
+    return structures
+
+
+def _confirmed_structure(block: Block, settings: StructureSettings) -> Structure | None:
     camera_of = block.camera_of
     structure = Structure.empty(block.tie_points, block.cameras, camera_of, settings)
     usable = measured(block)
     usable &= np.bincount(block.tie_points.photograph, minlength=len(usable)) >= settings.minimum_points
-    if usable.sum() < 3:
+    if usable.sum() < FEWEST:
         return None
     for i in np.flatnonzero(usable).tolist():
         photograph = block.photographs[i]
@@ -153,11 +169,12 @@ def direct_structure(block: Block, settings: StructureSettings) -> Structure | N
     enough = structure.agreeing >= settings.minimum_points
     confirmed = structure.registered & (share >= settings.minimum_share) & enough
     structure.withdraw(structure.registered & ~confirmed)
-    confirmed &= _largest_piece(structure)
+    piece = _pieces(structure)
+    confirmed &= np.bincount(piece[confirmed], minlength=len(confirmed))[piece] >= FEWEST
     structure.withdraw(structure.registered & ~confirmed)
     theirs = confirmed[block.tie_points.photograph]
     if (
-        confirmed.sum() < max(3, REGISTERED_SHARE * usable.sum())
+        confirmed.sum() < max(FEWEST, REGISTERED_SHARE * usable.sum())
         or structure.good.sum() < AGREEING_SHARE * theirs.sum()
     ):
         return None
@@ -182,8 +199,8 @@ def _withdraw_strangers(structure: Structure) -> None:
     structure.withdraw(structure.registered & (share < STRANGER_SHARE * np.median(share[structure.registered])))
 
 
-def _largest_piece(structure: Structure) -> BoolArray:
-    """Return the photographs (N,) of the largest piece that tie points hold together.
+def _pieces(structure: Structure) -> IntArray:
+    """Return the number (N,) of the piece that tie points hold together, of each photograph.
 
     Photographs of another site agree with each other and with their own measured poses.
     """
@@ -191,9 +208,7 @@ def _largest_piece(structure: Structure) -> BoolArray:
     shape = (len(structure.camera_of), len(tie))
     seen = csr_matrix((np.ones(int(good.sum()), dtype=np.int32), (tie.photograph[good], tie.point[good])), shape=shape)
     joined = (seen @ seen.T) >= structure.settings.minimum_points
-    piece = connected_components(joined, directed=False)[1]
-    size = np.bincount(piece[structure.registered], minlength=int(piece.max(initial=-1)) + 1)
-    return np.asarray(structure.registered & (piece == int(np.argmax(size))))
+    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
 
 
 def _shift(structure: Structure, block: Block) -> float:

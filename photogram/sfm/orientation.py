@@ -13,28 +13,19 @@ from typing import Annotated, Literal
 import numpy as np
 
 from photogram.arrays import BoolArray, FloatArray, IntArray
-from photogram.camera import Camera, Pose, Similarity
-from photogram.constraints.between_points import gives_scale
+from photogram.camera import Camera, Pose
 from photogram.errors import OrientationError, PhotogramError
 from photogram.measures.collinearity import collinear
-from photogram.measures.vertical import VERTICAL_SIGMA_RAD, Vertical, structure_up, turn_sigmas_rad
+from photogram.measures.vertical import Vertical
 from photogram.projection import PARAMETER_NAMES
-from photogram.sfm.direct import direct_structure, measured
+from photogram.sfm.components import Placed, join_confirmed, place, share_calibration, world_poses
+from photogram.sfm.direct import direct_structures, measured
 from photogram.sfm.incremental import extend, grow
 from photogram.sfm.known_poses import KnownPoses, known_structure
-from photogram.sfm.local_frame import local_similarity, structure_scale
-from photogram.sfm.mark_scale import other_size, picture_factor
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.resection import Resection, resect
-from photogram.sfm.similarity import (
-    common_rotation,
-    open_turn_rad,
-    robust_similarity,
-    similarity_from_attitudes,
-    upright_similarity,
-)
-from photogram.survey import Block, ControlPoints, Photograph, TiePoints
-from photogram.triangulation import consensus_intersections, ideal_observations
+from photogram.sfm.similarity import common_rotation
+from photogram.survey import Block, Photograph
 from photogram.wording import Progress, silent
 
 Method = Literal["control", "attitude", "growth", "start"]
@@ -42,10 +33,6 @@ _LOG = logging.getLogger(__name__)
 
 ATTITUDE_LIMIT = 4.0  # sigmas, that a measured attitude may be off
 ATTITUDES_AGREEING = 0.8  # of a flight, from which its headings are accepted
-SHAPE_TOLERANCE = 0.005  # of the block's extent, by which a free block may be bent
-SCATTER = 0.03  # of the control points' extent, that they may scatter by and place a block all the same
-FEWEST_SCATTERING, SCATTERING_SHARE = 5, 0.75  # control points, and of all, that must agree to that
-OPEN_TURN_RAD = 0.05  # that positions leave about the line they lie along, from which attitudes are asked
 LOOSE = 3.0  # thresholds, that image points may disagree by with photographs resected from few marks
 CONFIRMED_SHARE = 0.5  # of the image points of such a photograph, that agree
 DISTORTION_PX, DISTORTION_SHARE = 10.0, 2e-3
@@ -73,13 +60,17 @@ class Orientation:
     resections: tuple[Resection | None, ...]
     """Resections of photographs with enough control points."""
     component: IntArray
-    """0 for the block that is adjusted, 1 and more for others without common tie points, −1 for none (N,)."""
+    """Component of each photograph, the largest first: those that hang together by tie points; −1 for none (N,). All
+    with poses are adjusted together."""
     method: Method
     """Method used."""
     reason: tuple[str, ...]
     """Why a photograph is not registered, empty if it is."""
     parameters: tuple[FloatArray, ...] = field(default=())
     """Interior orientation (12,) of each camera from the orientation; () if unchanged."""
+    ties: tuple[str, ...] = field(default=("",))
+    """What places each component in the world: control points, GNSS positions, or marked points that other components
+    show too; empty for what is not adjusted, and where photographs were resected one by one."""
 
     def __repr__(self) -> str:
         return f"<Orientation by {self.method}: {int(self.registered.sum())} of {len(self.poses)} photographs>"
@@ -164,108 +155,6 @@ def confirmed_resections(block: Block, settings: StructureSettings) -> tuple[Res
     return _confirmed(block, resections_of(block)[0], settings)
 
 
-def intersected_control(structure: Structure, points: ControlPoints) -> FloatArray:
-    """Return control points (G, 3) in the structure's frame from their marks, NaN with fewer than two that agree."""
-    usable = np.flatnonzero(structure.registered[points.mark_photograph])
-    order = usable[np.lexsort((points.mark_photograph[usable], points.mark_point[usable]))]
-    photograph, point = points.mark_photograph[order], points.mark_point[order]
-    marks = TiePoints(
-        photograph, point, np.zeros_like(point), points.mark_pixel[order], points.mark_sigma_px[order],
-        np.full((len(points), 3), np.nan), np.zeros((len(points), 3), dtype=np.uint8),
-    )  # fmt: skip
-    limit = np.maximum(3.0 * structure.settings.threshold_px, 5.0 * marks.sigma_px)
-    position: FloatArray = consensus_intersections(
-        marks.first_observation, photograph, marks.pixel,
-        ideal_observations(structure.calibrated(), structure.camera_of, marks), limit, structure.as_oriented,
-    )[0]  # fmt: skip
-    return position
-
-
-def _placed_by_control(source: FloatArray, points: ControlPoints, *, alone: bool) -> Similarity:
-    """Return the similarity that most control points (G,) agree with where the structure has them, ``source`` (G, 3).
-
-    Points may scatter more than is stated or assumed of them. Where they do not agree to that, and nothing else places
-    the block, ``alone``, they may agree to SCATTER of their extent; the adjustment says by how much. Raises
-    OrientationError where they do not.
-    """
-    target = points.position_world_m
-    extent = float(np.linalg.norm(np.ptp(target, axis=0)))
-    stated = np.linalg.norm(points.sigma_m, axis=1) + SHAPE_TOLERANCE * extent
-    try:
-        return robust_similarity(source, target, stated)[0]
-    except OrientationError:
-        if not alone:
-            raise
-        fit, agree = robust_similarity(source, target, np.maximum(stated, SCATTER * extent))
-        if np.count_nonzero(agree) < max(FEWEST_SCATTERING, SCATTERING_SHARE * len(agree)):
-            raise
-        return fit
-
-
-def _upright(structure: Structure, block: Block, index: IntArray, fit: Similarity, vertical: Vertical) -> Similarity:
-    """Return the similarity ``fit`` to the positions of the photographs ``index`` (K,), or, where these tell the
-    vertical worse than the way in which photographs are taken does, the upright one that fits them in plan."""
-    source = structure.position[index]
-    sigma_m = np.array([block.photographs[i].gnss_sigma_m for i in index])
-    if turn_sigmas_rad(fit.points(source), sigma_m)[0] <= VERTICAL_SIGMA_RAD:
-        return fit
-    scale = None
-    if gives_scale(block.constraints):
-        marked = intersected_control(structure, block.control_points)
-        scale = structure_scale(block, structure.position, structure.registered, marked)
-    up = structure_up(structure.rotation[structure.registered], vertical, fit.rotation[2])
-    target = np.array([block.photographs[i].gnss_world_m for i in index])
-    return upright_similarity(source, up, target, sigma_m, scale)
-
-
-def georeference(structure: Structure, block: Block, vertical: Vertical = "auto") -> Similarity:
-    """Return the similarity that brings a structure into the world: by control points where three are intersected, not
-    in one line, else by GNSS positions, with attitudes where the positions alone leave a turn open; into a local frame
-    with a vertical as its photographs look, where the block is free.
-
-    Raises OrientationError when neither is enough.
-    """
-    if block.is_free:
-        return local_similarity(
-            block, structure.rotation, structure.position, structure.registered, structure.point,
-            intersected_control(structure, block.control_points), vertical,
-        )  # fmt: skip
-    points = block.control_points.fully_controlled()
-    source = intersected_control(structure, points)
-    known = np.asarray(np.isfinite(source).all(axis=1))
-    if not collinear(points.position_world_m[known]):
-        alone = sum(p.gnss_world_m is not None for p in block.photographs) < 2
-        try:
-            return _placed_by_control(source[known], points.select(known), alone=alone)
-        except OrientationError as error:
-            if alone:
-                factor = picture_factor(replace(block, poses=structure.poses(), cameras=structure.calibrated()))
-                why = str(error) if factor is None else other_size(factor)
-                raise OrientationError(f"the control points do not fit the block: {why}") from error
-    index = [i for i in np.flatnonzero(structure.registered) if block.photographs[i].gnss_world_m is not None]
-    target = np.array([block.photographs[i].gnss_world_m for i in index]).reshape(-1, 3)
-    sigma = np.linalg.norm(np.array([block.photographs[i].gnss_sigma_m for i in index]).reshape(-1, 3), axis=1)
-    sigma = sigma + SHAPE_TOLERANCE * float(np.linalg.norm(np.ptp(target, axis=0))) if len(index) else sigma
-    source = structure.position[index]
-    with_attitude = [i for i in index if block.photographs[i].attitude_world_from_camera is not None]
-    if len(with_attitude) >= 2 and open_turn_rad(source, target, sigma) > OPEN_TURN_RAD:
-        return similarity_from_attitudes(
-            structure.position[with_attitude],
-            structure.rotation[with_attitude],
-            np.array([block.photographs[i].gnss_world_m for i in with_attitude]),
-            np.array([block.photographs[i].attitude_world_from_camera for i in with_attitude]),
-        )
-    if not (collinear(source) or collinear(target)):
-        fit, agree = robust_similarity(source, target, sigma)
-        return _upright(structure, block, np.array(index)[agree], fit, vertical)
-    where = "its local system" if block.frame.is_local else block.frame.crs
-    raise OrientationError(
-        f"the block of {int(structure.registered.sum())} photographs cannot be georeferenced in {where}: "
-        f"{int(known.sum())} control points are marked in two of them, {len(index)} have a GNSS position; "
-        "give at least three of either, not collinear"
-    )
-
-
 def _components(
     block: Block, settings: OrientationSettings, progress: Progress, known: KnownPoses | None
 ) -> tuple[list[Structure], Method]:
@@ -279,10 +168,13 @@ def _components(
     everything = np.ones(len(block.photographs), dtype=bool)
     if settings.method != "growth" and measured(block).sum() >= 3:
         progress(0, len(everything), "from measured poses")
-        structure = direct_structure(block, settings)
-        if structure is not None:
-            extend(structure, everything, progress)
-            return [structure, *grown(block.cameras, ~structure.registered)], "attitude"
+        structures = direct_structures(block, settings)
+        left = everything.copy()
+        for structure in structures:
+            extend(structure, left, progress)
+            left &= ~structure.registered
+        if structures:
+            return [*structures, *grown(block.cameras, left)], "attitude"
         if settings.method == "attitude":
             raise OrientationError(
                 "the tie points do not confirm the measured positions and attitudes: "
@@ -293,15 +185,21 @@ def _components(
     return grown(block.cameras, everything), "growth"
 
 
-def _reasons(block: Block, component: IntArray, settings: OrientationSettings) -> tuple[str, ...]:
+def _reasons(
+    block: Block, poses: Sequence[Pose | None], component: IntArray, placed: Placed, settings: OrientationSettings
+) -> tuple[str, ...]:
     rays = np.bincount(block.tie_points.photograph, minlength=len(block.photographs))
     reasons = []
     for i, number in enumerate(component.tolist()):
-        if number == 0:
+        if poses[i] is not None:
             reasons.append("")
-        elif number > 0:
+        elif number >= 0:
             size = int(np.count_nonzero(component == number))
-            reasons.append(f"shares no tie points with the block: part of a separate component of {size} photographs")
+            why = placed.reasons[number] or "it shows no three marked points that the block shows too"
+            reasons.append(
+                f"part of a component of {size} photographs that shares no tie points with the block, and that nothing "
+                f"else ties to it: {why}"
+            )
         elif rays[i] < settings.minimum_points:
             reasons.append(f"{rays[i]} tie points with other photographs, {settings.minimum_points} are needed")
         else:
@@ -347,24 +245,38 @@ def orient(
             f"{settings.minimum_points} tie "
             "points in common, and views from different places: give photographs that overlap by 60 % or more"
         )
-    structure = components[0]
     _LOG.debug("oriented by %s: components of %s photographs", method, [int(c.registered.sum()) for c in components])
     try:
-        fit = georeference(structure, block, settings.vertical)
+        parameters, placed = _placed(components, block, settings)
     except OrientationError as error:
         raise OrientationError("\n".join([str(error), *errors])) from error
-    _LOG.debug("placed in the world at scale %.6g", fit.scale)
-    component = np.full(count, -1, dtype=np.int64)
-    for number, other in enumerate(components):
-        component[other.registered] = number
-    poses_world = [None if pose is None else fit.pose(pose) for pose in structure.poses()]
+    placed_poses, numbers = world_poses(components, placed)
+    component, ties = np.array(numbers), placed.ties
     for i, resection in enumerate(resections):
-        if poses_world[i] is None and resection is not None:
-            poses_world[i], component[i] = resection.refined, 0
+        if placed_poses[i] is None and resection is not None:
+            placed_poses[i] = resection.refined
+            if component[i] < 0:
+                component[i] = placed.first
     return Orientation(
-        tuple(poses_world), resections, component, method, _reasons(block, component, settings),
-        tuple(structure.parameters),
+        tuple(placed_poses), resections, component, method, _reasons(block, placed_poses, component, placed, settings),
+        parameters, ties,
     )  # fmt: skip
+
+
+def _placed(
+    components: list[Structure], block: Block, settings: OrientationSettings
+) -> tuple[tuple[FloatArray, ...], Placed]:
+    """Return the calibrations of the cameras, and the components placed in the world with them, joined by photographs
+    that only their measured positions confirm."""
+    parameters = share_calibration(components)
+    placed = place(components, block, settings.vertical)
+    alone = ~np.any([c.registered for c in components], axis=0)
+    for structure, fit in zip(components, placed.fits, strict=True):
+        if fit is not None and not block.is_free:
+            join_confirmed(structure, fit, block, alone)
+            alone &= ~structure.registered
+            _LOG.debug("placed in the world at scale %.6g", fit.scale)
+    return parameters, placed
 
 
 def georeferenced_again(block: Block, orientation: Orientation, settings: OrientationSettings) -> Block:
@@ -374,12 +286,24 @@ def georeferenced_again(block: Block, orientation: Orientation, settings: Orient
     ``block`` has the tie points. Raises OrientationError where nothing places the block in the world.
     """
     cameras = orientation.calibrated(block.cameras)
-    structure = Structure.oriented(block.tie_points, cameras, block.camera_of, settings, orientation.poses)
-    fit = georeference(structure, block, settings.vertical)
-    points = fit.points(block.tie_points.position_world_m)
+    numbers = np.unique(orientation.component[orientation.registered]).tolist()
+    structures = [
+        Structure.oriented(
+            block.tie_points, cameras, block.camera_of, settings,
+            [p if c == n else None for p, c in zip(orientation.poses, orientation.component, strict=True)],
+        )
+        for n in numbers
+    ]  # fmt: skip
+    placed = place(structures, block, settings.vertical)
+    points = block.tie_points.position_world_m.copy()
+    first = np.full(len(points), -1)
+    first[block.tie_points.point] = orientation.component[block.tie_points.photograph]
+    for number, fit in zip(numbers, placed.fits, strict=True):
+        own = first == number
+        points[own] = np.nan if fit is None else fit.points(points[own])
     return replace(
         block,
-        poses=tuple(None if pose is None else fit.pose(pose) for pose in orientation.poses),
+        poses=tuple(world_poses(structures, placed)[0]),
         tie_points=replace(block.tie_points, position_world_m=points),
     )
 

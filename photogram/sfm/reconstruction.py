@@ -8,7 +8,7 @@ Tests are on residuals in pixels, on the angle between rays, and on the side of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -107,6 +107,18 @@ class Structure:
                 structure.register(index, pose)
         structure.intersect()
         return structure
+
+    def copy(self) -> Structure:
+        """Return the same structure, to be changed by itself."""
+        return replace(
+            self,
+            rotation=self.rotation.copy(),
+            position=self.position.copy(),
+            registered=self.registered.copy(),
+            parameters=self.parameters.copy(),
+            point=self.point.copy(),
+            good=self.good.copy(),
+        )
 
     @property
     def as_oriented(self) -> OrientedCameras:

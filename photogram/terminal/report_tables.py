@@ -55,11 +55,10 @@ def _block(report: Report) -> Table:
     block = report["block"]
     table = Table("figure", "value", title="Block", show_header=False)
     table.add_row("photographs oriented", f"{block['registered']} of {block['photographs']}, by {block['method']}")
-    sizes = block["component_sizes"]
-    if len(sizes) > 1:
-        table.add_row(
-            "components without common tie points", f"{len(sizes)}, of {', '.join(map(str, sizes))} photographs"
-        )
+    components = block["component_ties"]
+    if len(components) > 1:
+        parts = [f"{c['photographs']} ({c['placed_by'] if c['adjusted'] else 'not in the result'})" for c in components]
+        table.add_row("components without common tie points", f"{', '.join(parts)} photographs")
     if block["gsd_m"] is not None:
         table.add_row("ground sampling distance", f"{block['gsd_m'] * 100:.2f} cm")
     overlap = block["overlap"]

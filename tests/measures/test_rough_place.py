@@ -15,7 +15,8 @@ from photogram.camera import Similarity
 from photogram.constraints.between_points import Distance
 from photogram.measures.rough_place import rough_place
 from photogram.results import Adjustment
-from photogram.sfm.orientation import OrientationSettings, georeference
+from photogram.sfm.georeference import georeference
+from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
 from photogram.simulation.simulated_survey import SurveyPlan

@@ -21,6 +21,7 @@ from photogram.quality.deformation import (
     DOME,
     GROUND,
     SLOPES,
+    component_shifts,
     height_modes,
     offset_of,
     parameters_of,
@@ -88,6 +89,27 @@ def test_modes_are_those_of_the_whole_linear_system() -> None:
         modes = stiffness(problem, state, found, places).modes
         np.testing.assert_allclose(modes / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-6)
     assert np.count_nonzero(np.diag(modes)[parameters_of(0, 1)]) == np.count_nonzero(SIGMAS) < PARAMETERS
+
+
+def test_components_are_placed_beside_each_other_as_the_whole_linear_system_says() -> None:
+    problem, state = small(ties=120)
+    strip = np.arange(6) // 3
+    tie = problem.tie
+    of_point = strip[tie.photograph]
+    alone = np.bincount(tie.point, of_point) / np.maximum(np.bincount(tie.point), 1)
+    covariance, place = whole_covariance(problem, state)
+    component = np.where(strip == 0, 2, 5)
+    found = component_shifts(problem, state, factored(problem, state), component)
+    last = np.zeros(len(state.tie_point), dtype=np.int64)
+    last[tie.point] = of_point
+    rows = np.zeros((2, 3, len(covariance)))
+    for point, of in enumerate(last.tolist()):
+        rows[of, :, place[key(TIE_POINT, point)].start + np.arange(3)] = np.eye(3) / np.sum(last == of)
+    assert 0.0 < np.mean(alone) < 1.0
+    between = rows[1] - rows[0]
+    assert not found[0].any()
+    np.testing.assert_allclose(found[1], between @ covariance @ between.T, rtol=1e-6, atol=1e-12)
+    assert component_shifts(problem, state, factored(problem, state), np.zeros(6, dtype=np.int64)).shape == (0, 3, 3)
 
 
 def test_relative_sigmas_are_those_of_differences_from_the_mean_shift() -> None:

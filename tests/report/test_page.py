@@ -262,6 +262,11 @@ def test_figures_are_pictures_without_date_and_always_the_same(figures: list[dic
             assert np.asarray(image).std() > 5.0
 
 
+LOST = [
+    {"photographs": 3, "adjusted": adjusted, "placed_by": "", "sigma_to_first_m": None} for adjusted in (True, False)
+]
+
+
 # ---- verdicts ------------------------------------------------------------------------------------------------------
 
 
@@ -347,7 +352,7 @@ def test_the_dense_surface_is_judged_like_check_points_in_height(
         ("Adjustment", {}, "good"),
         ("Photographs oriented", {"block": {"registered": 98, "photographs": 100}}, "good"),
         ("Photographs oriented", {"block": {"registered": 97, "photographs": 100}}, "attention"),
-        ("Photographs oriented", {"block": {"component_sizes": [3, 1]}}, "attention"),
+        ("Photographs oriented", {"block": {"component_ties": LOST}}, "attention"),
         ("Photographs oriented", {"block": {"registered": 89, "photographs": 100}}, "bad"),
         ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.61}}}, "good"),
         ("Geometry", {"block": {"overlap": {"share_3_or_more": 0.5}}}, "attention"),

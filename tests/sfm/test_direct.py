@@ -10,7 +10,7 @@ from makers import true_centres
 from scipy.spatial.transform import Rotation
 
 from photogram.sfm import direct
-from photogram.sfm.direct import direct_structure, measured
+from photogram.sfm.direct import direct_structures, measured
 from photogram.sfm.reconstruction import Structure, StructureSettings
 from photogram.sfm.similarity import fit_similarity, robust_similarity
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
@@ -55,6 +55,13 @@ def shuffled(block: SimulatedBlock, seed: int, share: float = 1.0) -> Change:
     return lambda i, p: replace(p, gnss_world_m=block.block.photographs[source[i]].gnss_world_m)
 
 
+def whole(block: Block, settings: StructureSettings) -> Structure | None:
+    """The one component that measured poses lead to, None where they are refused."""
+    structures = direct_structures(block, settings)
+    assert len(structures) <= 1
+    return structures[0] if structures else None
+
+
 def shape_error_m(structure: Structure, block: SimulatedBlock) -> np.ndarray:
     """Errors of the centres of the registered photographs after the best similarity."""
     r = structure.registered
@@ -66,7 +73,7 @@ def shape_error_m(structure: Structure, block: SimulatedBlock) -> np.ndarray:
 def test_consumer_positions_and_attitudes_are_confirmed(seed: int) -> None:
     """Positions good to 2 m, attitudes to 1 degree, and a camera of which only the EXIF focal length is known."""
     block = simulated(seed)
-    structure = direct_structure(changed(block, lambda _, p: p), SETTINGS)
+    structure = whole(changed(block, lambda _, p: p), SETTINGS)
     assert structure is not None
     assert structure.registered.all()
     assert shape_error_m(structure, block).max() < 12.0 * GSD_M
@@ -82,7 +89,7 @@ def test_consumer_positions_and_attitudes_are_confirmed(seed: int) -> None:
 
 def test_it_works_without_a_flying_height() -> None:
     block = simulated(2)
-    structure = direct_structure(changed(block, lambda _, p: replace(p, height_above_ground_m=None)), SETTINGS)
+    structure = whole(changed(block, lambda _, p: replace(p, height_above_ground_m=None)), SETTINGS)
     assert structure is not None
     assert structure.registered.all()
     assert shape_error_m(structure, block).max() < 12.0 * GSD_M
@@ -91,7 +98,7 @@ def test_it_works_without_a_flying_height() -> None:
 def test_oblique_photographs_beside_nadir_ones() -> None:
     plan = replace(PLAN, strips=3, photographs_per_strip=5, oblique_strip=True, oblique_angle_deg=35.0)
     block = simulated(1, plan)
-    structure = direct_structure(changed(block, lambda _, p: p), SETTINGS)
+    structure = whole(changed(block, lambda _, p: p), SETTINGS)
     assert structure is not None
     assert structure.registered.all()
     assert shape_error_m(structure, block).max() < 12.0 * GSD_M
@@ -99,7 +106,7 @@ def test_oblique_photographs_beside_nadir_ones() -> None:
 
 def test_a_strip_is_confirmed() -> None:
     block = simulated(1, replace(PLAN, strips=1, photographs_per_strip=8))
-    structure = direct_structure(changed(block, lambda _, p: p), SETTINGS)
+    structure = whole(changed(block, lambda _, p: p), SETTINGS)
     assert structure is not None
     assert structure.registered.all()
     truth = np.array([pose.rotation_world_from_camera for pose in block.truth.poses])
@@ -114,7 +121,7 @@ def test_measured_positions_hold_the_frame_of_a_block_of_strips(monkeypatch: pyt
     off_m = []
     for held in (direct.START_SHARE, np.inf):
         monkeypatch.setattr(direct, "START_SHARE", held)
-        structure = direct_structure(block, SETTINGS)
+        structure = whole(block, SETTINGS)
         assert structure is not None
         assert structure.registered.all()
         off_m.append(float(np.linalg.norm((structure.position - given).mean(axis=0))))
@@ -124,14 +131,14 @@ def test_measured_positions_hold_the_frame_of_a_block_of_strips(monkeypatch: pyt
 def test_a_common_turn_of_all_attitudes_does_no_harm() -> None:
     """A compass that is off by 8 degrees: the tie points and the positions say so."""
     block = simulated(1)
-    structure = direct_structure(changed(block, turned(8.0, "z")), SETTINGS)
+    structure = whole(changed(block, turned(8.0, "z")), SETTINGS)
     assert structure is not None
     assert structure.registered.all()
     assert shape_error_m(structure, block).max() < 12.0 * GSD_M
 
 
 def refused(block: SimulatedBlock, change: Change) -> bool:
-    return direct_structure(changed(block, change), SETTINGS) is None
+    return whole(changed(block, change), SETTINGS) is None
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -154,7 +161,7 @@ def test_shuffled_positions_are_refused(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_few_wrong_positions_are_survived_or_refused_but_never_believed(seed: int) -> None:
     block = simulated(seed)
-    structure = direct_structure(changed(block, shuffled(block, seed, 0.2)), SETTINGS)
+    structure = whole(changed(block, shuffled(block, seed, 0.2)), SETTINGS)
     if structure is not None:
         assert structure.registered.sum() >= 15
         assert shape_error_m(structure, block).max() < 25.0 * GSD_M
@@ -174,7 +181,7 @@ def test_photographs_of_another_site_are_not_in_it_and_bend_nothing(
         mine = np.flatnonzero(tie.photograph == i)
         pixel[mine] = np.random.default_rng(i).permutation(pixel[mine])
     spoilt = replace(changed(block, lambda _, p: p), tie_points=replace(tie, pixel=pixel))
-    structure = direct_structure(spoilt, SETTINGS)
+    structure = whole(spoilt, SETTINGS)
     assert structure is not None
     np.testing.assert_array_equal(np.flatnonzero(~structure.registered), foreign)
     assert shape_error_m(structure, block).max() < 25.0 * GSD_M
@@ -191,7 +198,7 @@ def test_photographs_without_measurements_are_not_in_it() -> None:
 
     some = changed(block, strip)
     assert np.flatnonzero(~measured(some)).tolist() == [4, 7]
-    structure = direct_structure(some, SETTINGS)
+    structure = whole(some, SETTINGS)
     assert structure is not None
     assert np.flatnonzero(~structure.registered).tolist() == [4, 7]
 
@@ -199,17 +206,17 @@ def test_photographs_without_measurements_are_not_in_it() -> None:
 def test_two_measured_photographs_are_too_few() -> None:
     block = simulated(1)
     bare = changed(block, lambda i, p: p if i < 2 else replace(p, gnss_world_m=None, gnss_sigma_m=None))
-    assert direct_structure(bare, SETTINGS) is None
+    assert whole(bare, SETTINGS) is None
 
 
 def test_no_tie_points_confirm_nothing() -> None:
     block = changed(simulated(1), lambda _, p: p)
     none = block.tie_points.select(np.zeros(len(block.tie_points), dtype=bool))
-    assert direct_structure(replace(block, tie_points=none), SETTINGS) is None
+    assert whole(replace(block, tie_points=none), SETTINGS) is None
 
 
 def test_the_same_block_starts_the_same_bit_for_bit() -> None:
-    one, other = (direct_structure(changed(simulated(3), lambda _, p: p), SETTINGS) for _ in range(2))
+    one, other = (whole(changed(simulated(3), lambda _, p: p), SETTINGS) for _ in range(2))
     assert one is not None
     assert other is not None
     for name in ("rotation", "position", "parameters", "point", "good"):
@@ -221,7 +228,7 @@ def test_better_measurements_end_nearer_to_the_truth() -> None:
     errors = []
     for plan in (PLAN, exact):
         block = simulated(1, plan)
-        structure = direct_structure(changed(block, lambda _, p: p), SETTINGS)
+        structure = whole(changed(block, lambda _, p: p), SETTINGS)
         assert structure is not None
         errors.append(np.linalg.norm(structure.position - true_centres(block), axis=1).max())
         assert fit_similarity(structure.position, true_centres(block)).scale == pytest.approx(1.0, abs=0.06)

@@ -23,7 +23,7 @@ def report(photographs: int = 18, left_out: int = 0, **block: Any) -> Any:
         "photographs": entries,
         "block": {
             "registered": photographs - left_out, "photographs": photographs,
-            "component_sizes": [photographs - left_out],
+            "component_ties": [{"photographs": photographs - left_out, "adjusted": True, "placed_by": ""}],
             "method": "attitude", "gsd_m": 0.0231, "mean_track_length": 4.126,
             "overlap": {"median": 7.0, "share_3_or_more": 0.934, "area_m2": 1234.4},
             "gnss_residual_rms_m": {"plan": 0.321, "height": 0.456, "three_d": 0.558}, **block,
@@ -61,11 +61,18 @@ def test_block_line(shown: Console) -> None:
     assert "components without" not in text
 
 
+APART = [
+    {"photographs": 9, "adjusted": True, "placed_by": "GNSS positions"},
+    {"photographs": 6, "adjusted": True, "placed_by": "control points"},
+    {"photographs": 2, "adjusted": False, "placed_by": ""},
+]
+
+
 def test_photographs_left_out_are_named_with_the_reason(shown: Console) -> None:
-    report_tables.show_report(report(18, 3, component_sizes=[15, 2, 1]))
+    report_tables.show_report(report(18, 3, component_ties=APART))
     text = shown.export_text()
     assert "15 of 18" in text
-    assert "3, of 15, 2, 1 photographs" in text
+    assert "9 (GNSS positions), 6 (control points), 2 (not in the result)" in text
     for i in range(3):
         assert f"too few [tie] points in DJI_{i:04d}.JPG" in text
     assert "more" not in text.split("Not oriented")[1].split("Result")[0]

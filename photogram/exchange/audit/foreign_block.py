@@ -24,10 +24,12 @@ from photogram.geodesy.frames import (
 from photogram.project.draft.positions import AUTONOMOUS_M
 from photogram.project.draft.sites import utm_crs
 from photogram.project.project import in_world
-from photogram.sfm.orientation import OrientationSettings, georeference
+from photogram.sfm.georeference import georeference
+from photogram.sfm.marked_points import with_marks_as_tie_points
+from photogram.sfm.orientation import OrientationSettings
 from photogram.sfm.reconstruction import Structure
 from photogram.sfm.similarity import fit_similarity
-from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, TiePoints
+from photogram.survey import Block, ControlPoints, Photograph
 from photogram.wording import shortened
 
 NOBODY = ControlPoints(
@@ -92,30 +94,9 @@ def with_their_model(start: ForeignBlock, solution: ForeignSolution) -> Block:
                 for camera, fixed in zip(block.cameras, stated.held, strict=True)
             ),
         )
-    return _with_check_marks(block) if stated.uses_check_marks else block
-
-
-def _with_check_marks(block: Block) -> Block:
-    """Return the block with the marks of its check points as tie points, behind the others and with the marks' sigmas;
-    points that are marked once add nothing."""
-    points, ties = block.control_points, block.tie_points
-    checked = ~points.controlled.any(axis=1) & (np.bincount(points.mark_point, minlength=len(points)) >= 2)
-    number = len(ties) + np.cumsum(checked) - 1
-    order = np.lexsort((points.mark_photograph, points.mark_point))
-    order = order[checked[points.mark_point[order]]]
-    further = int(checked.sum())
-    return replace(
-        block,
-        tie_points=TiePoints(
-            np.concatenate([ties.photograph, points.mark_photograph[order]]),
-            np.concatenate([ties.point, number[points.mark_point[order]]]).astype(np.int64),
-            np.concatenate([ties.feature, np.full(len(order), TRANSFERRED)]).astype(np.int64),
-            np.concatenate([ties.pixel, points.mark_pixel[order]]),
-            np.concatenate([ties.sigma_px, points.mark_sigma_px[order]]),
-            np.concatenate([ties.position_world_m, np.full((further, 3), np.nan)]),
-            np.concatenate([ties.colour, np.zeros((further, 3), dtype=np.uint8)]),
-        ),
-    )
+    if not stated.uses_check_marks:
+        return block
+    return with_marks_as_tie_points(block, np.asarray(~block.control_points.controlled.any(axis=1)))
 
 
 def map_points(solution: ForeignSolution, crs: str | None) -> tuple[str | None, FloatArray]:

@@ -40,6 +40,7 @@ from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
 from photogram.report.record.block import EffortRecord
 from photogram.report.values import record_of
+from photogram.sfm.marked_points import tied_by_marks, with_marks_as_tie_points
 from photogram.sfm.orientation import accepted_attitudes, confirmed_resections, georeferenced_again
 from photogram.sfm.resection import Resection
 from photogram.survey import PointCloud
@@ -91,6 +92,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         block = georeferenced_again(block, orientation, orientation_thresholds(run.project))
         resections = _resections(run)
     block = without_attitudes(block) if block.is_free else block
+    block = with_marks_as_tie_points(block, tied_by_marks(block, orientation.component))
     measured = block
     if orientation.method != "control":
         block = replace(block, photographs=accepted_attitudes(block, block.poses))
@@ -104,7 +106,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
-    deformation = block_deformation(verdict.result, run.project.adjustment, known_before)
+    deformation = block_deformation(verdict.result, run.project.adjustment, known_before, orientation.component)
     result = with_model_error(
         replace(verdict.result, covariances=replace(verdict.result.covariances, deformation=deformation))
     )

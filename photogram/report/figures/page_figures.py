@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import binned_statistic_2d, norm
 
-from photogram.arrays import FloatArray
+from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera, LensField
 from photogram.languages.codes import LanguageCode
 from photogram.languages.language import ENGLISH, Language
@@ -91,11 +91,13 @@ def page_figures(
     comparisons: Mapping[str, Comparison],
     *,
     upright: bool,
+    component: IntArray | None = None,
     language: Language = ENGLISH,
 ) -> list[PageFigure]:
     """Draw every figure of the page for which there are data, those of the client's part in a language; ``surface`` is
-    that of the tie points, in plan or on an ``upright`` plane, None where a dense one takes its place."""
-    figures = [_plan(result, overlap, language), _ellipses(result), *_residuals(result), _histograms(result)]
+    that of the tie points, in plan or on an ``upright`` plane, None where a dense one takes its place;
+    ``component`` (N,) as ``PlanContents`` has it."""
+    figures = [_plan(result, overlap, component, language), _ellipses(result), *_residuals(result), _histograms(result)]
     figures += [
         _height_sigma(cloud),
         None if surface is None else _surface(surface, upright, language),
@@ -104,13 +106,15 @@ def page_figures(
     return [figure for figure in figures if figure is not None]
 
 
-def _plan(result: Adjustment, overlap: Overlap | None, language: Language) -> PageFigure:
-    contents = plan_contents(result, overlap)
+def _plan(result: Adjustment, overlap: Overlap | None, component: IntArray | None, language: Language) -> PageFigure:
+    contents = plan_contents(result, overlap, component)
     caption = (
         "Photographs by flight, control and check points, and how many photographs see the ground: warm colours up to "
         "two, whose heights are unchecked, blue from three. Arrows are residuals in plan, adjusted minus measured or "
         "surveyed, enlarged as written above the map; Δh is the residual in height."
     )
+    if component is not None and component.max(initial=0) > 0:
+        caption += " Dashed lines: components that share no tie points, by their number."
     alternative = language.gettext(
         "Plan of {photographs} photographs and {points} ground points",
         photographs=len(contents.photograph_names),

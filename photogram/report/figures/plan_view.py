@@ -14,8 +14,9 @@ from matplotlib.offsetbox import AnchoredOffsetbox
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from scipy.spatial import cKDTree
+from shapely import MultiPoint
 
-from photogram.arrays import BoolArray, FloatArray, check_shape
+from photogram.arrays import BoolArray, FloatArray, IntArray, check_shape
 from photogram.grid import MapGrid
 from photogram.languages.language import ENGLISH, Language
 from photogram.measures.round_lengths import round_down
@@ -61,6 +62,7 @@ class PlanContents:
 
     ``photograph_map_m`` (N, 3) with ``photograph_names``, ``flights`` and ``gnss_residual_m`` (N, 3), NaN rows without
     GNSS; a photograph that is not ``registered`` (N,) stands where GNSS says, NaN where nothing does;
+    ``component`` (N,) is the number from 0 of what hangs together by tie points, −1 for none;
     ``ground_map_m`` (G, 3) with ``ground_names``, ``ground_roles`` and ``ground_residual_m`` (G, 3); ``overlap`` is the
     number of photographs that see each cell of the ground.
     """
@@ -75,6 +77,7 @@ class PlanContents:
     ground_map_m: FloatArray
     ground_residual_m: FloatArray
     overlap: Raster | None = None
+    component: IntArray | None = None
 
     def __post_init__(self) -> None:
         count = len(self.photograph_names)
@@ -87,7 +90,7 @@ class PlanContents:
         check_shape("ground_roles", np.asarray(self.ground_roles, dtype=str), (len(self.ground_names),))
 
 
-def plan_contents(result: Adjustment, overlap: Overlap | None) -> PlanContents:
+def plan_contents(result: Adjustment, overlap: Overlap | None, component: IntArray | None = None) -> PlanContents:
     """Gather what the plan of an adjusted block shows; GNSS residuals without the offsets of the flights."""
     block = result.block
     frame = result.block.frame
@@ -110,6 +113,7 @@ def plan_contents(result: Adjustment, overlap: Overlap | None) -> PlanContents:
         surveyed,
         frame.map_from_world(result.estimates.ground_world_m) - surveyed,
         None if overlap is None else overlap.photographs,
+        component,
     )
 
 
@@ -153,6 +157,7 @@ def plan_figure(
     axes.set_axisbelow(True)
     if contents.overlap is not None and np.isfinite(contents.overlap.values).any():
         _draw_overlap(figure, axes, contents.overlap, language)
+    _draw_components(axes, contents, sheet)
     _draw_photographs(axes, contents, sheet, language)
     _draw_ground(axes, contents, language)
     tips = _draw_residuals(axes, contents, sheet, 1 + 14 / (72 * height_in), language)
@@ -212,6 +217,21 @@ def _draw_overlap(figure: Figure, axes: Axes, overlap: Raster, language: Languag
     bar.ax.minorticks_off()
     bar.ax.tick_params(labelsize=8, length=0)
     bar.set_label(language.gettext("photographs that see the ground"), fontsize=9)
+
+
+def _draw_components(axes: Axes, contents: PlanContents, sheet: _Sheet) -> None:
+    """Draw a line around the photographs of each component, with its number, where there are several."""
+    if contents.component is None or contents.component[contents.registered].max(initial=0) < 1:
+        return
+    for number in np.unique(contents.component[contents.registered & (contents.component >= 0)]).tolist():
+        own = contents.registered & (contents.component == number)
+        rim = MultiPoint(contents.photograph_map_m[own, :2]).convex_hull.buffer(0.3 * sheet.spacing_m)
+        x, y = np.array(rim.exterior.coords).T
+        axes.plot(x, y, "--", color=BLACK, linewidth=1.0, zorder=3.5)
+        axes.annotate(
+            str(number + 1), (x[np.argmin(x)], y[np.argmax(y)]), fontsize=12, fontweight="bold", path_effects=HALO,
+            zorder=6,
+        )  # fmt: skip
 
 
 def _draw_photographs(axes: Axes, contents: PlanContents, sheet: _Sheet, language: Language) -> None:

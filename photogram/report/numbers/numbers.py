@@ -18,6 +18,7 @@ from photogram.projection import PARAMETER_NAMES
 from photogram.quality.accuracy import check_accuracy, suspects
 from photogram.quality.cloud_comparison import Comparison
 from photogram.quality.prediction_test import checked_axes
+from photogram.report.components import component_numbers
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.report.numbers.overlap import Overlap
 from photogram.report.numbers.statistics import consistency_numbers
@@ -209,6 +210,7 @@ def block_numbers(result: Adjustment, orientation: Orientation, overlap: Overlap
         "photographs": len(block.photographs),
         "components": components,
         "component_sizes": [len(component) for component in components],
+        "component_ties": component_numbers(result, orientation),
         "method": orientation.method,
         "gsd_m": float(np.nanmedian(gsd_m)) if np.isfinite(gsd_m).any() else None,
         "overlap": None if overlap is None else _overlap(overlap),

@@ -5,7 +5,7 @@ that were stated a little off, quantities that change together and cost no heigh
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from photogram.adjustment.reliability import CRITICAL
@@ -27,6 +27,8 @@ SEVERITIES: tuple[Severity, ...] = ("bad", "attention", "note")
 
 CALIBRATE = ": calibrate the camera"
 """Where in the sentence on a focal length that stays doubtful the remedy begins."""
+LOOSE_GSD = 3.0
+"""Ground sampling distances, beyond which components lie loosely together."""
 MOST_NAMED = 5
 """Blunders, check points and other findings of one kind that are said one by one, at most."""
 WRONGLY_STATED = (0.7, 1.3)
@@ -235,11 +237,7 @@ def _block(block: BlockRecord, language: Language) -> list[WarningRecord]:
         sentence = f"{missing} of {block['photographs']} photographs are not in the result"
         remedy = language.gettext("see under Discarded why photographs are not in the result")
         warnings.append(_warning("photographs", "attention", sentence, remedy))
-    sizes = block["component_sizes"]
-    if len(sizes) > 1:
-        sentence = f"{len(sizes)} components without common tie points ({', '.join(map(str, sizes))} photographs)"
-        remedy = language.gettext("fly with more overlap between the components")
-        warnings.append(_warning("photographs", "attention", sentence, remedy))
+    warnings += _components(block, language)
     overlap = block["overlap"]
     if overlap is not None and overlap["share_2_or_more"] < 0.9:
         once = percent(1 - overlap["share_2_or_more"])
@@ -247,6 +245,33 @@ def _block(block: BlockRecord, language: Language) -> list[WarningRecord]:
         remedy = language.gettext("fly with more overlap where fewer than two photographs see the ground")
         warnings.append(_warning("photographs", "attention", sentence, remedy))
     return warnings
+
+
+def _components(block: BlockRecord, language: Language) -> Iterator[WarningRecord]:
+    """Yield what is left out because nothing ties it, and how well what is tied without tie points lies together."""
+    for lost in (c for c in block["component_ties"] if not c["adjusted"]):
+        sentence = (
+            f"a component of {lost['photographs']} photographs shares no tie points with the block, and nothing else "
+            "ties it: it is not in the result"
+        )
+        remedy = language.gettext("fly with more overlap between the components, or mark three control points in each")
+        yield _warning("photographs", "attention", sentence, remedy)
+    for further in block["component_ties"]:
+        sigma = further["sigma_to_first_m"]
+        if sigma is None:
+            continue
+        sentence = (
+            f"{further['photographs']} photographs share no tie points with the rest and are tied to it by "
+            f"{further['placed_by'] or 'control points'}: {_metres(sigma['plan'])} in plan and "
+            f"{_metres(sigma['height'])} in height (1 sigma)"
+        )
+        loose = block["gsd_m"] is not None and max(sigma["plan"], sigma["height"]) > LOOSE_GSD * block["gsd_m"]
+        remedy = language.gettext("fly with more overlap between the components, or mark three control points in each")
+        yield _warning("photographs", "attention" if loose else "note", sentence, remedy if loose else "")
+
+
+def _metres(value: float) -> str:
+    return f"{value:.3f} m" if value < 1.0 else f"{value:.2f} m"
 
 
 def _stated(group: VarianceComponentRecord, title: str) -> str:

@@ -231,7 +231,10 @@ def _registration(report: SurveyNumbers) -> LightRecord:
         "blocks; bad: fewer"
     )
     block = report["block"]
-    share, parts = block["registered"] / block["photographs"], len(block["component_sizes"])
+    share, parts = (
+        block["registered"] / block["photographs"],
+        1 + sum(not each["adjusted"] for each in block["component_ties"]),
+    )
     grade: Grade = "bad" if share < worst else "good" if share >= best and parts <= 1 else "attention"
     finding = f"{block['registered']} of {block['photographs']} ({percent(share)})"
     return _light("Photographs oriented", grade, finding + (f", in {parts} separate blocks" if parts > 1 else ""), rule)

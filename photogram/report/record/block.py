@@ -78,6 +78,29 @@ class GnssRmsRecord(TypedDict):
     three_d: Metres | None
 
 
+class ComponentSigmaRecord(TypedDict):
+    """How well a component is placed beside the first: standard deviations of the vector between their mean points."""
+
+    plan: Metres
+    height: Metres
+
+
+class ComponentRecord(TypedDict):
+    """What ties a component, which shares no matched tie points with the others, to the block: the names of its control
+    points, the number of its GNSS positions, the names of marked points and cameras and the number of tie points that
+    it has in common with other components."""
+
+    photographs: Count
+    adjusted: bool
+    placed_by: str
+    control_points: list[str]
+    gnss_positions: Count
+    shared_marks: list[str]
+    shared_cameras: list[str]
+    shared_tie_points: Count
+    sigma_to_first_m: ComponentSigmaRecord | None
+
+
 class BlockRecord(TypedDict):
     """How much of the survey was registered, and how it hangs together."""
 
@@ -85,6 +108,7 @@ class BlockRecord(TypedDict):
     photographs: Annotated[int, Field(ge=1, le=10**15)]
     components: list[list[str]]
     component_sizes: list[Count]
+    component_ties: list[ComponentRecord]
     method: str
     gsd_m: Metres | None
     overlap: OverlapRecord | None

@@ -239,7 +239,7 @@ def _pictures(outcome: _Outcome) -> list[str]:
         figure = surface_figure(outcome.surface.heights(), "Digital surface model", upright=upright)
         save_picture(figure, pictures / "surface.png")
     if outcome.whole.block.has_scale:
-        contents = plan_contents(result, outcome.overlap)
+        contents = plan_contents(result, outcome.overlap, stored_orientation(run).component)
         save_picture(plan_figure(contents, "Photographs, ground points and overlap"), pictures / "plan.png")
     for c, camera in enumerate(block.cameras):
         seen = np.array([p.camera == c for p in block.photographs], dtype=bool)[block.tie_points.photograph]
@@ -379,6 +379,7 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         sparse,
         stored_comparisons(run),
         upright=upright,
+        component=stored_orientation(run).component,
         language=Language(run.project.report.language),
     )
     figures += surface.figures + marks.figures
