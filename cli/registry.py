@@ -23,6 +23,7 @@ COMMANDS = {
     "export": "photogram.exchange.commands.export:export",
     "deliver": "photogram.delivery.command:deliver",
     "compare": "photogram.change.commands.compare:compare",
+    "epochs": "photogram.change.commands.epochs:epochs",
     "volume": "photogram.change.commands.volume:volume",
     "audit": "photogram.exchange.commands.audit:audit",
     "study": "photogram.teaching.command:experiments",

@@ -476,6 +476,11 @@ class PointCloud:
         more = [word for word, value in (("colour", self.colour), ("sigma", self.sigma_m)) if value is not None]
         return f"<PointCloud: {things(len(self), 'point')}{', with ' if more else ''}{' and '.join(more)}>"
 
+    def select(self, keep: BoolArray) -> PointCloud:
+        """Return the points of a mask (N,)."""
+        colour = None if self.colour is None else self.colour[keep]
+        return PointCloud(self.position_map_m[keep], colour, None if self.sigma_m is None else self.sigma_m[keep])
+
     def summary(self) -> str:
         """Return count, extent and median standard deviations as a table of text."""
         rows = [("points", str(len(self)))]

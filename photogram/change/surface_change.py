@@ -18,6 +18,7 @@ from photogram.pipeline.store.tiles import GridFile
 from photogram.quality.cloud_comparison import statistics
 from photogram.report.surveyed_surfaces import NamedSurface, open_surface, open_surfaces
 from photogram.volumes.differences import Correction, Difference, DifferenceCells, difference_of
+from photogram.volumes.joint_errors import JointErrors
 from photogram.volumes.measured_volumes import BasedPolygon, measured_volumes, over_height, over_rim, sum_of
 from photogram.volumes.outlines import box_of, coverage, window_of
 from photogram.volumes.rim_base import over_level
@@ -26,6 +27,8 @@ from photogram.volumes.surfaces import StatedSigma, labels
 from photogram.volumes.volumes import VolumeSums
 from photogram.wording import Progress, silent
 
+JOINT = "dsm_sigma_own.tif, and the joint adjustment of both epochs"
+"""Where the standard deviations of epochs come from that were adjusted together."""
 EVERYWHERE = "everywhere"
 """What the volume of all that two surfaces cover is called."""
 
@@ -57,9 +60,12 @@ class SurfaceRequest:
     """Which surfaces of a LandXML file, or layers of a drawing, are read; none: the only one."""
 
 
-def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress = silent) -> SurfaceChange:
+def compare_surfaces(
+    request: SurfaceRequest, output: Path, progress: Progress = silent, joint: JointErrors | None = None
+) -> SurfaceChange:
     """Compare two surfaces and write difference.tif, difference_sigma.tif, change.tif, volumes.csv, comparison.json and
-    comparison.png into a folder. Lengths in m.
+    comparison.png into a folder. Lengths in m; ``joint`` are the errors of the difference of epochs that were adjusted
+    together.
 
     Raises PhotogramError where a file is missing or damaged, the two do not fit together or the request contradicts
     itself; then nothing is written.
@@ -78,7 +84,7 @@ def compare_surfaces(request: SurfaceRequest, output: Path, progress: Progress =
         return _over_bases(request, over_level(later), output, progress)
     named = NamedSurface(request.earlier, request.earlier_sigma), NamedSurface(request.later, request.sigma)
     opened = open_surfaces(*named, request.correlation_m, request.parts)
-    difference = difference_of(opened.earlier, opened.later)
+    difference = difference_of(opened.earlier, opened.later, joint)
     crs = difference.later.heights.crs
     drawn = [] if request.polygons is None else read_polygons(request.polygons, crs)
     polygons = drawn or [SitePolygon(EVERYWHERE, box_of(difference.grid))]
@@ -242,8 +248,12 @@ def _summary(
     return SurfaceChange(
         later=names[0],
         reference=names[1],
-        sigma_from=later.sigma_source,
-        reference_sigma_from=_base_sigma(bases) if own_bases else earlier.sigma_source,
+        sigma_from=later.sigma_source if difference.joint is None else JOINT,
+        reference_sigma_from=_base_sigma(bases)
+        if own_bases
+        else earlier.sigma_source
+        if difference.joint is None
+        else JOINT,
         correlation_m=later.correlation_m,
         reference_correlation_m=earlier.correlation_m,
         cell_m=grid.cell_m,

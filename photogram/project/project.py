@@ -29,6 +29,7 @@ from photogram.project.control.points import ProjectControlPoint, read_point_fil
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
 from photogram.project.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.document import Document, Key, given, read_entry, read_settings
+from photogram.project.epochs.entries import ProjectEpoch, check_epochs, epochs_of, flights_of
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, project_map, read_datum, read_heights
@@ -41,7 +42,7 @@ from photogram.project.masks import (
 )
 from photogram.project.named_files import with_area, with_seams, with_volumes
 from photogram.project.positions.entries import FilePosition, read_position_files
-from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of
+from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of, without_products
 from photogram.project.schema import (
     PIXEL_ORIGIN_PX,
     Attitude,
@@ -175,6 +176,10 @@ class Project:
     """What is declared of the way of positions into the datum of the map."""
     constraints: tuple[Constraint, ...] = ()
     """What is measured between ground points or photographs."""
+    epochs: tuple[ProjectEpoch, ...] = ()
+    """Epochs, the oldest first; none of a survey of one."""
+    epoch: str = ""
+    """The epoch of which surface and orthophoto are made; empty for all photographs."""
     rigs: tuple[ProjectRig, ...] = ()
     """Cameras on one body."""
     report: ReportSettings = field(default_factory=ReportSettings)
@@ -194,6 +199,13 @@ class Project:
     def product_crs(self) -> str:
         """The CRS of every product, with what heights are counted from where that is declared."""
         return product_crs(self.crs, self.heights)
+
+    @property
+    def photographs_without_products(self) -> frozenset[int]:
+        """The numbers of the photographs of which no surface and no orthophoto are made: companions that are left out,
+        and those of other epochs."""
+        others = (e.photographs for e in self.epochs if self.epoch and e.name != self.epoch)
+        return without_products(self.rigs).union(*others)
 
     @property
     def makes_terrain(self) -> bool:
@@ -321,6 +333,7 @@ def read_project(
     check_camera_masks(document, file)
     check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
+    check_epochs(document, file, [p.name or "" for p in photographs or ()])
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
     settings["surface"] = with_area(document, settings["surface"], file, settings["dense"])
     settings["volumes"] = with_volumes(document, settings["volumes"], file, settings["surface"], settings["dense"])
@@ -334,6 +347,9 @@ def read_project(
     named = dict(zip(file.cameras, cameras, strict=True))
     listed = _photographs(file, entries, list(copies), given(folder), gnss_map_m, positions)
     calibrated = tuple(replace(given(named[name]), name=called) for (name, _), called in copies.items())
+    epochs = epochs_of(file, [p.name for p in listed])
+    flights = flights_of([p.flight for p in listed], epochs)
+    listed = tuple(replace(p, flight=flight) for p, flight in zip(listed, flights, strict=True))
     if solution is not None:
         check_start(document, file, solution, [p.name for p in listed], [p.camera for p in listed], calibrated)
     return Project(
@@ -354,6 +370,7 @@ def read_project(
         heights=heights,
         datum=datum,
         constraints=constraints_of(file, [p.name for p in listed]),
+        epochs=epochs,
         rigs=rigs_of(file, [given(camera_of(file, p)) for p in entries]),
         start=project_start(file, base),
         masks=project_masks(file, entries, [given(camera_of(file, p)) for p in entries], masks, base),

@@ -51,6 +51,8 @@ Whose = Literal["theirs", "own"]
 AutomaticMask = Literal["sky", "water"]
 ExposureGrouping = Literal["capture", "name", "time"]
 
+DEFAULT_FLIGHT = "1"
+"""Flight of the photographs of which nobody says one."""
 COLUMNS = "What its columns are, where it does not name them, such as [name, northing, easting, height, code]."
 _FEWEST_COLUMNS = 4
 SIGMA_ASSUMED = "Whether nobody has stated it: it is estimated."
@@ -270,7 +272,7 @@ class PhotographEntry(Entry):
     attitude_deg: Annotated[Attitude | None, "The gimbal's angles."] = None
     attitude_sigma_deg: Annotated[AngleSigma | None, "Standard deviation of the attitude."] = None
     height_above_ground_m: Annotated[FlyingHeight | None, "Flying height."] = None
-    flight: Annotated[Text, "Photographs of one flight share one GNSS offset."] = "1"
+    flight: Annotated[Text, "Photographs of one flight share one GNSS offset."] = DEFAULT_FLIGHT
 
 
 class PositionFileEntry(Entry):
@@ -449,6 +451,15 @@ class RigEntry(Entry):
     sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Required("by how much its rotation scatters, degrees")] = None
 
 
+class EpochEntry(Entry):
+    """One epoch: its name, and which photographs were taken in it."""
+
+    name: Annotated[Text | None, Required("what its results are called, may for example")] = None
+    photographs: Annotated[
+        Sequence[Text] | None, Required("patterns of the names of its photographs, [may/*.JPG] for example")
+    ] = None
+
+
 class StartEntry(Entry):
     """What another program has determined, and what of it the project starts from."""
 
@@ -491,6 +502,7 @@ class ProjectFile(Entry):
     level_surfaces: Annotated[Sequence[SurfaceEntry], "Points of one unknown height, three or more."] = ()
     planes: Annotated[Sequence[SurfaceEntry], "Points of one unknown plane, four or more."] = ()
     rigs: Annotated[Sequence[RigEntry], "Cameras on one body."] = ()
+    epochs: Annotated[Sequence[EpochEntry], "Epochs of one site, oldest first, adjusted together."] = ()
     start: Annotated[StartEntry | None, "The solution of another program to start from."] = None
     features: Any = None
     pairs: Any = None

@@ -154,7 +154,7 @@ class InEvents(Voice):
 def warnings_of(report: Report) -> list[str]:
     """Return what must not be overlooked in a report, each with what to do."""
     serious = [warning for warning in report["warnings"] if warning["severity"] != "note"]
-    return [" ".join(filter(None, (warning["sentence"], warning["remedy"]))) for warning in serious]
+    return ["; ".join(filter(None, (warning["sentence"].removesuffix("."), warning["remedy"]))) for warning in serious]
 
 
 def voice_of(quiet: bool, lines: EventLines | None) -> Voice:

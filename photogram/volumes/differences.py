@@ -10,7 +10,16 @@ from photogram.geodesy.crs import crs_label, height_system_of, same_plan
 from photogram.grid import MapGrid, Window
 from photogram.volumes.correlation import gathered, reach_cells
 from photogram.volumes.extents import extent_of, no_overlap
-from photogram.volumes.surfaces import PATTERNS, SLOPE_STEPS, SurfaceCells, SurfaceFiles, same_cells, surface_cells
+from photogram.volumes.joint_errors import JointErrors
+from photogram.volumes.surfaces import (
+    PATTERNS,
+    SLOPE_STEPS,
+    SurfaceCells,
+    SurfaceFiles,
+    same_cells,
+    slopes,
+    surface_cells,
+)
 
 LEVEL = 1.959964
 """Standard deviations beyond which a normal variable lies in 5 % of all cases."""
@@ -94,6 +103,8 @@ class Difference:
     later: SurfaceFiles
     grid: MapGrid
     """The grid of the finer one over what both cover."""
+    joint: JointErrors | None = None
+    """What their photographs do to the difference, where one adjustment has both; None: errors of two adjustments."""
 
     @property
     def resampled(self) -> tuple[str, ...]:
@@ -132,17 +143,22 @@ class Difference:
 
     def patterns(self, correction: Correction | None = None) -> int:
         """Return how many common patterns its cells have."""
-        return 2 * PATTERNS + (0 if correction is None else correction.noise.shape[1] + 1)
+        common = 2 * PATTERNS if self.joint is None else self.joint.causes
+        return common + (0 if correction is None else correction.noise.shape[1] + 1)
 
     def cells(self, window: Window, correction: Correction | None = None) -> DifferenceCells:
         """Return a window, which may reach beyond the grid; common patterns are right from SLOPE_STEPS cells within."""
         before, after = (surface_cells(s, self.grid, window) for s in (self.earlier, self.later))
         difference = after.height_m - before.height_m
-        pattern = np.concatenate([before.pattern_m, after.pattern_m])
+        if self.joint is None:
+            signed = np.concatenate([-before.pattern_m, after.pattern_m])
+        else:
+            rises = slopes(after.height_m, self.grid.cell_m)
+            signed = self.joint.patterns(self.grid, window, *rises)
+        pattern = signed
         if correction is not None:
             shape = correction.shapes(self.grid, window)
             difference = difference - np.tensordot(correction.coefficient, shape, 1)
-            signed = np.concatenate([-before.pattern_m, after.pattern_m])
             left = signed - np.tensordot(correction.pattern_fit, shape, 1)
             noise = np.tensordot(correction.noise.T, shape, 1)
             rest = np.full((1, *difference.shape), correction.remaining_m)
@@ -176,9 +192,10 @@ def own_variance(
     return total
 
 
-def difference_of(earlier: SurfaceFiles, later: SurfaceFiles) -> Difference:
-    """Return two surfaces on the grid of the finer one. Raises FrameError where they lie in different CRS, their
-    heights count from different surfaces, or nothing of them is common."""
+def difference_of(earlier: SurfaceFiles, later: SurfaceFiles, joint: JointErrors | None = None) -> Difference:
+    """Return two surfaces on the grid of the finer one; ``joint`` are the errors of their difference where one
+    adjustment has both. Raises FrameError where they lie in different CRS, their heights count from different surfaces,
+    or nothing of them is common."""
     a, b = earlier.heights, later.heights
     where = f"surfaces {b.path} and {a.path}"
     if not same_plan(a.crs, b.crs):
@@ -194,7 +211,7 @@ def difference_of(earlier: SurfaceFiles, later: SurfaceFiles) -> Difference:
     grid = _overlap(fine, other)
     if grid is None:
         raise FrameError(no_overlap((str(b.path), extent_of(b.grid)), (str(a.path), extent_of(a.grid))))
-    return Difference(earlier, later, grid)
+    return Difference(earlier, later, grid, joint)
 
 
 def _overlap(fine: MapGrid, other: MapGrid) -> MapGrid | None:

@@ -233,7 +233,7 @@ def _patterns(
     if surface.block is not None:
         east, north = grid.centres_map_m(window)
         middle_east, middle_north = surface.block.middle_map_m or _middle(surface.heights.grid)
-        slope_north, slope_east = (_slope(height_m, axis) / grid.cell_m for axis in (0, 1))
+        slope_north, slope_east = slopes(height_m, grid.cell_m)
         pattern[0] = -surface.block.shift_east_m * slope_east
         pattern[1] = surface.block.shift_north_m * slope_north  # rows go south
         pattern[2] = surface.block.tilt * (east - middle_east)
@@ -248,6 +248,12 @@ def _patterns(
 def _middle(grid: MapGrid) -> tuple[float, float]:
     half_east_m, half_north_m = grid.columns * grid.cell_m / 2, grid.rows * grid.cell_m / 2
     return grid.west_map_m + half_east_m, grid.north_map_m - half_north_m
+
+
+def slopes(height_m: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return rise over run southwards along the rows and eastwards along the columns (rows, columns), 0 where
+    neighbours have no height."""
+    return _slope(height_m, 0) / cell_m, _slope(height_m, 1) / cell_m
 
 
 def _slope(height_m: FloatArray, axis: int) -> FloatArray:

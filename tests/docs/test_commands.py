@@ -27,10 +27,11 @@ UNTIL_ENDED = re.compile(r"photogram (desk|serve|mark project\.yaml$)|dask |podm
 ELSEWHERE = {
     r"project\.psz|reconstruction\.json": "tests/exchange reads what other programs write",
     r"--scheduler": "tests/pipeline has a scheduler",
+    r"photogram epochs": "tests/change/test_epochs.py has two days",
     r"photogram demo|pip install|python3 -m venv": "make demo",
 }
 """Commands that cannot run on the small survey, and what runs them."""
-FRESH = {"README.md", "docs/marking.md", "docs/whole-surveys.md"}
+FRESH = {"README.md", "docs/epochs.md", "docs/marking.md", "docs/whole-surveys.md"}
 """Pages that begin with photographs and points, and no project file."""
 OTHERS = {"docs/real-survey.md", "docs/course/index.md", "examples/dtu_phantom4/README.md", "CONTRIBUTING.md"}
 """Pages of surveys that are not here, of the notebooks, and of the tests themselves."""

@@ -63,7 +63,8 @@ def test_simulated_unchanged_ground_lies_within_the_level_of_detection() -> None
     rng = np.random.default_rng(1)
     shares, grid = [], grid_at(20.0, 30.0, 12.0, 0.2)
     for _ in range(150):
-        difference = difference_of(*(epoch(uneven, grid, Errors(), rng) for _ in range(2)))
+        earlier, later = (epoch(uneven, grid, Errors(), rng) for _ in range(2))
+        difference = difference_of(earlier, later)
         shares.append(np.mean(difference.cells(difference.grid.whole).codes == UNCHANGED))
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
 

@@ -297,6 +297,7 @@ DENSE: Stage = Stage(
         None if run.project.surface.area is None else file_fingerprint(Path(run.project.surface.area)),
         [layer.name for layer in fields(Heights)],
         *stretches(run),
+        *([run.project.epoch] if run.project.epochs else []),
     ],
     match_surface,
     line_of(DenseSummary, _words),

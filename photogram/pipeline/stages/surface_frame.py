@@ -16,7 +16,6 @@ from photogram.grid import MapGrid
 from photogram.pipeline.stages.stored_adjustment import COVARIANCES, block_as_adjusted, stored_cloud
 from photogram.pipeline.stages.stored_surface import PLANE
 from photogram.pipeline.store.run import Run
-from photogram.project.rigs.entries import without_products
 from photogram.quality.deformation import GROUND
 from photogram.report.plane import PLANE_NOTE, plane_file, plane_numbers, points_on_plane
 from photogram.report.record.ground import GroundPointRecord
@@ -97,9 +96,9 @@ class SurfaceFrame:
         return "" if self.plane is None else PLANE_NOTE
 
     def block(self, only: Collection[int] | None = None) -> Block:
-        """Return the adjusted block, in the frame of the plane where there is one; companions of which no products are
+        """Return the adjusted block, in the frame of the plane where there is one; photographs of which no products are
         made have no pose in it, or with ``only`` all photographs but those of these numbers."""
-        block, hidden = block_as_adjusted(self.run), without_products(self.run.project.rigs)
+        block, hidden = block_as_adjusted(self.run), self.run.project.photographs_without_products
         if only is not None or hidden:
             kept = [i not in hidden if only is None else i in only for i in range(len(block.poses))]
             poses = tuple(pose if keep else None for pose, keep in zip(block.poses, kept, strict=True))
@@ -108,6 +107,14 @@ class SurfaceFrame:
 
     def _near(self, points_plane_m: FloatArray) -> BoolArray:
         return np.asarray(np.abs(points_plane_m[:, 2]) <= self.relief_m)
+
+    def _shown(self) -> BoolArray | None:
+        """Return which tie points two photographs of the epoch show whose surface is made, None where all count."""
+        if not self.run.project.epoch:
+            return None
+        tie, hidden = block_as_adjusted(self.run).tie_points, self.run.project.photographs_without_products
+        seen = ~np.isin(tie.photograph, sorted(hidden))
+        return np.asarray(np.bincount(tie.point[seen], minlength=len(tie)) >= 2)
 
     def _points_plane_m(self) -> FloatArray:
         assert self.plane is not None
@@ -120,10 +127,12 @@ class SurfaceFrame:
 
     def cloud(self) -> PointCloud:
         """Return the adjusted tie points that are part of the surface."""
+        shown = self._shown()
         if self.plane is None:
-            return stored_cloud(self.run, "adjusted")
+            cloud = stored_cloud(self.run, "adjusted")
+            return cloud if shown is None else cloud.select(shown)
         points = self._points_plane_m()
-        near = self._near(points)
+        near = self._near(points) if shown is None else self._near(points) & shown
         return PointCloud(points[near], block_as_adjusted(self.run).tie_points.colour[near])
 
     @property
@@ -140,8 +149,11 @@ class SurfaceFrame:
         """Return the covariances of ``cloud`` along the axes of the frame."""
         covariances, R = self._covariances(), self._axes
         whole, rays = R.T @ covariances.tie_point_m2 @ R, R.T @ covariances.tie_point_ray_m2 @ R
-        precision = PointPrecision(rays, whole - rays)
-        return precision if self.plane is None else precision.select(self._near(self._points_plane_m()))
+        precision, shown = PointPrecision(rays, whole - rays), self._shown()
+        if self.plane is not None:
+            near = self._near(self._points_plane_m())
+            shown = near if shown is None else near & shown
+        return precision if shown is None else precision.select(shown)
 
     def shape(self) -> ShapePrecision | None:
         """Return how well the shape of the survey is known in the frame, without its datum; None where there are too
@@ -186,6 +198,8 @@ class SurfaceFrame:
 
 def fitted_frame(run: Run) -> SurfaceFrame | str:
     """Return the frame in which the surface is to be made, or why none is. Needs the stage `adjustment`."""
+    if run.project.epochs and not run.project.epoch:
+        return "each epoch has a surface of its own: photogram epochs makes them, and their differences"
     block, settings = block_as_adjusted(run), run.project.surface
     if settings.plane == "none" or not block.has_scale:
         return no_surface(block, always=settings.in_plan == "always") or SurfaceFrame(run)

@@ -33,7 +33,6 @@ from photogram.machine import cores
 from photogram.pipeline.stages.dense import DenseSummary
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.orthophoto import RIM_FILE
-from photogram.pipeline.stages.stored_adjustment import block_as_adjusted
 from photogram.pipeline.stages.stored_surface import StoredSurface, reason_left_out
 from photogram.pipeline.stages.surface_frame import SurfaceFrame, made_frame, plane_record
 from photogram.pipeline.stages.surfaces.surface import WATER_FILE, matched, surface_layers
@@ -111,7 +110,7 @@ def write_dense_cloud(run: Run, path: Path, ended: Event) -> bool:
     written. Raises CancelledError, and leaves no file, once the work beside which it is written has ``ended``."""
     if not matched(run):
         return False
-    layers, created = surface_layers(run), flight_date(run.notes(), block_as_adjusted(run).poses)
+    layers, created = surface_layers(run), flight_date(run.notes(), made_frame(run).block().poses)
     site = made_frame(run)
     coloured = run.workspace.has("orthophoto", "orthophoto.tif")
     picture = run.workspace.file("orthophoto", "orthophoto.tif") if coloured else None
@@ -188,7 +187,7 @@ def dense_surface(run: Run, surface: StoredSurface) -> DenseSurface | None:
     source = read_codes(run.workspace.file("surface", "dsm_source.tif"), layers.grid.whole)
     names = tuple(
         p.name
-        for p, pose in zip(run.project.photographs, block_as_adjusted(run).poses, strict=True)
+        for p, pose in zip(run.project.photographs, made_frame(run).block().poses, strict=True)
         if pose is not None
     )
     return DenseSurface(

@@ -1,0 +1,33 @@
+"""What `photogram epochs` does."""
+
+from contextlib import nullcontext
+from pathlib import Path
+
+from rich.markup import escape
+
+from photogram.change.epochs.epochs import adjusted_epochs, compare_epochs, joint_errors, output_of, pairs_of
+from photogram.change.work.tables import show_surface_change
+from photogram.files.portable import path_from
+from photogram.pipeline.pipeline import load_project
+from photogram.pipeline.stages.publishing.report_files import PAGE
+from photogram.pipeline.store.pools import ProcessPool
+from photogram.result_files import within_results
+from photogram.terminal.console import bars, console, steps
+from photogram.terminal.progress import Terminal
+
+
+def run(project: Path, polygons: Path | None, workers: int | None) -> None:
+    """Adjust, make the surfaces, compare them; say where everything is."""
+    survey = load_project(project)
+    with nullcontext() if workers is None else ProcessPool(workers) as pool, bars() as progress:
+        made = list(adjusted_epochs(survey, Terminal(progress, {}), pool))
+    for name, own in made:
+        page = path_from(Path(), own.results / within_results(PAGE)).as_posix()
+        console.print(f"Epoch {escape(name)}: {escape(page)}", soft_wrap=True)
+    pairs = pairs_of(survey)
+    for pair, errors in zip(pairs, joint_errors(survey, pairs), strict=True):
+        with steps(f"{pair.later} minus {pair.earlier}") as progress_of_pair:
+            change = compare_epochs(survey, pair, errors, polygons, progress_of_pair)
+        show_surface_change(change)
+        folder = path_from(Path(), output_of(survey, pair)).as_posix()
+        console.print(f"Written: {escape(folder)}", soft_wrap=True)
