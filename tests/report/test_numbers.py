@@ -200,6 +200,25 @@ def test_keys_of_reliability(report: Json) -> None:
         assert photograph["gnss_suspect"] is False
 
 
+def test_a_blunder_in_a_mark_is_detected_by_the_sigma_that_was_used() -> None:
+    """0.3 px are assumed of marks that scatter by 0.6 px: what is used is estimated, what is stated stays in the
+    report."""
+    block = simulate_block(SurveyPlan(control_points=12, check_points=2, mark_sigma_px=0.6), 1, tie_points=200).block
+    points = block.control_points
+    every, stated = np.ones(len(points), dtype=bool), points.mark_covariance_px2 / 4.0
+    given = replace(points, mark_covariance_px2=stated, mark_sigma_assumed=every)
+    result = adjust(replace(block, control_points=given), AdjustmentSettings())
+    used_px = result.block.control_points.mark_sigma_px
+    assert np.median(used_px) > 0.45
+    marks = [mark for point in ground_numbers(result, [], given, {}) for mark in point["marks"]]
+    np.testing.assert_allclose([mark["sigma_px"] for mark in marks], 0.3)
+    tested = [mark for mark in marks if mark["mdb_px"] is not None]
+    assert len(tested) > 20
+    for mark in tested:
+        r, mdb_px = np.array([mark["redundancy"], mark["mdb_px"]], dtype=np.float64)
+        np.testing.assert_allclose(mdb_px, 4.132 * np.median(used_px) / np.sqrt(r))
+
+
 def test_keys_of_the_diagnosis(report: Json) -> None:
     diagnosis = report["diagnosis"]
     camera = diagnosis["cameras"]["simulated"]

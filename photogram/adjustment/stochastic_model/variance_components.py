@@ -24,7 +24,7 @@ from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
-from photogram.factors.priors import NO_HEADING_SIGMA_RAD
+from photogram.factors.priors import NO_HEADING_SIGMA_RAD, common_offset_prior
 from photogram.factors.rigs.exposures import estimated, values_by_rig
 from photogram.projection import PARAMETERS
 from photogram.results import Reliability, VarianceComponents
@@ -119,6 +119,11 @@ def _priors(problem: Problem, state: State, covariances: Covariances, axes: Floa
         sigma = np.maximum(problem.block.gnss_offset_sigma_m, 1e-6)
         spread = np.array([np.diag(axes.T @ covariances.offset(f) @ axes) for f in range(len(problem.flights))])
         redundancy, residual = 1.0 - spread / sigma**2, state.offset @ axes / sigma
+        if problem.block.datum_sigma_m > 0.0 and len(residual) > 1:
+            prior = common_offset_prior(len(residual), sigma, problem.block.datum_sigma_m, axes)
+            W, o = np.concatenate(prior.matrices, axis=2)[0], covariances.layout.offset_column
+            joint = covariances.border[o : o + residual.size, o : o + residual.size]
+            redundancy, residual = 1.0 - np.diag(W @ joint @ W.T), (W @ state.offset.ravel()).reshape(residual.shape)
         groups.append(
             _Group("gnss_offset", residual.size, float(redundancy.sum()), float(np.sum(residual**2)),
                    np.tile(sigma, len(residual)))

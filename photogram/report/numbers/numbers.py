@@ -374,7 +374,8 @@ def ground_numbers(
 def _mark(result: Adjustment, points: ControlPoints, m: int, kinds: MarkKinds) -> MarkRecord:
     reliability, residual_px = result.tests.reliability, result.estimates.mark_residual_px[m]
     covariance, sigma_px = points.mark_covariance_px2[m][None], points.mark_sigma_px[m]
-    whitened_px = np.diag(lower_factors(covariance)[0])
+    used = result.block.control_points.mark_covariance_px2[m][None]
+    whitened_px = np.diag(lower_factors(used if np.isfinite(used).all() else covariance)[0])
     tested = _tested(reliability.mark_redundancy[m], reliability.mark_w[m], whitened_px)
     photograph = result.block.photographs[points.mark_photograph[m]].name
     entry: MarkRecord = {
