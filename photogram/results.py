@@ -419,6 +419,10 @@ class Estimates:
     """Flights with an estimated GNSS offset."""
     offset_world_m: FloatArray
     """Their offsets (F, 3)."""
+    held_world_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Positions (K, 3) that the control points are held to; along axes that are checks, where they started."""
+    held_axes: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """The axes (K, 3, 3), as columns, along which their sigmas lie."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from photogram.amendments.repeated_positions import repeated_positions
 from photogram.amendments.solutions import Solutions, attempted
 from photogram.amendments.undeclared_heights import HeightSystems, with_heights_open
 from photogram.arrays import FloatArray
+from photogram.camera import Camera
 from photogram.errors import AdjustmentError, PhotogramError
 from photogram.quality.accuracy import CheckAccuracy, check_accuracy
 from photogram.quality.prediction_test import checked_axes
@@ -58,6 +59,8 @@ class Verdict:
     """Decisions on focal lengths, by camera name."""
     contradicted: float = 1.0
     """Factor by which most control points deny their stated standard deviations, 1 where they do not."""
+    priors: tuple[Camera, ...] = ()
+    """The cameras with what was known of them before the last adjustment, a focal length that was decided included."""
     effort: tuple[Effort, ...] = ()
     """The work that it took, by what was decided."""
 
@@ -147,6 +150,7 @@ def _verdict(
         _checks(result, block.control_points),
         focal.decisions,
         robust.contradicted,
+        solution.block.cameras,
     )
 
 

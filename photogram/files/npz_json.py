@@ -17,7 +17,7 @@ from photogram.errors import WorkspaceError
 from photogram.files.arrays import read_npz
 from photogram.files.atomic import replacing
 
-FORMAT = 12
+FORMAT = 13
 """Raised when the meaning of files in a workspace changes; older stages are then made again."""
 
 

@@ -66,6 +66,19 @@ def _variance(shapes: FloatArray, pattern_m2: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("pk,kl,pl->p", shapes, pattern_m2, shapes))
 
 
+def _shapes(known: Deformation, points_world_m: FloatArray) -> FloatArray:
+    return height_shapes(points_world_m[:, :2], known.centre_world_m, known.radius_m, known.place_world_m[:, :2])
+
+
+def ground_model_error_m2(result: Adjustment) -> FloatArray:
+    """Return what the model error of the ``deformation`` adds to the covariances (G, G) of the heights of ground
+    points; NaN of points without a position, zero where there is no such error, and of a free network."""
+    known, points = result.covariances.deformation, result.estimates.ground_world_m
+    if result.block.is_free or not np.any(known.model_error_covariance_m2 > 0.0):
+        return np.zeros((len(points), len(points)))
+    return _joint(_shapes(known, points), known.model_error_covariance_m2)
+
+
 def with_model_error(result: Adjustment) -> Adjustment:
     """Return the adjustment whose covariances of tie points and ground points count the model error of its
     ``deformation`` in height; as it is where there is none, and of a free network."""
@@ -75,18 +88,15 @@ def with_model_error(result: Adjustment) -> Adjustment:
     if not np.any(known.model_error_covariance_m2 > 0.0):
         return result
 
-    def shapes(points_world_m: FloatArray) -> FloatArray:
-        return height_shapes(points_world_m[:, :2], known.centre_world_m, known.radius_m, known.place_world_m[:, :2])
-
     pattern_m2 = known.model_error_covariance_m2
     ties, ground, joint = (
         array.copy()
         for array in (result.covariances.tie_point_m2, result.covariances.ground_m2, result.covariances.ground_joint_m2)
     )
-    ties[:, 2, 2] += _variance(shapes(result.block.tie_points.position_world_m), pattern_m2)
-    of_ground = shapes(result.estimates.ground_world_m)
-    ground[:, 2, 2] += _variance(of_ground, pattern_m2)
-    joint[2::3, 2::3] += _joint(of_ground, pattern_m2)
+    ties[:, 2, 2] += _variance(_shapes(known, result.block.tie_points.position_world_m), pattern_m2)
+    of_ground = ground_model_error_m2(result)
+    ground[:, 2, 2] += np.diag(of_ground)
+    joint[2::3, 2::3] += of_ground
     return replace(
         result, covariances=replace(result.covariances, tie_point_m2=ties, ground_m2=ground, ground_joint_m2=joint)
     )

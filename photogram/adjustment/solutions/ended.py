@@ -88,6 +88,8 @@ def adjustment_of(ended: Ended, settings: AdjustmentSettings) -> Adjustment:
             ground_world_m=ground,
             flights=final.flights,
             offset_world_m=state.offset,
+            held_world_m=final.control_world_m,
+            held_axes=final.control_axes,
         ),
         covariances=AdjustmentCovariances(
             position_m2=R @ poses[:, 3:, 3:] @ R.transpose(0, 2, 1),

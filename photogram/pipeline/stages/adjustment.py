@@ -14,7 +14,7 @@ from photogram.adjustment.self_calibration import held_parameters, with_priors
 from photogram.amendments.gross_errors.blunder_naming import withdrawn_attitudes
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
-from photogram.files.npz_json import write_json
+from photogram.files.npz_json import write_arrays, write_json
 from photogram.files.records import write_record
 from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.stage import Stage, line_of
@@ -28,6 +28,7 @@ from photogram.pipeline.stages.orientation import (
 )
 from photogram.pipeline.stages.stored_adjustment import (
     FIXED,
+    OBSERVATIONS,
     RESECTIONS,
     VERDICT,
     StoredResections,
@@ -38,6 +39,7 @@ from photogram.pipeline.stages.tie_points import stored_tie_points
 from photogram.pipeline.store.run import Run
 from photogram.quality.improvements import block_deformation
 from photogram.quality.model_error import with_model_error
+from photogram.report.observations import observation_arrays
 from photogram.report.record.block import EffortRecord
 from photogram.report.values import record_of
 from photogram.sfm.marked_points import tied_by_marks, with_marks_as_tie_points
@@ -115,6 +117,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     cloud = PointCloud.from_world(frame, tie_points.position_world_m, tie_points.colour, sigma)
     write_record(folder / "adjusted.npz", cloud)
     write_adjustment(folder, result)
+    every = verdict.block.tie_points
+    write_arrays(folder / OBSERVATIONS, observation_arrays(result, verdict.priors, every, run.project.adjustment))
     write_record(folder / RESECTIONS, StoredResections(resections))
     write_json(folder / FIXED, held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(folder / VERDICT, verdict_to(verdict, blunders))

@@ -32,6 +32,9 @@ from photogram.survey import Block, PointCloud, TiePoints
 
 COVARIANCES, RESECTIONS, VERDICT = "covariances.npz", "resections.npz", "verdict.json"
 
+OBSERVATIONS = "observations.npz"
+"""File with all that the last step of the adjustment had, which the results hold too."""
+
 FIXED = "held.json"
 """File with, by camera and parameter, why it did not come from the photographs."""
 

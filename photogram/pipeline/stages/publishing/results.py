@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from heapq import nlargest
 from os.path import relpath
 from pathlib import Path
+from shutil import copyfile
 from threading import Event
 
 import numpy as np
@@ -17,7 +18,7 @@ from typing_extensions import TypedDict
 
 from photogram import __version__
 from photogram.adjustment.oriented_subset import of_surveyed_points
-from photogram.files.atomic import make_folder_within, remove_leftovers
+from photogram.files.atomic import make_folder_within, remove_leftovers, replacing
 from photogram.files.clouds.points import write_laz, write_xyz
 from photogram.files.matlab import write_tie_points
 from photogram.files.npz_json import file_fingerprint, read_json
@@ -68,6 +69,7 @@ from photogram.pipeline.stages.publishing.report_files import (
 from photogram.pipeline.stages.stored_adjustment import (
     CLOUDS,
     FIXED,
+    OBSERVATIONS,
     stored_adjustment,
     stored_cloud,
     stored_resections,
@@ -192,6 +194,9 @@ def _tables(outcome: _Outcome) -> list[str]:
     products = [within_results("tie_points.npz"), within_results("tie_points.mat")]
     write_record(results / products[0], tie_points)
     write_tie_points(results / products[1], run.names, tie_points)
+    products.append(within_results(OBSERVATIONS))
+    with replacing(results / products[-1]) as temporary:
+        copyfile(run.workspace.file("adjustment", OBSERVATIONS), temporary)
     common = seen_in_all(tie_points, np.unique(tie_points.photograph).tolist())
     if len(common):
         products.append(within_results("tie_points_in_all.npz"))
