@@ -26,6 +26,7 @@ COMMANDS = {
     "epochs": "photogram.change.commands.epochs:epochs",
     "volume": "photogram.change.commands.volume:volume",
     "audit": "photogram.exchange.commands.audit:audit",
+    "verify": "photogram.verification.command:verify",
     "study": "photogram.teaching.command:experiments",
     "serve": "photogram.node.command:serve",
     "schema": "photogram.cli.commands.schema:schema",

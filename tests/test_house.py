@@ -15,12 +15,23 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("photogram", "factors", "cli")
 MOST_MODULES = 15
 TABLE = Path(__file__).with_name("covered_by.txt")
-WINGS = ("change", "delivery", "desk", "exchange", "local_grids", "marking", "node", "simulation", "teaching")
+WINGS = (
+    "change",
+    "delivery",
+    "desk",
+    "exchange",
+    "local_grids",
+    "marking",
+    "node",
+    "simulation",
+    "teaching",
+    "verification",
+)
 COMMANDS = (
     "cli",
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
-    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching")),
+    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching", "verification")),
     *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {

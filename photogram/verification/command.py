@@ -1,0 +1,33 @@
+"""photogram verify: a report derived again from its observations. Arguments only."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+REPORT = Path("quality") / "report.json"
+
+
+def verify(
+    results: Annotated[Path, typer.Argument(help="Folder of results, or its report.json.", show_default=False)],
+) -> None:
+    """Derive a report again from its observations, with mathematics that share nothing with the adjustment."""
+    from rich.markup import escape
+
+    from photogram.errors import ReportError
+    from photogram.terminal.console import console
+    from photogram.verification.check import checked
+
+    path = results / REPORT if results.is_dir() else results
+    try:
+        done = checked(path)
+    except ValueError as error:
+        raise ReportError(f"{error}: run photogram adjust again, or give the folder of its results") from error
+    for line in done.lines:
+        console.print(f"{line.outcome}: {escape(line.what)}: {escape(line.words)}", soft_wrap=True, highlight=False)
+    share = f"{done.derived} of {done.figures} figures of report.json were derived"
+    if not done.holds:
+        count = sum(line.outcome == "differs" for line in done.lines)
+        console.print(f"DIFFERS in {count} places; {share}.")
+        raise typer.Exit(1)
+    console.print(f"Nothing differs; {share}.")
