@@ -105,7 +105,7 @@ RESULT_FILES: tuple[ResultFile, ...] = (
             "points_linear_2view.txt": "The same as a table",
             "points_linear_3view.laz": "The same points from three photographs or more each, for comparison",
             "points_linear_3view.txt": "The same as a table",
-            "observations.npz": "All that the adjustment was computed from, for photogram verify (NumPy)",
+            "observations.npz": "All that the adjustment was computed from (NumPy)",
             "tie_points.npz": "Points found in several photographs, as they were measured (NumPy)",
             "tie_points.mat": "The same for MATLAB",
             "tie_points_in_all.npz": "Those of them that all photographs show",
