@@ -74,6 +74,7 @@ from .surface.tin_dsm import SurfaceSettings, surface_from_points
 from .survey import Block, ControlPoints, Features, Matches, Photograph, PointCloud, Raster, TiePoints
 from .teaching.pair_study import PairStudy, study_pair, write_study
 from .triangulation import intersect
+from .verification.check import VerifiedReport, verify_report
 from .volumes.surfaces import StatedSigma
 
 __version__: str
@@ -136,6 +137,7 @@ __all__ = [
     "SurveyPlan",
     "TiePoints",
     "Verdict",
+    "VerifiedReport",
     "WorkspaceError",
     "__version__",
     "adjust",
@@ -181,6 +183,7 @@ __all__ = [
     "study_pair",
     "surface_from_points",
     "unproject",
+    "verify_report",
     "write_audit",
     "write_comparison",
     "write_mask",

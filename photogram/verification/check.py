@@ -163,12 +163,15 @@ def read_observations(path: Path) -> Arrays:
 
 
 @dataclass(frozen=True)
-class Checked:
-    """The lines of a check, and how many of the figures of report.json were derived."""
+class VerifiedReport:
+    """What is said of a report."""
 
     lines: tuple[Line, ...]
+    """What is said, line by line."""
     derived: int
+    """Figures of report.json that were derived."""
     figures: int
+    """All figures of report.json."""
 
     @property
     def holds(self) -> bool:
@@ -212,9 +215,11 @@ def derived_lines(a: Arrays, report: Figures) -> tuple[list[Line], Comparison]:
     return lines, comparison
 
 
-def checked(report_path: Path) -> Checked:
-    """Check report.json against observations.npz in the folder ``technical`` beside its own, and the files of the
-    results. Raises ValueError, with the file, where one cannot be read."""
+def verify_report(results: Path | str) -> VerifiedReport:
+    """Derive the report in a folder of results, or report.json itself, again from observations.npz, and compare the
+    files of the results with their checksums. Raises ValueError, with the file, where one cannot be read."""
+    path = Path(results)
+    report_path = path / "quality" / "report.json" if path.is_dir() else path
     try:
         report: Figures = json.loads(report_path.read_text(encoding="utf-8"))
         files = list(checksums(report_path.parent.parent, report))
@@ -234,4 +239,4 @@ def checked(report_path: Path) -> Checked:
     for place, count in sections.items():
         lines.append(untold(place, f"{count} figures: {REASONS.get(place.split('.')[0], NOT_DERIVED)}"))
     derived = sum(map(len, comparison.equal.values())) + len(comparison.differs)
-    return Checked((*lines, *files), derived, derived + sum(comparison.open.values()))
+    return VerifiedReport((*lines, *files), derived, derived + sum(comparison.open.values()))

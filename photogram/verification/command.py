@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-REPORT = Path("quality") / "report.json"
-
 
 def verify(
     results: Annotated[Path, typer.Argument(help="Folder of results, or its report.json.", show_default=False)],
@@ -16,11 +14,10 @@ def verify(
 
     from photogram.errors import ReportError
     from photogram.terminal.console import console
-    from photogram.verification.check import checked
+    from photogram.verification.check import verify_report
 
-    path = results / REPORT if results.is_dir() else results
     try:
-        done = checked(path)
+        done = verify_report(results)
     except ValueError as error:
         raise ReportError(f"{error}: run photogram adjust again, or give the folder of its results") from error
     for line in done.lines:

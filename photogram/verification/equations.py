@@ -216,63 +216,46 @@ def robust_weights(a: Arrays, whitened: Numbers) -> Numbers:
 
 
 class Part(NamedTuple):
-    """Tie points taken together: numbers of ``observations`` (n,) and ``points`` (p,), residuals (n, 2) px, ``weight``
-    (n,), weighted Jacobians of the cameras (n, 2, 6 + F), normal matrices V (p, 3, 3) and right sides (p, 3) of the
-    points, ``columns`` (c,) of the cameras, W (c, p, 3), and U (c, c) and right side (c,) of the cameras."""
+    """Tie points taken together: numbers of ``observations`` (n,) and ``points`` (p,), residuals (n, 2) px and robust
+    ``weight`` (n,); V (p, 3, 3) of the points, U (c, c) of the ``columns`` (c,) of cameras, W (c, p, 3) between both.
+    The last of the columns is that of the right side."""
 
     observations: Numbers
     points: Numbers
     residual: Numbers
     weight: Numbers
-    V: Numbers
-    right: Numbers
     columns: Numbers
+    V: Numbers
     W: Numbers
     U: Numbers
-    pulled: Numbers
 
 
 def tie_parts(a: Arrays, columns: Columns) -> Iterator[Part]:
     """Yield the tie points, those of neighbouring photographs together, linearised with their robust weights."""
-    point, photograph, count = a["tie_point"], a["tie_photograph"], len(a["tie_point_world_m"])
-    lowest = np.full(count, np.iinfo(np.int64).max)
+    point, photograph, F = a["tie_point"], a["tie_photograph"], len(columns.parameter) + 1
+    lowest = np.full(len(a["tie_point_world_m"]), len(a["photograph_name"]))
     np.minimum.at(lowest, point, photograph)
-    order = np.argsort(lowest, kind="stable")
-    rank = np.empty(count, dtype=np.int64)
-    rank[order] = np.arange(count)
-    by_rank, ends = (
-        np.argsort(rank[point], kind="stable"),
-        np.concatenate([[0], np.cumsum(np.bincount(rank[point], minlength=count))]),
-    )
-    for begin in range(0, count, POINTS_AT_ONCE):
-        end = min(begin + POINTS_AT_ONCE, count)
-        n = by_rank[ends[begin] : ends[end]]
+    number = np.argsort(np.argsort(lowest, kind="stable"), kind="stable") // POINTS_AT_ONCE
+    for part in range(number.max(initial=-1) + 1):
+        points, n = np.flatnonzero(number == part), np.flatnonzero(number[point] == part)
         image = images(a, columns, photograph[n], a["tie_pixel_px"][n], a["tie_point_world_m"][point[n]])
-        whitened, own = image.residual / a["tie_sigma_px"][n][:, None], rank[point[n]] - begin
-        weight = robust_weights(a, whitened)
-        scale = (np.sqrt(weight) / a["tie_sigma_px"][n])[:, None, None]
-        v, B, J = np.sqrt(weight)[:, None] * whitened, scale * image.point, scale * np.concatenate(image[1:3], axis=2)
-        seen, local = np.unique(photograph[n], return_inverse=True)
-        poses, F, p = 6 * len(seen), len(columns.parameter), end - begin
-        V, right, of_poses, of_lens = (
-            np.zeros((p, 3, 3)),
-            np.zeros((p, 3)),
-            np.zeros((len(seen), p, 6, 3)),
-            np.zeros((p, F, 3)),
-        )
+        own, (seen, local) = np.searchsorted(points, point[n]), np.unique(photograph[n], return_inverse=True)
+        weight = robust_weights(a, image.residual / a["tie_sigma_px"][n][:, None])
+        scale, poses = (np.sqrt(weight) / a["tie_sigma_px"][n])[:, None, None], 6 * len(seen)
+        B, J = scale * image.point, scale * np.concatenate([*image[1:3], image.residual[:, :, None]], axis=2)
+        V, of_lens = np.zeros((len(points), 3, 3)), np.zeros((len(points), F, 3))
+        of_poses, U = np.zeros((len(seen), len(points), 6, 3)), np.zeros((poses + F, poses + F))
         JB = J.transpose(0, 2, 1) @ B
         np.add.at(V, own, B.transpose(0, 2, 1) @ B)
-        np.add.at(right, own, np.einsum("nri,nr->ni", B, v))
         np.add.at(of_poses, (local, own), JB[:, :6])
         np.add.at(of_lens, own, JB[:, 6:])
-        W = np.concatenate([of_poses.transpose(0, 2, 1, 3).reshape(poses, p, 3), of_lens.transpose(1, 0, 2)])
-        U, pulled = np.zeros((poses + F, poses + F)), np.zeros(poses + F)
         for k in range(len(seen)):
             A, at = J[local == k].reshape(-1, 6 + F), np.r_[6 * k : 6 * k + 6, poses : poses + F]
             U[np.ix_(at, at)] += A.T @ A
-            pulled[at] += A.T @ v[local == k].ravel()
-        at = np.r_[(6 * seen[:, None] + np.arange(6)).ravel(), columns.lens : columns.lens + F]
-        yield Part(n, order[begin:end], image.residual, weight, V, right, at, W, U, pulled)
+        by_column = of_poses.transpose(0, 2, 1, 3).reshape(poses, len(points), 3)
+        W = np.concatenate([by_column, of_lens.transpose(1, 0, 2)])
+        at = np.r_[(6 * seen[:, None] + np.arange(6)).ravel(), columns.lens : columns.offset, columns.total]
+        yield Part(n, points, image.residual, weight, at, V, W, U)
 
 
 class Normal(NamedTuple):
@@ -290,18 +273,15 @@ class Normal(NamedTuple):
 
 def reduced(a: Arrays, columns: Columns, groups: list[Group]) -> Normal:
     """Return the normal equations, tie points eliminated."""
-    n, p = len(a["tie_point"]), len(a["tie_point_world_m"])
-    S, right = np.zeros((columns.total, columns.total)), np.zeros(columns.total)
-    residual, weight, rays, left = np.zeros((n, 2)), np.ones(n), np.zeros(p), np.zeros(p)
+    S, residual = np.zeros((columns.total + 1, columns.total + 1)), np.zeros((len(a["tie_point"]), 2))
+    weight, (rays, left) = np.ones(len(residual)), np.zeros((2, len(a["tie_point_world_m"])))
     for _, at, J, v in groups:
-        np.add.at(S, (at[:, :, None], at[:, None, :]), J.transpose(0, 2, 1) @ J)
-        np.add.at(right, at, np.einsum("mrk,mr->mk", J, v))
-    for part in tie_parts(a, columns):
-        inverse, at = np.linalg.inv(np.linalg.cholesky(part.V)), part.columns
-        b = np.einsum("pij,pj->pi", inverse, part.right)
-        Y = np.einsum("cpi,pji->cpj", part.W, inverse).reshape(len(at), -1)
-        residual[part.observations], weight[part.observations] = part.residual, part.weight
-        rays[part.points], left[part.points] = np.sum(inverse**2, axis=(1, 2)), np.linalg.norm(b, axis=1)
-        S[np.ix_(at, at)] += part.U - Y @ Y.T
-        right[at] += part.pulled - Y @ b.ravel()
-    return Normal(S, right, residual, weight, rays, left)
+        A, at = np.concatenate([J, v[:, :, None]], axis=2), np.pad(at, [(0, 0), (0, 1)], constant_values=columns.total)
+        np.add.at(S, (at[:, :, None], at[:, None, :]), A.transpose(0, 2, 1) @ A)
+    for n, points, *own, at, V, W, U in tie_parts(a, columns):
+        inverse = np.linalg.inv(np.linalg.cholesky(V))
+        Y = np.einsum("cpi,pji->cpj", W, inverse)
+        residual[n], weight[n] = own
+        rays[points], left[points] = np.sum(inverse**2, axis=(1, 2)), np.linalg.norm(Y[-1], axis=1)
+        S[np.ix_(at, at)] += U - np.tensordot(Y, Y, ([1, 2], [1, 2]))
+    return Normal(S[:-1, :-1], S[:-1, -1], residual, weight, rays, left)

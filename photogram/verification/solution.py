@@ -130,7 +130,7 @@ def object_datum(a: Arrays, columns: Columns, covariance: Numbers, rays: Numbers
     for part in eq.tie_parts(a, columns):
         pulled = np.linalg.solve(part.V, fit[part.points])
         own += np.einsum("pik,pil->kl", fit[part.points], pulled)
-        u[part.columns] -= np.einsum("cpi,pik->ck", part.W, pulled)
+        u[part.columns[:-1]] -= np.einsum("cpi,pik->ck", part.W[:-1], pulled)
     return Datum(centre, own + u.T @ covariance @ u, covariance @ u)
 
 

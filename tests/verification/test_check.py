@@ -8,10 +8,12 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from makers import FREE, Json, read_json, simulated
+from lib import dbat
+from makers import FREE, LEAST_SQUARES, Json, SharedData, read_json, simulated
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.oriented_subset import of_surveyed_points
@@ -21,6 +23,8 @@ from photogram.camera import Camera
 from photogram.constraints.between_points import Distance, HeightDifference
 from photogram.files.npz_json import text_of, write_arrays
 from photogram.geodesy.frames import LocalFrame
+from photogram.geodesy.height_systems import Geoid
+from photogram.lens.fields import free_field
 from photogram.quality.asprs import ReportSettings
 from photogram.quality.model_error import with_model_error
 from photogram.report.numbers.completion import asprs_numbers
@@ -35,11 +39,11 @@ from photogram.verification.check import (
     Comparison,
     Line,
     by_name,
-    checked,
     checksums,
     derived_lines,
     inner,
     read_observations,
+    verify_report,
 )
 from photogram.verification.figures import Derived
 from photogram.verification.solution import solved
@@ -306,6 +310,39 @@ def test_every_figure_of_every_kind_of_block_is_derived_again(kind: str, tmp_pat
         assert len(verdict.rejected) == 3
 
 
+@pytest.mark.parametrize("kind", ["tangent", "grid"])
+def test_heights_above_a_geoid(kind: str, sloping_geoid: Any, tmp_path: Path) -> None:
+    block = made()
+    frame = replace(block.frame, kind=kind, geoid=Geoid(grid=sloping_geoid.path))  # type: ignore[arg-type]
+    verdict = adjust_with_snooping(replace(block, frame=frame), SETTINGS)
+    points = verdict.block.control_points
+    lines, comparison = compared(tmp_path / "o.npz", verdict.result, verdict.priors, block.tie_points, points)
+    assert {line.what for line in lines if line.outcome == "cannot be told"} == {"geoid heights"}
+    assert "photographs.*.gnss_residual_m" in comparison.open
+    assert_equal(lines, comparison, 1000)
+
+
+def test_a_lens_field(tmp_path: Path) -> None:
+    block = simulated(PLAN, tie_points=600).block
+    cameras = (replace(block.cameras[0], field=free_field(block.cameras[0], 0.2)),)
+    result, points, every = adjust(replace(block, cameras=cameras), SETTINGS), block.control_points, block.tie_points
+    lines, comparison = compared(tmp_path / "o.npz", result, cameras, every, points)
+    assert "variance_components.lens_fields.redundancy" in comparison.equal
+    assert_equal(lines, comparison, 1000)
+
+
+def test_five_real_frames_as_another_program_adjusts_them(shared_data: SharedData, tmp_path: Path) -> None:
+    """Of DBAT, whose report has sigma0 1.1786 and a redundancy of 1261."""
+    block = dbat.dbat_block(shared_data("dbat_sxb"))
+    result, points = adjust(block, LEAST_SQUARES), block.surveyed.control_points
+    path, every = tmp_path / "o.npz", block.tie_points
+    lines, comparison = compared(path, result, block.cameras, every, points, LEAST_SQUARES)
+    assert_equal(lines, comparison, 1300)
+    solution = solved(read_observations(path))
+    assert np.sqrt(solution.squares / solution.redundancy) == pytest.approx(1.1786, abs=5e-5)
+    assert solution.redundancy == 1261
+
+
 @pytest.mark.parametrize("loss", ["none", "cauchy"])
 def test_other_losses(loss: str, tmp_path: Path) -> None:
     settings = AdjustmentSettings(robust_loss=loss, estimate_sigmas=False)  # type: ignore[arg-type]
@@ -406,7 +443,7 @@ def results(finished_survey: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def test_a_survey_from_its_photographs(finished_survey: Path) -> None:
-    done = checked(finished_survey / "results" / "quality" / "report.json")
+    done = verify_report(finished_survey / "results")
     assert [line for line in done.lines if line.outcome == "differs"] == []
     assert done.holds
     sums = {line.what: line.outcome for line in done.lines if line.what.startswith("SHA-256 of ")}
@@ -424,7 +461,7 @@ def test_the_report_does_not_say_more_than_was_rejected(finished_survey: Path) -
 
 
 def test_without_its_files_nothing_of_them_is_told(results: Path) -> None:
-    done = checked(results / "quality" / "report.json")
+    done = verify_report(results / "quality" / "report.json")
     assert done.holds
     dsm = next(line for line in done.lines if line.what == "SHA-256 of deliverables/dsm.tif")
     assert (dsm.outcome, dsm.words) == ("cannot be told", "the file is not there")
