@@ -66,7 +66,8 @@ class DifferenceCells:
     width: tuple[FloatArray, FloatArray]
     """Widths of their correlation, in those of the surfaces."""
     pattern_m: FloatArray
-    """Common errors (M, rows, columns), each of standard deviation 1 times this."""
+    """Common errors (M, rows, columns) of the difference, later minus earlier, each of standard deviation 1 times
+    this."""
     interpolated: BoolArray
     """Filled in one of them, or without a standard deviation."""
 
@@ -151,15 +152,13 @@ class Difference:
         before, after = (surface_cells(s, self.grid, window) for s in (self.earlier, self.later))
         difference = after.height_m - before.height_m
         if self.joint is None:
-            signed = np.concatenate([-before.pattern_m, after.pattern_m])
+            pattern = np.concatenate([-before.pattern_m, after.pattern_m])
         else:
-            rises = slopes(after.height_m, self.grid.cell_m)
-            signed = self.joint.patterns(self.grid, window, *rises)
-        pattern = signed
+            pattern = self.joint.patterns(self.grid, window, *slopes(after.height_m, self.grid.cell_m))
         if correction is not None:
             shape = correction.shapes(self.grid, window)
             difference = difference - np.tensordot(correction.coefficient, shape, 1)
-            left = signed - np.tensordot(correction.pattern_fit, shape, 1)
+            left = pattern - np.tensordot(correction.pattern_fit, shape, 1)
             noise = np.tensordot(correction.noise.T, shape, 1)
             rest = np.full((1, *difference.shape), correction.remaining_m)
             pattern = np.concatenate([left, noise, rest])

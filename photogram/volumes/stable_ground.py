@@ -164,8 +164,7 @@ def _stable_cells(difference: Difference, polygon: Any) -> _Stable:  # noqa: ANN
         stable.difference_m[tile.slices] = np.where(known, cells.difference_m[at], 0.0)
         for own, of, width in zip(stable.own, cells.own, cells.width, strict=True):
             own[tile.slices] = (of * width)[at]
-        signs = np.repeat([-1.0, 1.0], len(cells.pattern_m) // 2)
-        stable.pattern_m[:, *tile.slices] = signs[:, None, None] * cells.pattern_m[:, *at]
+        stable.pattern_m[:, *tile.slices] = cells.pattern_m[:, *at]
     return stable
 
 
