@@ -29,6 +29,10 @@ REASONS = {
     "orthophoto": "rasters are not read", "volumes": "rasters are not read", "plane": "rasters are not read",
     "deliverables": "sizes of files; their checksums are compared",
 }  # fmt: skip
+NAMED = {
+    *("photographs", "cameras", "diagnosis.cameras", "adjustment.gnss_offsets"),
+    *("control_points", "control_points.*.marks"),
+}
 NOT_DERIVED = "not derived by this version"
 
 
@@ -98,8 +102,7 @@ def short(value: object) -> str:
 
 def inner(place: str, key: str) -> str:
     """Return the place of a key; names of photographs, cameras, flights and points are all one."""
-    named = place in ("photographs", "cameras", "adjustment.gnss_offsets", "control_points", "control_points.*.marks")
-    return f"{place}.*" if named else f"{place}.{key}".lstrip(".")
+    return f"{place}.*" if place in NAMED else f"{place}.{key}".lstrip(".")
 
 
 def by_name(stated: Figures) -> Figures:

@@ -131,27 +131,33 @@ class Derived:
                 figures[name]["gsd_m"] = float(gsd)
         return figures
 
-    def cameras(self) -> Figures:
-        """Return the figures of cameras, by name; not the standard deviation of a read-out time, which is raised by
-        what velocities scatter by, nor the prior of one that was held, or of a focal length that is considered."""
-        a, s, figures, names = self.a, self.s, Figures(), self.a["camera_parameter_name"].tolist()
-        spread = np.sqrt(np.diagonal(s.shown)[s.columns.lens : s.columns.offset])
+    def cameras(self) -> tuple[Figures, Figures]:
+        """Return the figures of cameras, and those of their free parameters together, by name; not the standard
+        deviation of a read-out time, which is raised by what velocities scatter by, nor the prior of one that was held,
+        or of a focal length that is considered."""
+        a, s, figures, together = self.a, self.s, Figures(), Figures()
+        names, (owner, parameter) = a["camera_parameter_name"].tolist(), s.columns.parameter.T
         for c, name in enumerate(a["camera_name"].tolist()):
-            q, prior, sigma = a["camera_parameter"][c], a["camera_prior_sigma"][c, : len(names)], dict.fromkeys(names)
-            for (own, k), value in zip(s.columns.parameter.tolist(), spread.tolist(), strict=True):
-                if own == c and k <= READOUT:
-                    sigma[names[k]] = value
-            priors = dict(zip(names, prior.tolist(), strict=True))
-            del (sigma if prior[READOUT] > 0.0 else priors)[names[READOUT]]
-            if a["considered_focal_sigma_px"][c] > 0.0:
-                del priors["focal_px"]
+            q, prior, size = a["camera_parameter"][c], a["camera_prior_sigma"][c], a["camera_size_px"][c].tolist()
+            own = np.flatnonzero((owner == c) & (parameter <= READOUT))
+            k, at = parameter[own], s.columns.lens + own
+            spread = np.sqrt(np.diagonal(s.shown)[at])
+            priors = dict(zip(names, prior.tolist(), strict=False))
+            sigma = dict.fromkeys(names) | dict(zip([names[n] for n in k.tolist()], spread.tolist(), strict=True))
             figures[name] = {
                 "model": str(a["camera_model"][c]), "focal_px": q[0], "principal_point_px": q[1:3], "radial": q[3:7],
                 "tangential": q[7:9], "affinity": q[9:11], "readout_s": q[READOUT], "sigma": sigma,
-                "width_px": int(a["camera_size_px"][c, 0]), "height_px": int(a["camera_size_px"][c, 1]),
-                "prior_sigma": priors,
+                "width_px": size[0], "height_px": size[1], "prior_sigma": priors,
             }  # fmt: skip
-        return figures
+            if prior[READOUT] > 0.0:
+                del sigma[names[READOUT]]
+            else:
+                del priors[names[READOUT]]
+                correlation = s.shown[np.ix_(at, at)] / np.outer(spread, spread)
+                together[name] = {"value": q[k], "sigma": spread, "correlation": correlation}
+            if a["considered_focal_sigma_px"][c] > 0.0:
+                del priors["focal_px"]
+        return figures, together
 
     def adjustment(self) -> Figures:
         """Return what the adjustment says of itself."""
@@ -309,12 +315,12 @@ class Derived:
     def all(self) -> Figures:
         """Return all figures that are derived, as report.json has them."""
         photographs, (plain, asprs, verdict) = self.photographs(), self.accuracy()
-        prediction, each = self.prediction()
+        (prediction, each), (cameras, together) = self.prediction(), self.cameras()
         figures = {
-            "photographs": photographs, "cameras": self.cameras(), "adjustment": self.adjustment(),
+            "photographs": photographs, "cameras": cameras, "adjustment": self.adjustment(),
             "block": self.block(photographs), "control_points": self.ground_points(each), "check_points": plain,
             "asprs": asprs, "predicted_against_achieved": prediction, "leave_one_out": self.leave_one_out(),
             "variance_components": self.variance_components(), "world": {"origin_map_m": self.a["frame_origin_map_m"]},
-            "verdict": {"figures": [] if self.a["network_is_free"] else verdict},
+            "diagnosis": {"cameras": together}, "verdict": {"figures": [] if self.a["network_is_free"] else verdict},
         }  # fmt: skip
         return {key: listed(value) for key, value in figures.items()}

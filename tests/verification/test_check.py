@@ -451,7 +451,7 @@ def test_a_survey_from_its_photographs(finished_survey: Path) -> None:
     assert {f"SHA-256 of {name}" for name in ("quality/report.json", "technical/observations.npz")} <= set(sums)
     assert done.derived > 1100
     told = {line.what for line in done.lines if line.outcome == "cannot be told"}
-    assert {"dense", "dsm", "orthophoto", "clouds", "seconds", "diagnosis"} <= told
+    assert {"dense", "dsm", "orthophoto", "clouds", "seconds", "diagnosis.ground_errors.factor_m"} <= told
 
 
 def test_the_report_does_not_say_more_than_was_rejected(finished_survey: Path) -> None:
