@@ -182,6 +182,7 @@ class VerifiedReport:
         return all(line.outcome != "differs" for line in self.lines)
 
 
+@np.errstate(all="ignore")  # of numbers that somebody changed anything may come
 def derived_lines(a: Arrays, report: Figures) -> tuple[list[Line], Comparison]:
     """Return what is to be said of the figures of a report."""
     comparison = Comparison()
@@ -193,7 +194,7 @@ def derived_lines(a: Arrays, report: Figures) -> tuple[list[Line], Comparison]:
         s = solved(a)
         derived = Derived(s)
         figures, comparison.relative = derived.all(), max(RELATIVE, s.precision)
-    except (ValueError, LookupError, ArithmeticError) as error:
+    except (ValueError, LookupError, ArithmeticError, TypeError) as error:
         comparison.leave(report, "")
         return [judged(False, "adjustment", f"nothing follows from the observations: {error}")], comparison
     left = float(max(s.step.max(initial=0.0), s.normal.left.max(initial=0.0)))

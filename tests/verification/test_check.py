@@ -418,6 +418,20 @@ def test_an_observation_that_was_changed_shows(name: str, spoiled: str) -> None:
     assert any(what.startswith(spoiled) for what in found), found
 
 
+def test_numbers_that_make_no_block_differ_and_stop_nothing() -> None:
+    block = made()
+    verdict = adjust_with_snooping(block, SETTINGS)
+    arrays = observation_arrays(verdict.result, verdict.priors, block.tie_points, SETTINGS)
+    report = report_of(verdict.result, verdict.block.control_points)
+    for name, value in (("tie_photograph", 10**6), ("centre_world_m", np.nan), ("tie_sigma_px", 0.0)):
+        changed = np.array(arrays[name])
+        changed.reshape(-1)[0] = value
+        lines, _ = derived_lines({**arrays, name: changed}, report)
+        assert any(line.outcome == "differs" for line in lines), name
+    lines, _ = derived_lines({n: v for n, v in arrays.items() if n != "tie_point"}, report)
+    assert [(line.outcome, line.what) for line in lines] == [("differs", "adjustment")]
+
+
 def test_estimates_that_are_not_the_least_squares_show() -> None:
     """A projection centre moved by 5 cm, under half of its standard deviation: the minimum is elsewhere."""
     block = made()
