@@ -25,6 +25,7 @@ def verify(
     share = f"{done.derived} of {done.figures} figures of report.json were derived"
     if not done.holds:
         count = sum(line.outcome == "differs" for line in done.lines)
-        console.print(f"DIFFERS in {count} places; {share}.")
+        console.print(f"DIFFERS in {count} places; {share}.", soft_wrap=True)
         raise typer.Exit(1)
-    console.print(f"Nothing differs; {share}.")
+    only = "" if done.derived else ", but checksums alone were compared"
+    console.print(f"Nothing differs{only}; {share}.", soft_wrap=True)

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+
+from photogram.verification.check import Line, VerifiedReport
 
 Photogram = Callable[..., Any]
 
@@ -34,6 +37,19 @@ def test_a_figure_that_was_changed_is_named_with_both(photogram: Photogram, adju
     assert "differs: report_id: " in outcome.out
     assert "differs: SHA-256 of quality/report.json" in outcome.out
     assert outcome.out.splitlines()[-1].startswith("DIFFERS in 3 places; ")
+
+
+def test_a_report_of_which_nothing_is_derived_does_not_pass_for_one(
+    photogram: Photogram, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = Line("cannot be told", "adjustment", "its model has what the file does not hold: rigs")
+    monkeypatch.setattr("photogram.verification.check.verify_report", lambda _: VerifiedReport((told,), 0, 12))
+    outcome = photogram("verify", tmp_path)
+    assert outcome.code == 0
+    assert outcome.out.splitlines() == [
+        "cannot be told: adjustment: its model has what the file does not hold: rigs",
+        "Nothing differs, but checksums alone were compared; 0 of 12 figures of report.json were derived.",
+    ]
 
 
 def test_what_cannot_be_read_is_said_in_a_sentence(photogram: Photogram, adjusted_survey: Path, tmp_path: Path) -> None:
