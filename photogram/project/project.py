@@ -29,7 +29,7 @@ from photogram.project.control.points import ProjectControlPoint, read_point_fil
 from photogram.project.cross_checks import camera_of, check_entries, photographs_of
 from photogram.project.crs_units import with_listed_in_metres, with_read_crs
 from photogram.project.document import Document, Key, given, read_entry, read_settings
-from photogram.project.epochs.entries import ProjectEpoch, check_epochs, epochs_of, flights_of
+from photogram.project.epochs.entries import ProjectEpoch, check_epochs, check_flights, epochs_of, with_flights
 from photogram.project.findings import Finding
 from photogram.project.folders import check_folders
 from photogram.project.heights import listed_in_map, project_map, read_datum, read_heights
@@ -322,6 +322,7 @@ def read_project(
     settings = {name: read_settings(document, name, kind) for name, kind in SECTIONS.items()}
     folder = _folder(document, file, photographs_folder)
     photographs = photographs_of(document, file, folder)
+    photographs = None if photographs is None else with_flights(file, photographs)
     heights, datum = read_heights(document, file) or UNDECLARED, read_datum(document, file)
     file = with_listed_in_metres(document, file, heights)
     target = project_map(file.crs, heights, datum)
@@ -333,7 +334,8 @@ def read_project(
     check_camera_masks(document, file)
     check_automatic_masks(document, file, settings["dense"])
     check_rigs(document, file)
-    check_epochs(document, file, [p.name or "" for p in photographs or ()])
+    for check in (check_epochs, check_flights):
+        check(document, file, [p.name or "" for p in photographs or ()])
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
     settings["surface"] = with_area(document, settings["surface"], file, settings["dense"])
     settings["volumes"] = with_volumes(document, settings["volumes"], file, settings["surface"], settings["dense"])
@@ -348,8 +350,6 @@ def read_project(
     listed = _photographs(file, entries, list(copies), given(folder), gnss_map_m, positions)
     calibrated = tuple(replace(given(named[name]), name=called) for (name, _), called in copies.items())
     epochs = epochs_of(file, [p.name for p in listed])
-    flights = flights_of([p.flight for p in listed], epochs)
-    listed = tuple(replace(p, flight=flight) for p, flight in zip(listed, flights, strict=True))
     if solution is not None:
         check_start(document, file, solution, [p.name for p in listed], [p.camera for p in listed], calibrated)
     return Project(

@@ -451,6 +451,15 @@ class RigEntry(Entry):
     sigma_deg: Annotated[float | None, ANGLE_SIGMA_DEG, Required("by how much its rotation scatters, degrees")] = None
 
 
+class FlightEntry(Entry):
+    """One flight: its name, and which photographs were taken on it."""
+
+    name: Annotated[Text | None, Required("what the flight is called")] = None
+    photographs: Annotated[
+        Sequence[Text] | None, Required("patterns of the names of its photographs, [battery1/*.JPG] for example")
+    ] = None
+
+
 class EpochEntry(Entry):
     """One epoch: its name, and which photographs were taken in it."""
 
@@ -502,6 +511,7 @@ class ProjectFile(Entry):
     level_surfaces: Annotated[Sequence[SurfaceEntry], "Points of one unknown height, three or more."] = ()
     planes: Annotated[Sequence[SurfaceEntry], "Points of one unknown plane, four or more."] = ()
     rigs: Annotated[Sequence[RigEntry], "Cameras on one body."] = ()
+    flights: Annotated[Sequence[FlightEntry], "Flights by the names of their photographs."] = ()
     epochs: Annotated[Sequence[EpochEntry], "Epochs of one site, oldest first, adjusted together."] = ()
     start: Annotated[StartEntry | None, "The solution of another program to start from."] = None
     features: Any = None

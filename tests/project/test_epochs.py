@@ -6,7 +6,7 @@ import pytest
 
 from photogram.errors import ProjectError
 from photogram.pipeline.pipeline import load_project
-from photogram.project.epochs.entries import ProjectEpoch, flights_of
+from photogram.project.epochs.entries import ProjectEpoch
 
 TEXT = """photogram: 1
 crs: EPSG:25832
@@ -40,12 +40,41 @@ def test_epochs_have_their_photographs_and_flights(tmp_path: Path) -> None:
     assert survey.photographs_without_products == frozenset()
 
 
-def test_a_flight_that_somebody_named_stays() -> None:
-    assert flights_of(["1", "2", "1"], [ProjectEpoch("May", (0, 1)), ProjectEpoch("June", (2,))]) == [
-        "May",
-        "2",
-        "June",
-    ]
+FLIGHTS = "flights:\n  - {name: first, photographs: ['may/[01].jpg']}\n  - {name: second, photographs: [may/2.jpg]}\n"
+
+
+def test_flights_are_named_by_patterns_and_have_their_calibrations(tmp_path: Path) -> None:
+    path = project(tmp_path, BOTH)
+    text = path.read_text(encoding="utf-8").replace("[50, 40]}", "[50, 40], per_flight: true}")
+    path.write_text(text + FLIGHTS, encoding="utf-8")
+    survey = load_project(path)
+    assert [p.flight for p in survey.photographs] == ["first", "first", "second", "June", "June", "June"]
+    assert [c.name for c in survey.cameras] == ["a (flight first)", "a (flight second)", "a (flight June)"]
+
+
+@pytest.mark.parametrize(
+    ("flights", "words"),
+    [
+        (FLIGHTS.replace("may/2.jpg", "nowhere/*"), "match none of 6 photographs: patterns are a shell's"),
+        (FLIGHTS.replace("may/2.jpg", "may/*"), "match may/0.jpg, may/1.jpg, of the flight first already"),
+        (FLIGHTS.replace("name: first, ", ""), "name: is missing"),
+    ],
+)
+def test_what_is_wrong_with_flights_is_said(tmp_path: Path, flights: str, words: str) -> None:
+    path = project(tmp_path, BOTH)
+    path.write_text(path.read_text(encoding="utf-8") + flights, encoding="utf-8")
+    with pytest.raises(ProjectError) as fault:
+        load_project(path)
+    assert words in str(fault.value)
+
+
+def test_a_photograph_of_a_flight_in_the_list_is_of_no_other(tmp_path: Path) -> None:
+    listed = [f"{{name: {name}{', flight: night' if name == 'may/0.jpg' else ''}}}" for name in NAMES]
+    path = project(tmp_path, BOTH, listed)
+    assert load_project(path).photographs[0].flight == "night"
+    path.write_text(path.read_text(encoding="utf-8") + FLIGHTS, encoding="utf-8")
+    with pytest.raises(ProjectError, match=r"match may/0\.jpg, of the flight night already"):
+        load_project(path)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
-"""The epochs of a survey: which photographs were taken in each, oldest first."""
+"""The epochs and flights of a survey: which photographs were taken in each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from photogram.project.document import Document
-from photogram.project.schema import DEFAULT_FLIGHT, ProjectFile
+from photogram.project.schema import DEFAULT_FLIGHT, EpochEntry, FlightEntry, PhotographEntry, ProjectFile
 from photogram.wording import some
 
 FEWEST_PHOTOGRAPHS = 3
@@ -19,12 +19,28 @@ class ProjectEpoch:
     photographs: tuple[int, ...]
 
 
-def _matched(file: ProjectFile, names: Sequence[str]) -> list[list[int]]:
-    """Return the numbers of the photographs of each epoch."""
+def _matched(groups: Sequence[EpochEntry | FlightEntry], names: Sequence[str]) -> list[list[int]]:
+    """Return the numbers of the photographs of each epoch or flight."""
     return [
-        [n for n, name in enumerate(names) if any(fnmatchcase(name, pattern) for pattern in epoch.photographs or ())]
-        for epoch in file.epochs
+        [n for n, name in enumerate(names) if any(fnmatchcase(name, pattern) for pattern in group.photographs or ())]
+        for group in groups
     ]
+
+
+def check_flights(document: Document, file: ProjectFile, names: Sequence[str]) -> None:
+    """Note the errors of flights: patterns that match nothing, and photographs of two flights."""
+    of = {n: p.flight for n, p in enumerate(file.photographs.list or ()) if p.flight != DEFAULT_FLIGHT}
+    for i, (flight, own) in enumerate(zip(file.flights, _matched(file.flights, names), strict=True)):
+        if flight.name is None or flight.photographs is None:
+            continue
+        key = ("flights", i, "photographs")
+        if not own:
+            document.add_error(key, f"match none of {len(names)} photographs: patterns are a shell's: battery1/*")
+        twice = [n for n in own if of.get(n, flight.name) != flight.name]
+        if twice:
+            which = some([names[n] for n in twice])
+            document.add_error(key, f"match {which}, of the flight {of[twice[0]]} already: each is of one flight")
+        of.update(dict.fromkeys(own, flight.name))
 
 
 def check_epochs(document: Document, file: ProjectFile, names: Sequence[str]) -> None:
@@ -35,7 +51,7 @@ def check_epochs(document: Document, file: ProjectFile, names: Sequence[str]) ->
         document.add_error(("epochs",), "names one epoch: a change needs two; leave epochs out for a survey of one")
     taken: dict[int, str] = {}
     called = set[str]()
-    for i, (epoch, own) in enumerate(zip(file.epochs, _matched(file, names), strict=True)):
+    for i, (epoch, own) in enumerate(zip(file.epochs, _matched(file.epochs, names), strict=True)):
         if epoch.name is None or epoch.photographs is None:
             continue
         if epoch.name in called:
@@ -64,12 +80,18 @@ def epochs_of(file: ProjectFile, names: Sequence[str]) -> tuple[ProjectEpoch, ..
     """Return the epochs of photographs by these names."""
     return tuple(
         ProjectEpoch(epoch.name or "", tuple(own))
-        for epoch, own in zip(file.epochs, _matched(file, names), strict=True)
+        for epoch, own in zip(file.epochs, _matched(file.epochs, names), strict=True)
     )
 
 
-def flights_of(flights: Sequence[str], epochs: Sequence[ProjectEpoch]) -> list[str]:
-    """Return the flights of photographs, those of an epoch a flight of its own where nobody has said which: another day
-    has another GNSS offset."""
-    of = {n: epoch.name for epoch in epochs for n in epoch.photographs}
-    return [of.get(n, flight) if flight == DEFAULT_FLIGHT else flight for n, flight in enumerate(flights)]
+def with_flights(file: ProjectFile, photographs: Sequence[PhotographEntry]) -> list[PhotographEntry]:
+    """Return photographs with the flights that they are of: each one's own, else that whose pattern it matches, else
+    its epoch: another day has another GNSS offset."""
+    names = [p.name or "" for p in photographs]
+    of = {n: epoch.name for epoch in epochs_of(file, names) for n in epoch.photographs}
+    for flight, own in zip(file.flights, _matched(file.flights, names), strict=True):
+        of.update(dict.fromkeys(own, flight.name or ""))
+    return [
+        p.model_copy(update={"flight": of[n]}) if n in of and p.flight == DEFAULT_FLIGHT else p
+        for n, p in enumerate(photographs)
+    ]
