@@ -160,7 +160,7 @@ def position_effects(block: Block) -> tuple[tuple[Effect, ...], ...]:
     """Return by photograph how the common errors of a block move its position."""
     effects: list[list[Effect]] = [[] for _ in block.photographs]
     for k, error in enumerate(block.common_errors):
-        if error.kind == "attitude":
+        if error.kind in ("attitude", "known_surface"):
             continue
         design = designs(block.photographs, error)
         for i in np.flatnonzero(np.isfinite(design).all(axis=(1, 2))).tolist():

@@ -31,6 +31,7 @@ from photogram.factors.priors import (
     vector_prior,
 )
 from photogram.factors.rigs.exposures import exposure_factors, rig_priors, values_by_rig
+from photogram.factors.surfaces.known_surface import surface_factors
 from photogram.factors.variables import (
     CALIBRATION,
     COMMON_ERROR,
@@ -96,8 +97,8 @@ class Problem:
 
 
 def ground_factors(problem: Problem) -> tuple[Factors, ...]:
-    """Return the factors on control points, GNSS positions, attitudes, common errors, calibrations, constraints and
-    rigs, and further ones, alike ones together."""
+    """Return the factors on control points, GNSS positions, attitudes, common errors, calibrations, constraints,
+    rigs and a known surface, and further ones, alike ones together."""
     return together(_ground_factors(problem))
 
 
@@ -128,6 +129,7 @@ def _ground_factors(problem: Problem) -> Iterator[Factors]:
         yield constraint_factor(placed, block.frame, problem.control_world_m)
     yield from rig_priors(block)
     yield from exposure_factors(block)
+    yield from surface_factors(block, problem.free, problem.scale)
     yield from problem.further
 
 
@@ -153,6 +155,10 @@ class GroundValues:
         rotation: FloatArray = self._state.rotation[index]
         position: FloatArray = self._state.position[index]
         return rotation, position
+
+    def velocities(self, variables: IntArray) -> FloatArray:
+        """Return the velocities (n, 3) of poses (n,), m/s."""
+        return np.asarray(self._state.velocity[variables & INDEX])
 
     def vectors(self, variables: IntArray) -> FloatArray:
         """Return the values (n, d) of variables (n,) of one kind that are no poses."""

@@ -152,6 +152,23 @@ class GroundTerms:
             ground += self._problem.summary.cost_at(state.cameras)
         return ground + self._mark_cost(state) if len(self._marks) else ground
 
+    def rows_of(self, state: State, kind: type[Factors]) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened misfits (n,) of all factors of a ``kind``, and their rows (n, 6 free + border) on poses
+        and border; ValueError where one is on a control point that the layout eliminates."""
+        layout, values = self._layout, GroundValues(self._problem, state)
+        misfits, rows = [np.zeros(0)], [np.zeros((0, layout.columns + layout.border))]
+        for factors, columns in zip(self._ground, self._columns, strict=True):
+            if not isinstance(factors, kind):
+                continue
+            if columns.max(initial=-1) >= layout.columns + layout.border:
+                raise ValueError("a factor on a control point that the layout eliminates has no row")
+            linear = factors.linearised(values)
+            own = np.zeros((*linear.misfit.shape, layout.columns + layout.border))
+            np.put_along_axis(own, np.repeat(columns[:, None], own.shape[1], axis=1), linear.jacobian, axis=2)
+            misfits.append(linear.misfit.ravel())
+            rows.append(own.reshape(-1, own.shape[2]))
+        return np.concatenate(misfits), np.concatenate(rows)
+
     def _mark_cost(self, state: State) -> float:
         marks = self._marks
         whitened = marks.with_penalty(residuals(marks, state.cameras, state.control))

@@ -405,6 +405,59 @@ class HeightDecision:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceDecision:
+    """Whether a known surface is control of the block, and what it differs from the ground by."""
+
+    name: str
+    """Name of the surface."""
+    adopted: bool
+    """Whether it takes part."""
+    used: int
+    """Points on it that take part."""
+    set_aside: int
+    """Points on it that do not: changed ground, or mismatches."""
+    mean_m: float
+    """Mean distance of the points from the surface along its normals, less what it is off by as a whole."""
+    rms_m: float
+    """Root mean square of these distances."""
+    scatter: float
+    """Factor by which they scatter more than stated, 1 at least; their standard deviations are larger by it."""
+    above_m: FloatArray
+    """How far (3,) the surface lies above the ground: in height in the middle of its points, and by its slopes east and
+    north at ``edge_m``; as adjusted where it takes part, else as it was found."""
+    above_sigma_m: FloatArray
+    """Its standard deviations (3,)."""
+    edge_m: float
+    """Distance from the middle at which slopes count."""
+    sigma_m: float
+    """Stated standard deviation of a cell."""
+    common_sigma_m: float
+    """Standard deviation of what all of it is off by together."""
+    common_assumed: bool
+    """Whether the latter is assumed."""
+    statistic: float
+    """χ² of offset and slopes against zero, found without the surface; NaN where they were not looked at."""
+    p: float
+    """Probability of as much by chance."""
+    why: str = ""
+    """Why it does not take part, empty where it does."""
+
+    @property
+    def sentence(self) -> str:
+        """Return what there is to say of it."""
+        if not self.adopted:
+            tested = "" if np.isnan(self.p) else f" (p {'< 0.001' if self.p < 0.001 else f'= {self.p:.3f}'})"
+            return f"the known surface {self.name} is left out: {self.why}{tested}"
+        side = "above" if self.above_m[0] >= 0.0 else "below"
+        set_aside = f"; {things(self.set_aside, 'point')} not on it set aside" if self.set_aside else ""
+        return (
+            f"the known surface {self.name} is control in {things(self.used, 'point')}, from which the ground differs "
+            f"by {self.rms_m:.3f} m (RMS){set_aside}; as a whole it lies {abs(self.above_m[0]):.3f} ± "
+            f"{self.above_sigma_m[0]:.3f} m {side} the adjusted ground"
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Estimates:
     """What an adjustment estimates beside its block, and what is left: of the observations of tie points (n), marks
     (M), ground points (G) and flights (F)."""
@@ -535,6 +588,8 @@ class Decisions:
     heights: HeightDecision | None = None
     """Whether GNSS heights and those of control points are of one system; None where that is declared, or nothing to
     decide."""
+    known_surface: SurfaceDecision | None = None
+    """Whether a known surface is control of the block; None without one."""
 
 
 @dataclass(frozen=True, eq=False)

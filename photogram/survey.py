@@ -18,6 +18,7 @@ import numpy as np
 from photogram.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, check_shapes
 from photogram.camera import Camera, Pose, oriented_by
 from photogram.constraints.between_points import Constraint, gives_scale
+from photogram.constraints.known_surface import SurfaceControl
 from photogram.constraints.rigs import Companion, give_scale
 from photogram.geodesy.crs import NO_CRS
 from photogram.geodesy.frames import LocalFrame
@@ -95,7 +96,7 @@ class Photograph:
         check_shapes(self, attitude_world_from_camera=(3, 3))
 
 
-CommonErrorKind = Literal["attitude", "lever_arm", "time_offset", "drift"]
+CommonErrorKind = Literal["attitude", "lever_arm", "time_offset", "drift", "known_surface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,9 @@ class CommonError:
     kind: CommonErrorKind
     """Attitude: boresight about the camera's axes and, behind it, heading about the vertical, rad. Lever arm: what is
     added to the one that is counted, along the columns of ``basis``, m. Time offset: of the exposure after the epoch of
-    the position, s. Drift: of the positions over the flight, easting, northing, up of the world, m."""
+    the position, s. Drift: of the positions over the flight, easting, northing, up of the world, m. Known surface: how
+    far it lies above the ground, in height and by its slopes east and north at the edge of its points, and how far
+    east and north of where it belongs, m."""
     flight: str | None
     """Name of the flight, None for all flights."""
     camera: int | None
@@ -381,6 +384,8 @@ class Block:
     """Cameras that are fixed to another on one body; an exposure of which a photograph takes no part is passed over."""
     undeclared_heights: UndeclaredHeights | None = None
     """How GNSS heights are used that nobody says to be of the system of the control points; None where they are."""
+    known_surface: SurfaceControl | None = None
+    """Tie points that lie on a surface whose heights are known; None where none takes part."""
 
     def __post_init__(self) -> None:
         if len(self.poses) != len(self.photographs):

@@ -24,6 +24,9 @@ class Values(Protocol):
     def vectors(self, variables: IntArray) -> FloatArray:
         """Return the values (n, d) of variables (n,) of one kind that are no poses."""
 
+    def velocities(self, variables: IntArray) -> FloatArray | None:
+        """Return the velocities (n, 3) of poses (n,), m/s, which are no variables; None where they are as given."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linearised:

@@ -26,6 +26,9 @@ class GtsamValues:
         at = self._values.atPoint3 if kind_and_index(int(variables[0]))[0] in _POINTS else self._values.atVector
         return np.array([at(variable) for variable in variables.tolist()])
 
+    def velocities(self, _: IntArray) -> None:
+        """Return None: velocities are as given."""
+
 
 def in_gtsam(factors: Factors) -> list[gtsam.NonlinearFactor]:
     """Return alike factors as GTSAM's, one by one."""

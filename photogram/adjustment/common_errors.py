@@ -59,6 +59,7 @@ BY_CHANCE = 0.05
 """Probability from which the only error of positions is none: one that came in elsewhere, before a lens field or a
 blunder was found that looked like it."""
 MOST_CHANGES = 8
+OF_NO_POSITIONS = ("attitude", "known_surface")
 
 
 What = tuple[str, str | None, int | None]
@@ -116,6 +117,19 @@ def with_attitude_errors(block: Block) -> Block:
             sigma.append(max(HEADING_SIGMA_RAD, HEADING_SHARE * stated))
         more.append(CommonError("attitude", flight, camera, np.array(sigma), np.zeros(len(sigma))))
     return replace(block, common_errors=(*block.common_errors, *more)) if more else block
+
+
+def with_surface_error(block: Block) -> Block:
+    """Return the block with an unknown error of its known surface as a whole, and without one where it has none."""
+    surface, errors = block.known_surface, block.common_errors
+    there = [error for error in errors if error.kind == "known_surface"]
+    if surface is None:
+        return replace(block, common_errors=tuple(e for e in errors if e not in there)) if there else block
+    sigma = surface.common_sigma_m
+    if there and np.array_equal(there[0].sigma, sigma):
+        return block
+    new = CommonError("known_surface", None, None, sigma, np.zeros(len(sigma)))
+    return replace(block, common_errors=(*(e for e in errors if e not in there), new))
 
 
 def score(
@@ -313,7 +327,7 @@ def next_change(
     more than one of few.
     """
     errors = problem.block.common_errors
-    of_positions = [k for k, error in enumerate(errors) if error.kind != "attitude"]
+    of_positions = [k for k, error in enumerate(errors) if error.kind not in OF_NO_POSITIONS]
     if of_positions:
         p = np.nan_to_num([_test(problem, state, covariances, k)[2] for k in of_positions], nan=1.0)
         worst = of_positions[int(np.argmax(p))]
@@ -361,9 +375,13 @@ def estimates(
             G = _known_components(error.basis)[:, None] * error.basis
         elif error.kind == "drift":
             G = block.frame.rotation_world_from_map(np.zeros(3)).T
-        photographs = sum(
-            m and (p.attitude_sigma_rad if error.kind == "attitude" else p.gnss_world_m) is not None
-            for m, p in zip(own.tolist(), block.photographs, strict=True)
+        photographs = (
+            0
+            if error.kind == "known_surface"
+            else sum(
+                m and (p.attitude_sigma_rad if error.kind == "attitude" else p.gnss_world_m) is not None
+                for m, p in zip(own.tolist(), block.photographs, strict=True)
+            )
         )
         estimated.append(
             CommonErrorEstimate(

@@ -40,6 +40,7 @@ def part_of_block(block: Block, chosen: BoolArray) -> tuple[Block, IntArray]:
         poses=tuple(block.poses[i] for i in kept),
         tie_points=replace(ties, photograph=number[ties.photograph]),
         control_points=replace(control, mark_photograph=number[control.mark_photograph]),
+        known_surface=None if block.known_surface is None else block.known_surface.in_photographs(number),
     )
     return part, kept
 

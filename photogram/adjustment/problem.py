@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from photogram.adjustment.common_errors import with_attitude_errors
+from photogram.adjustment.common_errors import with_attitude_errors, with_surface_error
 from photogram.adjustment.effort import count_solution
 from photogram.adjustment.partial_control import control_positions
 from photogram.adjustment.rigs.rig_starts import with_rig_starts, without_companion_positions
@@ -184,6 +184,7 @@ def make_problem(block: Block, settings: AdjustmentSettings) -> Problem:
         block = without_attitudes(block)
     elif settings.common_errors == "auto":
         block = with_attitude_errors(block)
+    block = with_surface_error(block)
     tie, control = block.tie_points, block.control_points.with_role("control")
     flights: tuple[str, ...] = ()
     position, axes = control_positions(block)

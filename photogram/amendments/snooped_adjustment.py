@@ -28,6 +28,8 @@ from photogram.amendments.lens_fields import LensFields
 from photogram.amendments.picture_size import marks_of_another_size
 from photogram.amendments.repeated_positions import repeated_positions
 from photogram.amendments.solutions import Solutions, attempted
+from photogram.amendments.surfaces.known_heights import KnownSurface
+from photogram.amendments.surfaces.known_surfaces import KnownSurfaces
 from photogram.amendments.undeclared_heights import HeightSystems, with_heights_open
 from photogram.arrays import FloatArray
 from photogram.camera import Camera
@@ -88,16 +90,18 @@ def adjust_with_snooping(
     start: Sequence[FloatArray] = (),
     progress: Progress = silent,
     readings_px: Sequence[Sequence[float]] = (),
+    known_surface: KnownSurface | None = None,
 ) -> Verdict:
     """Adjust a block and decide what is in its model: reject blunders by data snooping (Baarda 1968) and name them,
     settle height systems and focal lengths, estimate lens fields.
 
     ``start`` holds the interior orientations (12,) of the cameras to start from, where they are not the given ones;
-    ``readings_px`` other readings of the source of each focal length, px. Raises AdjustmentError as adjust does where
+    ``readings_px`` other readings of the source of each focal length, px; ``known_surface`` is control where it agrees
+    with the rest. Raises AdjustmentError as adjust does where
     too little is left, with what contradicts the rest by name.
     """
     with tallied(len(block.tie_points.photograph)) as tally:
-        verdict = _verdict(block, settings, start, progress, readings_px)
+        verdict = _verdict(block, settings, start, progress, readings_px, known_surface)
     return replace(verdict, effort=tally.efforts)
 
 
@@ -107,6 +111,7 @@ def _verdict(
     start: Sequence[FloatArray],
     progress: Progress,
     readings_px: Sequence[Sequence[float]],
+    known_surface: KnownSurface | None,
 ) -> Verdict:
     solutions = Solutions(settings, progress, start)
     of_another_size, size = marks_of_another_size(given, start)
@@ -127,7 +132,8 @@ def _verdict(
         raise AdjustmentError(f"{size[0].sentence}; without them {error}") from error
     heights, fields = HeightSystems(declared), LensFields(settings, progress)
     focal = FocalLengths(solutions, readings_px)
-    amendments = (ContradictedMeasurements(solutions), heights, fields, focal, CheckMarks())
+    surfaces = KnownSurfaces(known_surface, settings)
+    amendments = (ContradictedMeasurements(solutions), heights, fields, focal, surfaces, CheckMarks())
     solution = amended(first, amendments, solutions)
     if robust.contradicted > 1.0:
         solution = solution.warned(CONTRADICTED.format(factor=robust.contradicted), first=True)
@@ -137,6 +143,7 @@ def _verdict(
         made=(*made, *decided_by_adjustment(solution.result)),
         heights=heights.decision(solution),
         lens_fields=fields.decisions,
+        known_surface=surfaces.decision(solution),
     )
     result = replace(solution.result, decisions=decisions)
     named = replace(with_assumed_sigmas(solution.block, decisions.sigmas), cameras=block.cameras)

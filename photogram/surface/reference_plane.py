@@ -236,4 +236,5 @@ def block_on_plane(block: Block, plane: ReferencePlane) -> Block:
         gnss_offset_sigma_m=np.zeros(3),
         common_errors=(),
         constraints=(),
+        known_surface=None,
     )

@@ -24,8 +24,10 @@ from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem
+from photogram.factors.ground_terms import GroundTerms
 from photogram.factors.priors import NO_HEADING_SIGMA_RAD, common_offset_prior
 from photogram.factors.rigs.exposures import estimated, values_by_rig
+from photogram.factors.surfaces.known_surface import KnownSurfaceFactors
 from photogram.projection import PARAMETERS
 from photogram.results import Reliability, VarianceComponents
 
@@ -178,6 +180,16 @@ def _rigs(problem: Problem, state: State, covariances: Covariances) -> list[_Gro
     ]
 
 
+def _surface(problem: Problem, state: State, covariances: Covariances) -> list[_Group]:
+    """Return the distances from a known surface, if there is one."""
+    surface = problem.block.known_surface
+    if surface is None:
+        return []
+    misfit, rows = GroundTerms(problem, covariances.layout).rows_of(state, KnownSurfaceFactors)
+    adjusted = float(np.sum(rows.T * covariances.solve(rows.T)))
+    return [_Group("known_surface", len(misfit), len(misfit) - adjusted, float(misfit @ misfit), surface.sigma_m)]
+
+
 def variance_components(
     problem: Problem,
     state: State,
@@ -211,6 +223,7 @@ def variance_components(
         *_priors(problem, state, covariances, axes),
         *_constraints(problem, state, covariances),
         *_rigs(problem, state, covariances),
+        *_surface(problem, state, covariances),
     ]
     whitened = residuals(problem.tie, state.cameras, state.tie_point)
     _, weight, _ = robust_terms(whitened, problem.robust_loss, problem.robust_threshold)

@@ -307,6 +307,8 @@ def common_error_numbers(result: Adjustment) -> list[CommonErrorRecord]:
     """Return the common errors that were estimated, beside the offsets of flights."""
     block, numbers = result.block, list[CommonErrorRecord]()
     for common in result.decisions.common_errors:
+        if common.error.kind == "known_surface":  # it is no error of positions
+            continue
         unit, factor = _UNITS[common.error.kind]
         name = None if common.error.camera is None else block.cameras[common.error.camera].name
         sigma = np.sqrt(np.diag(common.covariance))

@@ -56,6 +56,7 @@ GROUPS: Mapping[str, Group] = MappingProxyType(
         "height_differences": Group("height differences"),
         "level_surfaces": Group("points of level surfaces"),
         "planes": Group("points of planes"),
+        "known_surface": Group("points on the known surface"),
         "exposure_rotation": Group("exposures of rigs in rotation", "deg", _DEGREES),
         "exposure_offset": Group("exposures of rigs in offset"),
         "relative_poses": Group("given relative poses", ""),
