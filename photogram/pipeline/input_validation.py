@@ -25,7 +25,7 @@ from photogram.pipeline.costs.forecast import Forecast, compiled_share, forecast
 from photogram.pipeline.costs.self_test import Speed, measured_speed
 from photogram.pipeline.costs.space import machine_needs
 from photogram.pipeline.pipeline import STAGES, load_project, remaining_stages
-from photogram.pipeline.reference_placement import reference_findings
+from photogram.pipeline.reference_placement import known_surface_findings, reference_findings
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.volume_findings import volume_findings
 from photogram.project.findings import Finding, Findings
@@ -143,6 +143,7 @@ def checked_project(project: Project) -> CheckedProject:
                 *engine_findings(project),
                 *reference,
                 *volume_findings(project, tags),
+                *known_surface_findings(project, tags),
                 *given_mask_findings(project),
                 *start_findings(project.start),
                 *survey,

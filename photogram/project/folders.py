@@ -30,6 +30,8 @@ def _input_files(document: Document, file: ProjectFile) -> Iterator[tuple[Key, P
     named: list[tuple[Key, str | None]] = [
         (("comparison", "reference"), file.comparison.reference),
         (("orthophoto", "seams"), _file_named(file.orthophoto, "seams")),
+        (("known_surface", "path"), _file_named(file.known_surface, "path")),
+        (("known_surface", "stable"), _file_named(file.known_surface, "stable")),
         (("surface", "area"), _file_named(file.surface, "area")),
         (("volumes", "polygons"), _file_named(file.volumes, "polygons")),
         (("volumes", "reference"), _file_named(file.volumes, "reference")),

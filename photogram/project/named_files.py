@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os.path import exists, isfile  # false, not an exception, for a name that cannot be
 
+from photogram.amendments.surfaces.known_surface_settings import KnownSurfaceSettings
 from photogram.errors import PhotogramError
 from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.maps.seam_files import read_seams
+from photogram.geodesy.crs import NO_CRS
+from photogram.geodesy.height_systems import DeclaredHeights
 from photogram.project.document import Document
 from photogram.project.schema import PhotographEntry, ProjectFile
 from photogram.surface.dense.tile_matching import DenseSettings
@@ -91,3 +94,37 @@ def with_volumes(
     if not exists(reference):
         document.add_error(("volumes", "reference"), f"{reference} not found: correct the path")
     return replace(settings, polygons=str(path), reference=str(reference))
+
+
+def with_known_surface(
+    document: Document, settings: KnownSurfaceSettings | None, file: ProjectFile, heights: DeclaredHeights
+) -> KnownSurfaceSettings | None:
+    """Return the settings of a known surface with absolute paths; what is wrong with its files, or contradicts other
+    settings, is noted in the document."""
+    if settings is None or settings.path is None:
+        return settings
+    key, path = "known_surface", document.base / settings.path
+    if not isfile(path):
+        document.add_error((key, "path"), f"file {path} not found: correct the path, or remove the section")
+    elif path.suffix.lower() not in (".tif", ".tiff"):
+        text = f"is {path.name}, GeoTIFF is read: make a height model of its ground points first"
+        document.add_error((key, "path"), text)
+    if file.crs == NO_CRS:
+        text = "needs a map that both have: give the crs of the survey, or remove the section"
+        document.add_error((key, "path"), text)
+    if settings.heights == "orthometric" and heights.geoid is None:
+        document.add_error((key, "heights"), "orthometric needs a geoid: give heights.geoid")
+    elif settings.heights is not None and heights.output is None:
+        text = "says nothing where nobody says what the results are above: give heights, or remove the key"
+        document.add_error((key, "heights"), text)
+    if settings.stable is None:
+        return replace(settings, path=str(path))
+    stable = document.base / settings.stable
+    if not isfile(stable):
+        document.add_error((key, "stable"), f"file {stable} not found: correct the path, or remove the key")
+    elif file.crs is not None:
+        try:
+            read_polygons(stable, file.crs)
+        except PhotogramError as error:
+            document.add_error((key, "stable"), str(error))
+    return replace(settings, path=str(path), stable=str(stable))

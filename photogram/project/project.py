@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from photogram.adjustment.problem import AdjustmentSettings
+from photogram.amendments.surfaces.known_surface_settings import KnownSurfaceSettings
 from photogram.arrays import FloatArray, check_shape
 from photogram.camera import Camera
 from photogram.constraints.between_points import Constraint
@@ -40,7 +41,7 @@ from photogram.project.masks import (
     masks_of_photographs,
     project_masks,
 )
-from photogram.project.named_files import with_area, with_seams, with_volumes
+from photogram.project.named_files import with_area, with_known_surface, with_seams, with_volumes
 from photogram.project.positions.entries import FilePosition, read_position_files
 from photogram.project.rigs.entries import ProjectRig, check_rigs, rigs_of, without_products
 from photogram.project.schema import (
@@ -186,6 +187,8 @@ class Project:
     """Names and targets of the report."""
     volumes: VolumeSettings = field(default_factory=VolumeSettings)
     """Settings of the section."""
+    known_surface: KnownSurfaceSettings = field(default_factory=KnownSurfaceSettings)
+    """Settings of the section."""
     start: InitialSolutionFile | None = None
     """What another program has found that the project starts from, None without."""
     masks: ProjectMasks = field(default_factory=ProjectMasks)
@@ -296,6 +299,7 @@ SECTIONS: Mapping[str, type[Any]] = {
     "matching": MatchingSettings,
     "orientation": OrientationSettings,
     "transfer": TransferSettings,
+    "known_surface": KnownSurfaceSettings,
     "adjustment": AdjustmentSettings,
     "dense": DenseSettings,
     "surface": SurfaceSettings,
@@ -339,6 +343,7 @@ def read_project(
     masks = masks_of_photographs(document, file, [p.name for p in photographs or () if p.name], folder)
     settings["surface"] = with_area(document, settings["surface"], file, settings["dense"])
     settings["volumes"] = with_volumes(document, settings["volumes"], file, settings["surface"], settings["dense"])
+    settings["known_surface"] = with_known_surface(document, settings["known_surface"], file, heights)
     settings["orthophoto"] = with_seams(document, settings["orthophoto"], file, photographs)
     control_map_m, gnss_map_m = listed_in_map(document, file, heights, [*places, located])
     solution = read_start(document, file)

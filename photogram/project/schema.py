@@ -519,6 +519,7 @@ class ProjectFile(Entry):
     matching: Any = None
     orientation: Any = None
     transfer: Any = None
+    known_surface: Any = None
     adjustment: Any = None
     dense: Any = None
     surface: Any = None

@@ -236,6 +236,9 @@ def show_report(report: Report) -> None:
     for sentence in _consistency(report):
         console.print(escape(sentence))
     show_gnss(report["gnss"])
+    known = report.get("known_surface")
+    if known is not None:
+        console.print(escape(known["sentence"]), soft_wrap=True)
     _show_suspects(report)
     _show_diagnosis(report["diagnosis"])
     _show_tables(surface_table(report), volume_table(report), _over_reference(report["clouds"]))

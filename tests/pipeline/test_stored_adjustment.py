@@ -1,4 +1,5 @@
-"""A finished adjustment is read as it was written: lens fields, relative poses of cameras on one body, exposures."""
+"""A finished adjustment is read as it was written: lens fields, relative poses of cameras on one body, exposures, a
+known surface."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from photogram.adjustment.adjustment import adjust
 from photogram.amendments.gross_errors.data_snooping import without
 from photogram.amendments.gross_errors.hypothesis import unmeasured
 from photogram.camera import calibrations, field_at
+from photogram.constraints.known_surface import UNKNOWNS, SurfaceControl
 from photogram.lens.fields import free_field
 from photogram.pipeline.stages.stored_adjustment import read_adjusted_block, read_adjustment, write_adjustment
 from photogram.results import LensFieldDecision
@@ -76,3 +78,26 @@ def test_cameras_with_and_without_a_lens_field_are_read_as_they_were_adjusted(tm
     assert [d.estimated for d in found.decisions.lens_fields] == [True, False]
     assert [d.why for d in found.decisions.lens_fields] == ["", "too few"]
     assert found.decisions.lens_fields[0].sigma_px == 0.04
+
+
+def test_a_known_surface_comes_back_as_it_took_part(tmp_path: Path) -> None:
+    made = simulated(PLAN, tie_points=100)
+    block, tie = made.block, made.block.tie_points
+    chosen = np.flatnonzero(tie.rays >= 3)
+    rays, place = np.isin(tie.point, chosen), made.tie_point_position_world_m[chosen]
+    up = np.tile([0.0, 0.0, 1.0], (len(chosen), 1))
+    surface = SurfaceControl(
+        "made", tie.photograph[rays], np.searchsorted(chosen, tie.point[rays]), tie.pixel[rays], tie.sigma_px[rays],
+        place, place, up, np.column_stack([up[:, 2], place[:, :2] / 30.0, -up[:, :2]]), np.full(len(chosen), 0.1),
+        np.full(UNKNOWNS, 0.05),
+    )  # fmt: skip
+    result = adjust(replace(block, known_surface=surface), LEAST_SQUARES)
+    write_adjustment(tmp_path, result)
+    again = read_adjustment(read_adjusted_block(block, tmp_path.joinpath), tmp_path.joinpath)
+    assert again.block.known_surface is not None
+    for name, values in vars(surface).items():
+        np.testing.assert_array_equal(getattr(again.block.known_surface, name), values)
+    kinds = [error.kind for error in again.block.common_errors]
+    assert kinds == [error.kind for error in result.block.common_errors]
+    assert "known_surface" in kinds
+    assert again.redundancy == result.redundancy

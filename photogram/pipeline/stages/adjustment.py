@@ -20,6 +20,7 @@ from photogram.geodesy.frames import LocalFrame
 from photogram.pipeline.stage import Stage, line_of
 from photogram.pipeline.stage_costs import ADJUSTED_BYTES, LIBRARIES_BYTES, Costs, Memory, Rate
 from photogram.pipeline.stages.features import orientation_thresholds
+from photogram.pipeline.stages.known_surface import known_surface, known_surface_fingerprint
 from photogram.pipeline.stages.orientation import (
     control_fingerprint,
     georeferenced_by,
@@ -101,7 +102,8 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
     settings, start = run.project.adjustment, orientation.parameters
-    verdict = adjust_with_snooping(block, settings, start, progress, run.project.focal_readings_px)
+    known = known_surface(run.project, block)
+    verdict = adjust_with_snooping(block, settings, start, progress, run.project.focal_readings_px, known)
     block, iterations = verdict.block, sum(effort.iterations_over_all_rays for effort in verdict.effort)
     for effort in verdict.effort:
         _LOG.debug("%s", effort.sentence)
@@ -163,6 +165,7 @@ ADJUSTMENT: Stage = Stage(
         run.project.calibration,
         run.project.focal_readings_px,
         control_fingerprint(run.project),
+        known_surface_fingerprint(run.project),
     ],
     adjust_block,
     line_of(AdjustmentSummary, _words),

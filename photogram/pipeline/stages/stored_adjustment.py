@@ -20,6 +20,7 @@ from photogram.amendments.snooped_adjustment import Verdict
 from photogram.amendments.undeclared_heights import with_heights_open
 from photogram.arrays import FloatArray
 from photogram.camera import LensField, Pose, calibrations
+from photogram.constraints.known_surface import SurfaceControl
 from photogram.constraints.rigs import RelativePose
 from photogram.files.npz_json import read_json_as
 from photogram.files.records import read_record, write_record
@@ -63,6 +64,8 @@ class AdjustedBlock:
     """Where each companion camera sits, as given or to start from."""
     relative_change: FloatArray
     """Its estimated change (rigs, 6)."""
+    known_surface: SurfaceControl | None
+    """Its tie points on a known surface, None where none takes part."""
 
     @staticmethod
     def of(block: Block) -> AdjustedBlock:
@@ -73,6 +76,7 @@ class AdjustedBlock:
             block.poses,
             tuple(rig.given for rig in block.rigs),
             np.array([rig.value for rig in block.rigs]).reshape(-1, 6),
+            block.known_surface,
         )
 
     def applied_to(self, block: Block, tie_points: TiePoints, decisions: Decisions) -> Block:
@@ -89,6 +93,7 @@ class AdjustedBlock:
             tie_points=tie_points,
             common_errors=tuple(estimate.error for estimate in decisions.common_errors),
             rigs=tuple(replace(rig, given=given, value=value) for rig, given, value in rigs),
+            known_surface=self.known_surface,
         )
         return with_assumed_sigmas(adjusted, decisions.sigmas)
 

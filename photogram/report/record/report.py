@@ -22,6 +22,7 @@ from photogram.report.record.ground import (
     SuspectRecord,
     VarianceComponentRecord,
 )
+from photogram.report.record.known_surface import KnownSurfaceRecord
 from photogram.report.record.local_frame import ConstraintRecord, DistanceRecord, LocalFrameRecord, MarkedPointRecord
 from photogram.report.record.measurements import MeasurementRecord
 from photogram.report.record.photographs import MasksRecord, OrientedPhotograph, PhotographRecord, StretchRecord
@@ -80,6 +81,7 @@ class AdjustedNumbers(TypedDict):
     constraints: NotRequired[list[ConstraintRecord]]
     marked_points: NotRequired[list[MarkedPointRecord]]
     rigs: NotRequired[list[RigRecord]]
+    known_surface: NotRequired[KnownSurfaceRecord]
     marks: NotRequired[MarksRecord]
     masks: NotRequired[MasksRecord]
     stretches: NotRequired[dict[str, StretchRecord]]

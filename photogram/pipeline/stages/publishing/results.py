@@ -92,6 +92,7 @@ from photogram.report.figures.style import (
     save_picture,
     surface_figure,
 )
+from photogram.report.known_surface import known_surface_numbers
 from photogram.report.local_frame import constraint_numbers, distance_numbers, local_frame_numbers, marked_points
 from photogram.report.marks import mark_kind_numbers
 from photogram.report.numbers.dense import overlap_on_surface
@@ -367,6 +368,9 @@ def _numbers(outcome: _Outcome, products: list[str], surfaces: Future[list[str]]
         numbers["marked_points"] = marked_points(outcome.whole)
     if run.project.rigs:
         numbers["rigs"] = rig_numbers(outcome.whole, run.block(), band_records(run))
+    known = known_surface_numbers(outcome.result)
+    if known is not None:
+        numbers["known_surface"] = known
     if surface.orthophoto is not None:
         numbers["orthophoto"] = surface.orthophoto
     if surface.dense is not None:
