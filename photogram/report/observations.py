@@ -178,6 +178,7 @@ def _constraints(block: Block) -> Arrays:
     scaled = bool(distances) or bool(block.rigs)
     others = {
         "rigs": bool(block.rigs),
+        "known surface": block.known_surface is not None,
         "constraints of heights and surfaces": len(placed) > len(distances),
         "a block that is placed roughly": rough_place(block) is not None,
         "an open scale": not scaled and open_scale(block) is not None,
