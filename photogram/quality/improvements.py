@@ -220,6 +220,20 @@ def _predicted(problem: Problem, state: State, places: Places) -> Stiffness | No
         return None
 
 
+def final_linearisation(result: Adjustment, settings: AdjustmentSettings) -> tuple[Problem, State, IntArray]:
+    """Return the problem of a finished block, for covariances alone, the state in which it ended, and the numbers (K,)
+    of its photographs that are oriented."""
+    part, kept = registered_block(result.block)
+    problem = make_problem(part, settings)
+    control = np.array(result.block.control_points.role) == "control"
+    state = replace(
+        start_state(problem),
+        control=result.estimates.ground_world_m[control],
+        offset=result.estimates.offset_world_m,
+    )
+    return with_considered(problem, state), state, kept
+
+
 def block_deformation(
     result: Adjustment,
     settings: AdjustmentSettings,
@@ -231,15 +245,7 @@ def block_deformation(
     ``given_parameters`` are the interior orientations (12,) of its cameras before the adjustment, ``component`` (N,)
     the components of the photographs that share no tie points; None for a block in one piece.
     """
-    part, kept = registered_block(result.block)
-    problem = make_problem(part, settings)
-    control = np.array(result.block.control_points.role) == "control"
-    state = replace(
-        start_state(problem),
-        control=result.estimates.ground_world_m[control],
-        offset=result.estimates.offset_world_m,
-    )
-    problem = with_considered(problem, state)
+    problem, state, kept = final_linearisation(result, settings)
     with limited_threads(0):  # everything here is too small for BLAS to share out
         stiff = factored(problem, state)
         known = deformation_and_remedies(problem, state, stiff)

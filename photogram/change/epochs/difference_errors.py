@@ -10,17 +10,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from photogram.adjustment.oriented_subset import registered_block
-from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
+from photogram.adjustment.problem import AdjustmentSettings
 from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.errors import SurfaceError
-from photogram.factors.consider import with_considered
 from photogram.factors.elimination.bundle import limited_threads
 from photogram.factors.elimination.reduced import Layout
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, intersected
 from photogram.factors.graph import Problem
 from photogram.quality.deformation import cells_of
+from photogram.quality.improvements import final_linearisation
 from photogram.results import Adjustment
 from photogram.volumes.joint_errors import JointErrors
 
@@ -98,15 +97,7 @@ def difference_errors(
 
     Raises SurfaceError where the two show no ground in common.
     """
-    part, kept = registered_block(result.block)
-    problem = make_problem(part, settings)
-    control = np.array(result.block.control_points.role) == "control"
-    state = replace(
-        start_state(problem),
-        control=result.estimates.ground_world_m[control],
-        offset=result.estimates.offset_world_m,
-    )
-    problem = with_considered(problem, state)
+    problem, state, kept = final_linearisation(result, settings)
     epochs = earlier[kept], later[kept]
     points = [_points_of(problem, epoch) for epoch in epochs]
     first, second, cell = _candidates(*(state.tie_point[own, :2] for own in points))
