@@ -286,8 +286,8 @@ class Deformation:
     shape_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     """The cameras' share (S, 3, 3) at these places, relative to the mean error of all of them."""
     component_shift_m2: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    """Covariance (C, 3, 3) of the vector from the mean tie point of the first adjusted component to that of each; zero
-    of the first, empty for a block in one piece."""
+    """Covariance (C, 3, 3) of the vector from the mean tie point of the first adjusted component to that of each, by
+    its number: zero of the first, NaN of those without; empty for a block in one piece."""
     model_error_covariance_m2: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     """Covariance (4, 4) of what an error of the camera models does to the mean height, b, c and d, zero without a
     significant pattern in the residuals; it is in all covariances of heights above."""

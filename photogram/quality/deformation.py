@@ -79,13 +79,18 @@ class Places:
     corners: IntArray
 
 
+def firm_points(problem: Problem, state: State, points: IntArray, most: int = MOST_POINTS) -> IntArray:
+    """Return ``most`` of tie points (P,), numbers sorted, at most, spread over their order, without those whose rays
+    are too nearly parallel."""
+    some = points[np.unique(np.linspace(0, max(len(points) - 1, 0), min(len(points), most)).astype(np.int64))]
+    sigma = _intersection_sigmas_m(problem, state, some)[:, 2]
+    return some[sigma <= BADLY * np.median(sigma)] if len(some) else some
+
+
 def places_of(problem: Problem, state: State) -> Places | None:
     """Choose the tie points that stand for a block, None where there are fewer than FEWEST_POINTS."""
     rays = np.bincount(problem.tie.point, minlength=len(state.tie_point))
-    seen = np.flatnonzero((rays >= 2) & np.isfinite(state.tie_point).all(axis=1))
-    seen = seen[np.unique(np.linspace(0, max(len(seen) - 1, 0), min(len(seen), MOST_POINTS)).astype(np.int64))]
-    sigma = _intersection_sigmas_m(problem, state, seen)[:, 2]
-    seen = seen[sigma <= BADLY * np.median(sigma)] if len(seen) else seen
+    seen = firm_points(problem, state, np.flatnonzero((rays >= 2) & np.isfinite(state.tie_point).all(axis=1)))
     if len(seen) < FEWEST_POINTS:
         return None
     xy = state.tie_point[seen, :2]
@@ -266,15 +271,21 @@ def shape_covariances(problem: Problem, state: State, solvable: Solvable, places
 
 
 def component_shifts(problem: Problem, state: State, solvable: Solvable, component: IntArray) -> FloatArray:
-    """Return the covariances (C, 3, 3) in the world, m², of the vectors from the mean tie point of the first component
-    to that of each, by the ``component`` (N,) of the photographs; empty for a block in one piece."""
+    """Return the covariances (C, 3, 3) in the world, m², of the vectors from the mean of the firm tie points of the
+    first component to that of each, by its number in ``component`` (N,), that of the photographs: NaN of those without
+    such points; empty for a block in one piece."""
     tie = problem.tie
     of_point = np.full(len(state.tie_point), -1)
     of_point[tie.point] = component[tie.photograph]
-    numbers, counts = np.unique(of_point[of_point >= 0], return_counts=True)
+    pieces = range(int(of_point.max(initial=-1)) + 1)
+    if len(pieces) < 2:
+        return np.zeros((0, 3, 3))
+    most = MOST_POINTS // len(pieces)
+    firm = [firm_points(problem, state, np.flatnonzero(of_point == number), most) for number in pieces]
+    points = np.sort(np.concatenate(firm))
+    numbers, counts = np.unique(of_point[points], return_counts=True)
     if len(numbers) < 2:
         return np.zeros((0, 3, 3))
-    points = np.flatnonzero(of_point >= 0)
     means = np.zeros((len(points), 3, len(numbers), 3))
     which = np.searchsorted(numbers, of_point[points])
     means[np.arange(len(points)), :, which] = np.eye(3) / counts[which][:, None, None]
@@ -283,8 +294,9 @@ def component_shifts(problem: Problem, state: State, solvable: Solvable, compone
     functions = functions_of_tie_points(
         problem, state, solvable.layout, points, means.reshape(len(points), 3, -1)
     ).covariance(solvable)
-    each = functions.reshape(len(numbers), 3, len(numbers), 3)
-    return np.asarray(np.einsum("cicj->cij", each))
+    covariance = np.full((len(pieces), 3, 3), np.nan)
+    covariance[numbers] = np.einsum("cicj->cij", functions.reshape(len(numbers), 3, len(numbers), 3))
+    return covariance
 
 
 def given_parameters(problem: Problem) -> FloatArray:

@@ -14,22 +14,16 @@ def component_numbers(result: Adjustment, orientation: Orientation) -> list[Comp
     block, component = result.block, orientation.component
     count = int(component.max(initial=-1)) + 1
     ties = (*orientation.ties, *("",) * (count - len(orientation.ties)))
-    sigmas = iter(result.covariances.deformation.component_shift_m2)
+    shifts = result.covariances.deformation.component_shift_m2
     return [
-        _tied(block, component, number, ties[number], _sigma(block, next(sigmas, None)) if adjusted else None)
-        for number, adjusted in enumerate(_adjusted(block, component, count).tolist())
+        _tied(block, component, number, ties[number], _sigma(block, shifts[number]) if number < len(shifts) else None)
+        for number in range(count)
     ]
 
 
-def _adjusted(block: Block, component: IntArray, count: int) -> BoolArray:
-    """Return which components (C,) take part in the adjustment."""
-    oriented = component[block.registered & (component >= 0)]
-    return np.asarray(np.bincount(oriented, minlength=count) > 0)
-
-
-def _sigma(block: Block, covariance_m2: FloatArray | None) -> ComponentSigmaRecord | None:
-    """Return standard deviations along the axes of the map, None of the first component."""
-    if covariance_m2 is None or not covariance_m2.any():
+def _sigma(block: Block, covariance_m2: FloatArray) -> ComponentSigmaRecord | None:
+    """Return standard deviations along the axes of the map, None of the first component and of those without any."""
+    if not covariance_m2.any() or np.isnan(covariance_m2).any():
         return None
     axes = block.frame.rotation_world_from_map(np.zeros(3))
     variance = np.diag(axes.T @ covariance_m2 @ axes)

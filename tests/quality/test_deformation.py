@@ -22,6 +22,7 @@ from photogram.quality.deformation import (
     GROUND,
     SLOPES,
     component_shifts,
+    firm_points,
     height_modes,
     offset_of,
     parameters_of,
@@ -103,12 +104,15 @@ def test_components_are_placed_beside_each_other_as_the_whole_linear_system_says
     last = np.zeros(len(state.tie_point), dtype=np.int64)
     last[tie.point] = of_point
     rows = np.zeros((2, 3, len(covariance)))
-    for point, of in enumerate(last.tolist()):
-        rows[of, :, place[key(TIE_POINT, point)].start + np.arange(3)] = np.eye(3) / np.sum(last == of)
+    for of in (0, 1):
+        firm = firm_points(problem, state, np.flatnonzero(last == of))
+        for point in firm.tolist():
+            rows[of, :, place[key(TIE_POINT, point)].start + np.arange(3)] = np.eye(3) / len(firm)
     assert 0.0 < np.mean(alone) < 1.0
     between = rows[1] - rows[0]
-    assert not found[0].any()
-    np.testing.assert_allclose(found[1], between @ covariance @ between.T, rtol=1e-6, atol=1e-12)
+    assert not found[2].any()
+    assert np.isnan(found[[0, 1, 3, 4]]).all()
+    np.testing.assert_allclose(found[5], between @ covariance @ between.T, rtol=1e-6, atol=1e-12)
     assert component_shifts(problem, state, factored(problem, state), np.zeros(6, dtype=np.int64)).shape == (0, 3, 3)
 
 
