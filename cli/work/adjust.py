@@ -1,5 +1,6 @@
 """What `photogram adjust` does."""
 
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from photogram.pipeline.finished_report import prints_of, products_of, removed_p
 from photogram.pipeline.input_validation import checked_project, predicted_costs, tags_of
 from photogram.pipeline.pipeline import load_project, run_pipeline
 from photogram.pipeline.precompilation import compiling_early
+from photogram.pipeline.stage import Watcher
 from photogram.pipeline.stages.publishing.report_files import PAGE, PRINTED, print_report
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
@@ -38,9 +40,9 @@ def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager[
     return nullcontext() if workers is None else ProcessPool(workers)
 
 
-def _adjust_apart(survey: Project, report: Report, voice: Voice, lines: EventLines | None) -> None:
-    """Adjust each component that nothing ties to the rest as a free network of its own, and say where its report is;
-    one that cannot be is named with the reason, and ends nothing."""
+def _adjusted_apart(survey: Project, report: Report, voice: Voice | None) -> Iterator[str]:
+    """Adjust each component that nothing ties to the rest as a free network of its own, watched by a ``voice`` where
+    there is one, and yield where its report is; one that cannot be is named with the reason, and ends nothing."""
     for number, (names, tie) in enumerate(
         zip(report["block"]["components"], report["block"]["component_ties"], strict=True), start=1
     ):
@@ -48,7 +50,7 @@ def _adjust_apart(survey: Project, report: Report, voice: Voice, lines: EventLin
             continue
         try:
             own = load_project(write_component(survey, names, number))
-            with voice.watching({}) as watcher:
+            with nullcontext(Watcher()) if voice is None else voice.watching({}) as watcher:
                 apart = run_pipeline(own, watcher=watcher)
             said = f"component {number}, {len(names)} photographs that nothing ties to the rest, is a free network of "
             said += f"its own: {path_from(Path(), own.results / within_results(PAGE)).as_posix()}"
@@ -56,10 +58,7 @@ def _adjust_apart(survey: Project, report: Report, voice: Voice, lines: EventLin
                 said += ", not converged"
         except PhotogramError as error:
             said = f"component {number}, {len(names)} photographs, cannot be adjusted by itself: {error}"
-        if lines is not None:
-            lines.say("warning", said)
-        else:
-            console.print(escape(f"Apart: {said}"), soft_wrap=True)
+        yield f"Apart: {said}"
 
 
 def run(
@@ -93,7 +92,9 @@ def run(
     if report and pdf and silent:
         print_report(survey)
     renewed = renewed_prints(survey, [name for name in before if not (pdf and name == PRINTED)]) if report else []
-    changed = (*renewed, *(removed_products(survey, products) if report else ()))
+    changed = [*renewed, *(removed_products(survey, products) if report else ())]
+    if report and until is None:
+        changed += _adjusted_apart(survey, report, None if lines is not None else voice)
     if lines is not None:
         for sentence in changed:
             lines.say("warning", sentence)  # every line is an event, and the verdict is the last
@@ -102,7 +103,5 @@ def run(
         console.print(escape(sentence), soft_wrap=True)
     if report and pdf and not silent:
         say_printed(survey)
-    if report and until is None:
-        _adjust_apart(survey, report, voice, lines)
     if report and strict and report["blunders"]:
         raise typer.Exit(1)

@@ -104,3 +104,7 @@ def test_a_piece_that_nothing_ties_is_delivered_apart(
     assert sorted(apart["photographs"]) == sorted(report["block"]["components"][number - 1])
     assert apart["block"]["registered"] == 8
     assert not apart["local_frame"]["scale_known"]
+    events = [json.loads(line) for line in photogram("adjust", project, "--json").out.splitlines()]
+    assert events[-1]["event"] == "done"
+    assert any(e["event"] == "warning" and e["text"].startswith("Apart: ") for e in events)
+    assert sum(e["event"] == "begin" and e["stage"] == "adjustment" for e in events) == 1

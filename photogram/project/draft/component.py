@@ -5,7 +5,7 @@ import json
 from collections.abc import Collection
 from pathlib import Path
 
-from photogram.errors import WorkspaceError
+from photogram.errors import PhotogramError, WorkspaceError
 from photogram.files.atomic import replacing
 from photogram.project.document import Document
 from photogram.project.project import Project
@@ -54,11 +54,13 @@ def write_component(survey: Project, photographs: Collection[str], number: int) 
     """Write the project of a component and return where. Raises WorkspaceError where another file of that name stands
     there, or nothing can be written."""
     path = component_path(survey, number)
-    if path.exists() and not path.read_text(encoding="utf-8").startswith(WRITTEN):
-        raise WorkspaceError(f"{path}: not written by photogram adjust: rename it, it is where a component is written")
     try:
+        if path.exists() and not path.read_bytes().startswith(WRITTEN.encode()):
+            raise WorkspaceError(f"{path}: not written by photogram adjust: rename it, a component goes there")
         with replacing(path) as partial:
             partial.write_text(component_text(survey, photographs, number), encoding="utf-8")
     except OSError as error:
+        if isinstance(error, PhotogramError):
+            raise
         raise WorkspaceError(f"{path}: {error.strerror}: allow writing beside the project file") from error
     return path
