@@ -85,6 +85,8 @@ def test_a_photograph_of_a_flight_in_the_list_is_of_no_other(tmp_path: Path) -> 
         (BOTH.replace("may/*", "april/*"), "match 0 photographs of 6: an epoch needs 3; patterns are those of a shell"),
         (BOTH.replace("june/2.jpg", "may/0.jpg"), "match may/0.jpg, which are of the epoch May already"),
         (BOTH.replace("'june/[01]*', june/2.jpg", "june/*, 'x'").replace("may/*", "'may/[01]*'"), "an epoch needs 3"),
+        (BOTH.replace("June", "MAY"), "'MAY' is there twice"),
+        (BOTH.replace("June", "../June"), "'../June' cannot be part of a folder's name"),
         (BOTH + "\n  - {photographs: [x]}", "name: is missing"),
     ],
 )

@@ -1,5 +1,6 @@
 """The epochs and flights of a survey: which photographs were taken in each."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -9,6 +10,7 @@ from photogram.project.schema import DEFAULT_FLIGHT, EpochEntry, FlightEntry, Ph
 from photogram.wording import some
 
 FEWEST_PHOTOGRAPHS = 3
+_FOLDER = re.compile(r"\w(?:[\w .-]*[\w-])?")
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,12 @@ def check_epochs(document: Document, file: ProjectFile, names: Sequence[str]) ->
     for i, (epoch, own) in enumerate(zip(file.epochs, _matched(file.epochs, names), strict=True)):
         if epoch.name is None or epoch.photographs is None:
             continue
-        if epoch.name in called:
+        if not _FOLDER.fullmatch(epoch.name):
+            text = f"{epoch.name!r} cannot be part of a folder's name: use letters, digits, spaces, dots, - and _"
+            document.add_error(("epochs", i, "name"), text)
+        if epoch.name.casefold() in called:
             document.add_error(("epochs", i, "name"), f"{epoch.name!r} is there twice: name each by itself")
-        called.add(epoch.name)
+        called.add(epoch.name.casefold())
         if len(own) < FEWEST_PHOTOGRAPHS:
             document.add_error(
                 ("epochs", i, "photographs"),
