@@ -30,6 +30,9 @@ Tie = Literal["", "control points", "GNSS positions", "marked points"]
 FEWEST_PHOTOGRAPHS = 3  # of a component that GNSS positions place, fewer than which fit any positions
 LARGEST_TURN_RAD = float(np.deg2rad(20.0))
 """Between the measured attitudes of a component, once placed, and how those of the first are turned on the whole."""
+FAR_M, FAR_EXTENTS = 1000.0, 10.0
+"""From the first, and in its extents, the larger of both, beyond which a component is another site: one map of both
+would be empty."""
 CONFIRMED_POINTS, CONFIRMED_SHARE = 10, 0.5
 """Agreeing tie points, and of those visible, that join a photograph whose measured position confirms its pose."""
 
@@ -83,14 +86,28 @@ def _turned_rad(one: FloatArray, other: FloatArray) -> float:
     return float(np.arccos(np.clip((np.trace(one.T @ other) - 1.0) / 2.0, -1.0, 1.0)))
 
 
-def _trusted(structure: Structure, block: Block, vertical: Vertical, turn: FloatArray | None) -> tuple[Similarity, Tie]:
-    """Return the similarity of a further component, and what gives it. Raises OrientationError where it cannot be told
-    from a component of wrong matches."""
+def _check_near(first: FloatArray, further: FloatArray) -> None:
+    """Raise OrientationError where projection centres (K, 3) lie so far from those of the first component (N, 3) that
+    they are of another site."""
+    extent_m = float(np.linalg.norm(np.ptp(first, axis=0)))
+    away_m = float(np.linalg.norm(further.mean(axis=0) - first.mean(axis=0)))
+    if away_m > max(FAR_M, FAR_EXTENTS * extent_m):
+        raise OrientationError(f"it lies {away_m / 1000.0:.1f} km off: another site, give it a project of its own")
+
+
+def _trusted(
+    structure: Structure, block: Block, vertical: Vertical, turn: FloatArray | None, first: FloatArray
+) -> tuple[Similarity, Tie]:
+    """Return the similarity of a further component, and what gives it; ``first`` (N, 3) are the projection centres of
+    the first in the world. Raises OrientationError where it cannot be told from a component of wrong matches, or is of
+    another site."""
     tie: Tie = placed_by(structure, block)
     count = int(structure.registered.sum())
     if tie == "GNSS positions" and count < FEWEST_PHOTOGRAPHS:
         raise OrientationError(f"{things(count, 'position')} fit any component: {FEWEST_PHOTOGRAPHS} are needed")
     fit = georeference(structure, block, vertical)
+    if tie == "GNSS positions":
+        _check_near(first, fit.points(structure.position[structure.registered]))
     if tie == "GNSS positions" and _misfit(structure, fit, block) > LIMIT:
         raise OrientationError("its GNSS positions do not agree with its shape")
     own = _turn(structure, fit, block)
@@ -130,15 +147,16 @@ def place(structures: Sequence[Structure], block: Block, vertical: Vertical) -> 
     """
     fits: list[Similarity | None] = [None] * len(structures)
     ties: list[Tie] = [""] * len(structures)
-    reasons, turn = [""] * len(structures), None
+    reasons, turn, centres = [""] * len(structures), None, np.zeros((0, 3))
     for number, structure in enumerate(structures if not block.is_free else structures[:1]):
         try:
             if any(fit is not None for fit in fits):
-                fits[number], ties[number] = _trusted(structure, block, vertical, turn)
+                fits[number], ties[number] = _trusted(structure, block, vertical, turn, centres)
             else:
                 first = georeference(structure, block, vertical)
                 fits[number], ties[number] = first, placed_by(structure, block)
                 turn = _turn(structure, first, block)
+                centres = first.points(structure.position[structure.registered])
         except OrientationError as error:
             reasons[number] = str(error)
     if all(fit is None for fit in fits):

@@ -112,6 +112,21 @@ def test_positions_that_contradict_shape_and_attitudes_place_no_further_componen
     assert "its GNSS positions do not agree with its shape" in " ".join(oriented.reason)
 
 
+def test_photographs_of_a_site_far_away_are_left_out_and_told() -> None:
+    made, piece = two()
+    away = np.array([30_000.0, 0.0, 0.0])
+    photographs = tuple(
+        replace(p, gnss_world_m=p.gnss_world_m + away) if n == 1 and p.gnss_world_m is not None else p
+        for p, n in zip(made.block.photographs, piece.tolist(), strict=True)
+    )
+    block = bare(replace(made.block, photographs=photographs), control=False)
+    block = without_marks(block, np.zeros(len(block.control_points.mark_point), dtype=bool))
+    oriented = orient(block, replace(AUTO, method="growth"))
+    left = np.flatnonzero(~oriented.registered)
+    assert len(left) == 10
+    assert all("it lies 30.0 km off: another site, give it a project of its own" in oriented.reason[i] for i in left)
+
+
 def test_components_take_the_calibration_of_the_first() -> None:
     made, piece = two(replace(PLAN, calibration_source="exif"))
     oriented = orient(bare(made.block), replace(AUTO, method="growth"))
