@@ -20,6 +20,7 @@ help:
 	@echo "make versions END=oldest   run demo and tests with the oldest versions of all libraries that are allowed; END=newest: the newest"
 	@echo "make figures  run every benchmark whose figures the pages in docs/ show, and write docs/figures.json; many hours, goes on where it stopped"
 	@echo "make figures ONLY=free_network   those alone whose command has this in it"
+	@echo "make figures COMPARE=v0.3.0   run them here and at that commit over the same seeds, and say what moved"
 	@echo "make docs   build the documentation with the reference of the public names as a site: build/site/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
@@ -71,7 +72,7 @@ messages: $(VENV)/installed-test
 	$(BIN)/python tests/messages.py
 
 figures: $(VENV)/installed-test
-	$(BIN)/python benchmarks/figures.py --only "$(ONLY)"
+	$(BIN)/python benchmarks/figures.py --only "$(ONLY)" --compare "$(COMPARE)"
 
 docs: $(VENV)/installed-docs
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going -q -c docs/site -d build/site-trees . build/site

@@ -1,13 +1,16 @@
 """Run the benchmarks whose figures the documentation shows, one after the other, and write what they print.
 
     python benchmarks/figures.py [--only NAME] [--list]             or: make figures [ONLY=name]
+    python benchmarks/figures.py --compare COMMIT [--only NAME]     or: make figures COMPARE=v0.3.0 [ONLY=name]
 
 The commands are those that the pages name: `<!-- figures: benchmarks/NAME.py … -->`; the last one is all tests, with
 all seeds of their statistics. What a command printed is kept in build/figures/ under a digest of the sources: a second
 call goes on where the first one stopped, and after a change of the sources all run again. Everything goes to
 docs/figures.json, with the seconds that it took, from which the next call says how long it will take. Between
 `<!-- printed: COMMAND -->` and `<!-- end of printed -->` a page gets what the command printed. Tables made by hand stay
-as they are: commands that print other figures than in docs/figures.json are listed with the pages to correct.
+as they are: commands that print other figures than in docs/figures.json are listed with the pages to correct, and
+what moved, cell by cell. With `--compare` nothing is written: the commands that both have run here and in a checkout of
+COMMIT, over the same seeds, and what moved is printed.
 """
 
 import argparse
@@ -17,12 +20,15 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypedDict
 
+from lib.moved import moved
 from lib.study import PrintedTable, tables_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,7 +74,7 @@ def printed(root: Path, command: str, folder: Path) -> Printed:
     """Return what a command prints, from ``folder`` if it is there. Raises CalledProcessError where it fails."""
     kept = folder / (re.sub(r"\W+", "_", command) + ".json")
     if not kept.is_file():
-        environment = {**os.environ, **ALL_SEEDS} if command == TESTS else None
+        environment = {**os.environ, "PYTHONPATH": str(root), **(ALL_SEEDS if command == TESTS else {})}
         began = time.monotonic()
         done = subprocess.run(
             [sys.executable, *command.split()], cwd=root, env=environment, stdout=subprocess.PIPE, text=True, check=True
@@ -137,6 +143,7 @@ def write_figures(root: Path, only: str = "", show: bool = False) -> list[str]:
             continue
         if says_otherwise(figures.get(command), found):
             print(f"  new figures, {found['seconds']:.0f} s; compare the tables of: {', '.join(names) or 'no page'}")
+            print_moved(figures.get(command), found)
         figures[command] = found
         text = json.dumps(dict(sorted(figures.items())), ensure_ascii=False, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
@@ -145,13 +152,57 @@ def write_figures(root: Path, only: str = "", show: bool = False) -> list[str]:
     return failures
 
 
+def print_moved(before: Printed | None, after: Printed) -> None:
+    """Print what a command says otherwise than before."""
+    for change in [] if before is None else moved(before["tables"], after["tables"]):
+        print(f"  {change.sentence}")
+
+
+@contextmanager
+def checked_out(root: Path, commit: str) -> Iterator[Path]:
+    """Give the sources of a commit in a folder of their own. Raises CalledProcessError where there is no such one."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / root.name
+        subprocess.run(["git", "worktree", "add", "--detach", "--quiet", folder, commit], cwd=root, check=True)
+        try:
+            yield folder
+        finally:
+            subprocess.run(["git", "worktree", "remove", "--force", folder], cwd=root, check=True)
+
+
+def compare_figures(root: Path, commit: str, only: str = "") -> list[str]:
+    """Run the commands whose text has ``only`` in it here and at a commit, and print what moved. Returns what
+    failed."""
+    commands = [command for command in commands_of(sorted((root / "docs").glob("*.md"))) if only in command]
+    failures, digest = list[str](), sources_digest(root)
+    with checked_out(root, commit) as earlier:
+        earlier_digest = sources_digest(earlier)
+        for number, command in enumerate(commands, start=1):
+            print(f"{number} of {len(commands)}: {command}", flush=True)
+            if not (earlier / command.split()[0]).is_file():
+                print(f"  not there at {commit}")
+                continue
+            try:
+                before = printed(earlier, command, root / "build" / "figures" / earlier_digest)
+                after = printed(root, command, root / "build" / "figures" / digest)
+            except subprocess.CalledProcessError as failure:
+                failures.append(f"{command} ended with {failure.returncode}")
+                continue
+            print_moved(before, after)
+    return failures
+
+
 def main() -> int:
-    """Write the figures, and return 1 where a command failed."""
+    """Write or compare the figures, and return 1 where a command failed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", default="", metavar="NAME", help="commands with this in their text alone")
     parser.add_argument("--list", action="store_true", help="say what would be run")
+    parser.add_argument("--compare", metavar="COMMIT", help="run all here and at a commit, and say what moved")
     given = parser.parse_args()
-    failures = write_figures(ROOT, given.only, given.list)
+    if given.compare:
+        failures = compare_figures(ROOT, given.compare, given.only)
+    else:
+        failures = write_figures(ROOT, given.only, given.list)
     print("".join(f"failed: {failure}\n" for failure in failures), end="")
     return int(bool(failures))
 

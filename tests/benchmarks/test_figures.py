@@ -1,6 +1,7 @@
 """`make figures` with benchmarks made for it: what is run, kept, and written to pages and JSON."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import figures
@@ -81,3 +82,23 @@ def test_every_command_in_the_documentation_is_there() -> None:
     assert len(commands) > 30
     for command in commands:
         assert (figures.ROOT / command.split()[0]).is_file(), command
+
+
+def test_a_commit_is_compared_cell_by_cell(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def git(*words: str) -> None:
+        who = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", *who, *words], cwd=root, check=True, capture_output=True)
+
+    (root / "docs" / "page.md").write_text("<!-- figures: benchmarks/fake.py 1.02, benchmarks/late.py -->\n")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "a")
+    (root / "benchmarks" / "fake.py").write_text(FAKE.replace("sys.argv[1]", "'1.30'"))
+    (root / "benchmarks" / "late.py").write_text("print('x')\n")
+    assert figures.compare_figures(root, "HEAD") == []
+    said = capsys.readouterr().out
+    assert "table 1, plan, z: 1.02 → 1.30 (+27 %)" in said
+    assert "2 of 3: benchmarks/late.py\n  not there at HEAD" in said
+    assert not (root / "docs" / "figures.json").exists()
+    listed = subprocess.run(["git", "worktree", "list"], cwd=root, capture_output=True, text=True, check=True).stdout
+    assert len(listed.splitlines()) == 1
