@@ -79,8 +79,8 @@ def test_a_surface_gives_a_survey_without_control_its_heights(without_control: t
         result, decision = verdict.result, verdict.result.decisions.known_surface
         assert decision is not None
         assert decision.adopted
-        assert decision.used > 100
-        assert (decision.set_aside > 5) == heaps
+        assert decision.used > 60
+        assert (decision.set_aside > 3) == heaps
         assert abs(decision.mean_m) < 0.02
         assert abs(mean_height_m(made, alone)) > 0.3
         assert abs(mean_height_m(made, result)) < 3.0 * COMMON_M
@@ -144,8 +144,14 @@ def test_what_stands_out_is_left_out_of_a_fit() -> None:
     assert scale < 1.3
 
 
-def test_points_are_spread_over_squares() -> None:
+def test_points_are_spread_over_squares_and_no_cell_counts_twice() -> None:
     xy = np.random.default_rng(1).uniform(0.0, 100.0, (5000, 2))
     chosen = spread(xy, np.arange(5000.0), 10.0)
-    assert len(chosen) == 100
-    assert chosen.max() < 1000
+    apart = np.abs(xy[chosen][:, None] - xy[chosen]).max(axis=2) + 100.0 * np.eye(len(chosen))
+    assert apart.min() >= 10.0 * (1.0 - 1e-9)
+    # every other point is near a better one, or in the square of one
+    assert len(chosen) > 40
+    assert chosen[0] == 0
+    wide = spread(xy, np.arange(5000.0), 0.1)
+    assert 390 <= len(wide) <= 401
+    assert np.all(np.diff(wide) > 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from photogram.amendments.surfaces.known_heights import WINDOW, KnownSurface
 from photogram.arrays import BoolArray, FloatArray, IntArray
@@ -86,15 +87,21 @@ def candidates(result: Adjustment) -> IntArray:
     return np.flatnonzero(good & (own_m <= POOR * np.median(own_m[good])))
 
 
-def spread(xy: FloatArray, rank: FloatArray, least_side_m: float) -> IntArray:
-    """Return of points (P, 2) the one of least ``rank`` (P,) in each square, ascending; squares are no smaller than
-    ``least_side_m``."""
+def spread(xy: FloatArray, rank: FloatArray, window_m: float) -> IntArray:
+    """Return of points (P, 2) the one of least ``rank`` (P,) in each square, ascending, without those whose windows,
+    of side ``window_m``, meet that of a better one: cells in both would count twice."""
     low, extent = xy.min(axis=0), float(np.ptp(xy, axis=0).max())
-    side = max(extent / SQUARES, least_side_m, 1e-9)
+    side = max(extent / SQUARES, window_m, 1e-9)
     column, row = ((xy - low) / side).astype(np.int64).T
     square = row * (int(column.max()) + 1) + column
     order = np.lexsort((rank, square))
-    return np.sort(order[np.unique(square[order], return_index=True)[1]])
+    first = order[np.unique(square[order], return_index=True)[1]]
+    first = first[np.argsort(rank[first], kind="stable")]
+    meeting = cKDTree(xy[first]).query_ball_point(xy[first], window_m * (1.0 - 1e-9), p=np.inf)
+    kept: BoolArray = np.zeros(len(first), dtype=bool)
+    for number, others in enumerate(meeting):
+        kept[number] = not kept[others].any()
+    return np.sort(first[kept])
 
 
 @dataclass(frozen=True, eq=False)
