@@ -106,8 +106,8 @@ def with_known_surface(
     key, path = "known_surface", document.base / settings.path
     if not isfile(path):
         document.add_error((key, "path"), f"file {path} not found: correct the path, or remove the section")
-    elif path.suffix.lower() not in (".tif", ".tiff"):
-        text = f"is {path.name}, GeoTIFF is read: make a height model of its ground points first"
+    elif path.suffix.lower() not in (".tif", ".tiff", ".las", ".laz"):
+        text = f"is {path.name}, GeoTIFF, LAS and LAZ are read: export it as one of these"
         document.add_error((key, "path"), text)
     if file.crs == NO_CRS:
         text = "needs a map that both have: give the crs of the survey, or remove the section"

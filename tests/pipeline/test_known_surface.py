@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 import yaml
+from pyproj import CRS
 
 from photogram.errors import ProjectError
 from photogram.files.maps.rasters import write_raster
@@ -15,6 +17,7 @@ from photogram.pipeline.pipeline import load_project
 from photogram.pipeline.reference_placement import known_surface_findings
 from photogram.pipeline.stages.known_surface import known_surface_fingerprint, surface_around
 from photogram.project.measured.measured_survey import control_positions
+from photogram.project.project import Project
 from photogram.survey import Raster
 
 
@@ -52,6 +55,39 @@ def test_a_surface_is_read_around_the_survey(survey: Path) -> None:
     there = surface.at(control_m)
     np.testing.assert_allclose(there.height_m, np.median(control_m[:, 2]), atol=1e-3)
     assert surface_around(project, extent_m + 1e5) is None
+
+
+def test_the_ground_of_a_laser_cloud_is_a_surface_too(survey: Path) -> None:
+    path = with_surface(survey, path="official.laz")
+    control_m = control_positions(read_without_surface(path))
+    rng = np.random.default_rng(1)
+    low, high = control_m.min(axis=0)[:2] - 60.0, control_m.max(axis=0)[:2] + 60.0
+    xy = rng.uniform(low, high, (40_000, 2))
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, 1e-3), np.array([*np.floor(low), 0.0])
+    header.add_crs(CRS.from_user_input(read_without_surface(path).crs))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = *xy.T, np.median(control_m[:, 2]) + 0.1 * rng.standard_normal(len(xy))
+    las.classification = np.full(len(xy), 2, dtype=np.uint8)
+    las.write(str(survey / "official.laz"))
+    surface = surface_around(load_project(path), np.stack([control_m.min(axis=0), control_m.max(axis=0)]))
+    assert surface is not None
+    assert surface.sigma_m == pytest.approx(0.038, abs=0.002)  # of a cell of eight points, 0.1 m each
+    z = (surface.raster.values - np.median(control_m[:, 2])) / surface.sigma_m
+    assert np.sqrt(np.nanmean(z**2)) == pytest.approx(1.0, abs=0.08)
+    assert findings(path) == []
+    las.header.add_crs(CRS.from_user_input("EPSG:25833"), keep_compatibility=False)
+    las.write(str(survey / "official.laz"))
+    assert any("that of the project" in text for _, text in findings(path))
+
+
+def read_without_surface(path: Path) -> Project:
+    """Return the project of a file without its known surface."""
+    said = yaml.safe_load(path.read_text(encoding="utf-8"))
+    said.pop("known_surface")
+    bare = path.with_name("bare.yaml")
+    bare.write_text(yaml.safe_dump(said, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return load_project(bare)
 
 
 def test_ground_that_is_not_stable_has_no_height(survey: Path) -> None:
@@ -94,7 +130,7 @@ def test_what_is_wrong_is_said_before_any_work(
     ("keys", "says"),
     [
         ({"path": "none.tif"}, "none.tif not found"),
-        ({"path": "project.yaml"}, "GeoTIFF is read"),
+        ({"path": "project.yaml"}, "GeoTIFF, LAS and LAZ are read"),
         ({"sigma_m": None}, "sigma_m: is missing"),
         ({"sigma_m": 0}, "must be from 0.001"),
         ({"path": None}, "path: is missing"),

@@ -17,13 +17,14 @@ class KnownSurfaceSettings(Settings):
 
     path: Annotated[
         str | None,
-        "Height model of bare ground, GeoTIFF in the plan of the CRS of the project, relative to the project file.",
+        "Height model of bare ground, GeoTIFF, or a cloud whose ground is classified (class 2), LAS or LAZ; in the "
+        "plan of the CRS of the project, relative to the project file.",
         Default("no known surface"),
     ] = None
     sigma_m: Annotated[
         float | None,
         Within(0.001, 100, "m"),
-        "Standard deviation of a cell, independent from cell to cell.",
+        "Standard deviation of a cell, of LAS and LAZ of a point, independent from one to the next.",
         Default("none: it must be given"),
     ] = None
     common_sigma_m: Annotated[

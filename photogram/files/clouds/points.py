@@ -1,7 +1,8 @@
 """Point clouds in and out: text of x, y, z and LAS or LAZ."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from itertools import islice
@@ -221,55 +222,57 @@ def las_units(header: laspy.LasHeader, crs: str = NO_CRS) -> MapUnits:
         return map_units(crs)  # a CRS that nobody can read, or none of a map, has never been looked at
 
 
-def read_las(path: Path) -> laspy.LasData:
-    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing, damaged or cut off."""
+@contextmanager
+def opened_las(path: Path) -> Iterator[laspy.LasReader]:
+    """Give a reader of a LAS or LAZ file. Raises ProjectError where the file is missing or damaged, and for what the
+    block raises of such a file."""
+    if not isfile(path):
+        raise ProjectError(f"point cloud {path}: file not found: check its path")
     try:
         check_las(path)
         # the decoder is named, else damage would be tried again with any other one that is installed, and named by that
         with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
-            points = _all_points(reader)
-        damaged = len(points) != reader.header.point_count
-        extent = np.abs(np.asarray(points.xyz)).max(initial=0.0)
+            yield reader
     except ProjectError:
         raise
     except OSError as error:
         raise ProjectError(f"point cloud {path}: cannot be read ({error.strerror or error}): copy it again") from error
     except _LAS_DAMAGE as error:
         raise ProjectError(f"point cloud {path}: cannot be read ({error}): copy or export it again") from error
-    if damaged:
+
+
+def las_parts(path: Path, reader: laspy.LasReader) -> Iterator[laspy.ScaleAwarePointRecord]:
+    """Yield the points of an open LAS or LAZ file in parts; memory grows with what has been decoded, whatever the
+    header claims. Raises ProjectError where there are fewer than in the header, or a coordinate cannot be."""
+    count = 0
+    for part in reader.chunk_iterator(_CHUNK_POINTS):
+        count += len(part)
+        extent = max((float(np.abs(np.asarray(part[axis])).max(initial=0.0)) for axis in "xyz"), default=0.0)
+        if not extent <= LARGEST_EXTENT:
+            raise ProjectError(f"point cloud {path}: damaged, a coordinate is {extent:.6g}: copy or export it again")
+        yield part
+    if count != reader.header.point_count:
         raise ProjectError(
-            f"point cloud {path}: {len(points)} of the {reader.header.point_count} points in its header: "
+            f"point cloud {path}: {count} of the {reader.header.point_count} points in its header: "
             "copy or export it again"
         )
-    if not extent <= LARGEST_EXTENT:
-        raise ProjectError(f"point cloud {path}: damaged, a coordinate is {extent:.6g}: copy or export it again")
-    return points
+
+
+def read_las(path: Path) -> laspy.LasData:
+    """Return everything a LAS or LAZ file holds. Raises ProjectError where it is missing, damaged or cut off."""
+    with opened_las(path) as reader:
+        form = reader.header.point_format
+        parts = [part.array for part in las_parts(path, reader)]
+        array = np.concatenate(parts) if parts else np.zeros(0, form.dtype())
+        return laspy.LasData(reader.header, laspy.PackedPointRecord(array, form))
 
 
 def las_extent(path: Path, crs: str = NO_CRS) -> FloatArray:
     """Return the lowest and highest coordinates (2, 3) in m that the header of a LAS or LAZ file states, in the units
     of its CRS, else of ``crs``. Raises ProjectError where the file is missing or damaged."""
-    if not isfile(path):
-        raise ProjectError(f"point cloud {path}: file not found: check its path")
-    try:
-        check_las(path)
-        with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:
-            header = reader.header
-            return np.stack([header.mins, header.maxs]) * las_units(header, crs).factors
-    except OSError as error:
-        raise ProjectError(f"point cloud {path}: cannot be read ({error.strerror or error}): copy it again") from error
-    except _LAS_DAMAGE as error:
-        raise ProjectError(f"point cloud {path}: cannot be read ({error}): copy or export it again") from error
-
-
-def _all_points(reader: laspy.LasReader) -> laspy.LasData:
-    """Return all points; memory grows with what has been decoded, whatever the header claims."""
-    count = reader.header.point_count
-    if not reader.header.are_points_compressed or count <= _CHUNK_POINTS:
-        return reader.read()
-    parts = [part.array for part in reader.chunk_iterator(_CHUNK_POINTS)]
-    record = laspy.PackedPointRecord(np.concatenate(parts), reader.header.point_format)
-    return laspy.LasData(reader.header, record)
+    with opened_las(path) as reader:
+        header = reader.header
+        return np.stack([header.mins, header.maxs]) * las_units(header, crs).factors
 
 
 def las_colour(points: laspy.LasData) -> ByteArray | None:

@@ -10,10 +10,12 @@ from photogram.amendments.surfaces.known_heights import KnownSurface
 from photogram.amendments.surfaces.known_surface_settings import COMMON_SIGMA_M
 from photogram.arrays import FloatArray
 from photogram.errors import ProjectError
+from photogram.files.clouds.ground_cells import read_ground_cells
+from photogram.files.clouds.points import LAS_SUFFIXES
 from photogram.files.maps.polygon_files import read_polygons
 from photogram.files.maps.rasters import open_raster
 from photogram.files.npz_json import file_fingerprint
-from photogram.geodesy.crs import crs_label, same_plan
+from photogram.geodesy.crs import NO_CRS, crs_label, same_plan
 from photogram.geodesy.frames import map_heights
 from photogram.grid import Window
 from photogram.project.project import Project
@@ -38,33 +40,59 @@ def known_surface_fingerprint(project: Project) -> object:
     return [file_fingerprint(Path(settings.path)), stable, *own, project.heights]
 
 
+def _check_plan(path: Path, crs: str, project: Project, remedy: str) -> None:
+    """Raise ProjectError where a file is of another map than the project."""
+    if not same_plan(crs, project.crs):
+        raise ProjectError(
+            f"known_surface {path}: its CRS is {crs_label(crs)}, that of the project {crs_label(project.crs)}: "
+            f"reproject it ({remedy})"
+        )
+
+
+def _height_model(path: Path, project: Project, low: FloatArray, high: FloatArray) -> tuple[Raster, float] | None:
+    """Return the cells of a GeoTIFF between two corners (2,) of the map, None where it has none, and 1: what is stated
+    is the standard deviation of a cell."""
+    file = open_raster(path)
+    _check_plan(path, file.crs, project, "gdalwarp -t_srs CRS IN.tif OUT.tif")
+    grid = file.grid
+    first = np.floor(np.array([grid.north_map_m - high[1], low[0] - grid.west_map_m]) / grid.cell_m)
+    last = np.ceil(np.array([grid.north_map_m - low[1], high[0] - grid.west_map_m]) / grid.cell_m)
+    window = grid.common(Window(*(int(edge) for edge in np.clip([*first, *last], -1e9, 1e9))))
+    if window is None:
+        return None
+    west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
+    return Raster(file.read(window), west, north, grid.cell_m), 1.0
+
+
+def _ground_cells(path: Path, project: Project, low: FloatArray, high: FloatArray) -> tuple[Raster, float] | None:
+    """Return the ground points of a cloud in cells, as ``_height_model``, and by how much the standard deviation of a
+    cell is smaller than that of a point, which is stated."""
+    ground = read_ground_cells(path, low, high, project.crs)
+    if ground is None:
+        return None
+    if ground.crs != NO_CRS:
+        _check_plan(path, ground.crs, project, "pdal translate IN OUT reprojection --filters.reprojection.out_srs=CRS")
+    return ground.raster, ground.of_point
+
+
 def surface_around(project: Project, extent_map_m: FloatArray) -> KnownSurface | None:
     """Return the known surface of a project around places whose extent in the map is (2, 2 or more), None without one,
     or where it has no cell there. Raises ProjectError or FrameError where its files cannot be used."""
     settings = project.known_surface
     if settings.path is None or settings.sigma_m is None:
         return None
-    path = Path(settings.path)
-    file = open_raster(path)
-    if not same_plan(file.crs, project.crs):
-        raise ProjectError(
-            f"raster {path}: its CRS is {crs_label(file.crs)}, that of the project {crs_label(project.crs)}: reproject "
-            "it (gdalwarp -t_srs CRS IN.tif OUT.tif)"
-        )
-    low, high = extent_map_m[0, :2], extent_map_m[1, :2]
-    margin = np.maximum(MARGIN * (high - low), LEAST_MARGIN_M)
-    grid = file.grid
-    low, high = low - margin, high + margin
-    first = np.floor(np.array([grid.north_map_m - high[1], low[0] - grid.west_map_m]) / grid.cell_m)
-    last = np.ceil(np.array([grid.north_map_m - low[1], high[0] - grid.west_map_m]) / grid.cell_m)
-    window = grid.common(Window(*(int(edge) for edge in np.clip([*first, *last], -1e9, 1e9))))
-    if window is None:
+    path, margin = Path(settings.path), extent_map_m[1, :2] - extent_map_m[0, :2]
+    margin = np.maximum(MARGIN * margin, LEAST_MARGIN_M)
+    low, high = extent_map_m[0, :2] - margin, extent_map_m[1, :2] + margin
+    is_cloud = path.suffix.lower() in LAS_SUFFIXES
+    found = _ground_cells(path, project, low, high) if is_cloud else _height_model(path, project, low, high)
+    if found is None:
         return None
-    values = file.read(window)
-    west, north = grid.west_map_m + window.column * grid.cell_m, grid.north_map_m - window.row * grid.cell_m
+    raster, of_cell = found
+    values, west, north, cell_m = raster.values, raster.west_map_m, raster.north_map_m, raster.cell_m
     row, column = np.nonzero(np.isfinite(values))
-    east = west + (column + 0.5) * grid.cell_m
-    cells = np.column_stack([east, north - (row + 0.5) * grid.cell_m, values[row, column]])
+    east = west + (column + 0.5) * cell_m
+    cells = np.column_stack([east, north - (row + 0.5) * cell_m, values[row, column]])
     values[row, column] = map_heights(project.crs, project.heights, settings.heights, cells)[:, 2]
     if settings.stable is not None:
         inside = np.zeros(len(cells), dtype=bool)
@@ -72,8 +100,7 @@ def surface_around(project: Project, extent_map_m: FloatArray) -> KnownSurface |
             inside |= shapely.contains_xy(polygon.polygon, cells[:, 0], cells[:, 1])
         values[row[~inside], column[~inside]] = np.nan
     common = COMMON_SIGMA_M if settings.common_sigma_m is None else settings.common_sigma_m
-    raster = Raster(values, west, north, grid.cell_m)
-    return KnownSurface(path.name, raster, settings.sigma_m, common, settings.common_sigma_m is None)
+    return KnownSurface(path.name, raster, of_cell * settings.sigma_m, common, settings.common_sigma_m is None)
 
 
 def known_surface(project: Project, block: Block) -> KnownSurface | None:
