@@ -17,7 +17,7 @@ from photogram.pipeline.stage import Watcher
 from photogram.pipeline.stages.publishing.report_files import PAGE, PRINTED, print_report
 from photogram.pipeline.store.cluster import cluster
 from photogram.pipeline.store.pools import Pool, ProcessPool
-from photogram.project.draft.component import write_component
+from photogram.project.draft.component import earlier_components, write_component
 from photogram.project.project import Project
 from photogram.report.record.report import Report
 from photogram.result_files import within_results
@@ -43,13 +43,15 @@ def _pool(workers: int | None, scheduler: str | None) -> AbstractContextManager[
 def _adjusted_apart(survey: Project, report: Report, voice: Voice | None) -> Iterator[str]:
     """Adjust each component that nothing ties to the rest as a free network of its own, watched by a ``voice`` where
     there is one, and yield where its report is; one that cannot be is named with the reason, and ends nothing."""
+    written = list[Path]()
     for number, (names, tie) in enumerate(
         zip(report["block"]["components"], report["block"]["component_ties"], strict=True), start=1
     ):
         if tie["adjusted"] or len(names) < FEWEST_PHOTOGRAPHS:
             continue
         try:
-            own = load_project(write_component(survey, names, number))
+            written.append(write_component(survey, names, number))
+            own = load_project(written[-1])
             with nullcontext(Watcher()) if voice is None else voice.watching({}) as watcher:
                 apart = run_pipeline(own, watcher=watcher)
             said = f"component {number}, {len(names)} photographs that nothing ties to the rest, is a free network of "
@@ -59,6 +61,11 @@ def _adjusted_apart(survey: Project, report: Report, voice: Voice | None) -> Ite
         except PhotogramError as error:
             said = f"component {number}, {len(names)} photographs, cannot be adjusted by itself: {error}"
         yield f"Apart: {said}"
+    for path in earlier_components(survey, written):
+        yield (
+            f"No longer apart: {path.name} and its results are of an earlier state of this survey, whose components "
+            "are others now: delete them unless you keep them for a reason"
+        )
 
 
 def run(

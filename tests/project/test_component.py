@@ -6,7 +6,7 @@ import pytest
 
 from photogram.errors import WorkspaceError
 from photogram.pipeline.pipeline import load_project
-from photogram.project.draft.component import component_path, write_component
+from photogram.project.draft.component import component_path, earlier_components, write_component
 from photogram.project.project import Project
 
 TEXT = """# of a person
@@ -70,3 +70,10 @@ def test_photographs_given_on_the_command_line_stay_where_they_are(survey: Proje
     moved = (tmp_path / "pictures").rename(tmp_path / "elsewhere")
     own = load_project(write_component(load_project(survey.path, moved), ["three.jpg"], 1))
     assert own.photographs[0].path.resolve() == (moved / "three.jpg").resolve()
+
+
+def test_components_of_an_earlier_adjustment_are_known_by_their_first_line(survey: Project) -> None:
+    one, other = (write_component(survey, ["one.jpg"], number) for number in (2, 3))
+    component_path(survey, 4).write_text("photogram: 1\n", encoding="utf-8")
+    assert earlier_components(survey, [other]) == [one]
+    assert earlier_components(survey, [one, other]) == []

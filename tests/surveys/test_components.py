@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from photogram.project.draft.component import WRITTEN
 from photogram.simulation.simulated_survey import SimulatedSurvey, render_photographs, simulate, whole_survey_plan
 from photogram.simulation.survey_files import write_survey
 
@@ -69,8 +70,10 @@ def test_control_points_tie_two_pieces_to_one_system(
     survey: SimulatedSurvey, pictures: list[Any], tmp_path: Path, photogram: Run
 ) -> None:
     project = begun(tmp_path, photogram, survey, pictures, list(survey.control_points.name))
+    (tmp_path / "project_component_2.yaml").write_text(WRITTEN + "\n", encoding="utf-8")
     outcome = photogram("adjust", project)
     assert outcome.code == 0, outcome.err
+    assert "No longer apart: project_component_2.yaml and its results are of an earlier state" in outcome.out
     report = report_of(tmp_path / "results")
     ties = report["block"]["component_ties"]
     assert [t["photographs"] for t in ties] == [8, 8]
@@ -81,7 +84,8 @@ def test_control_points_tie_two_pieces_to_one_system(
     assert max(check["rmse_h_m"], check["rmse_v_m"]) < 3.0 * report["block"]["gsd_m"]
     assert report["predicted_against_achieved"]["consistent"]
     assert "components without common tie points" in outcome.out
-    assert not list(tmp_path.glob("project_component_*"))
+    assert [path.name for path in tmp_path.glob("project_component_*")] == ["project_component_2.yaml"]
+    assert not list(tmp_path.glob("results_component_*"))
 
 
 @pytest.mark.survey

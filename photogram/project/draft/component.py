@@ -1,6 +1,7 @@
 """The project of a component that nothing ties to the rest of its survey: the same photographs and settings, as a free
 network."""
 
+import glob
 import json
 from collections.abc import Collection
 from pathlib import Path
@@ -64,3 +65,9 @@ def write_component(survey: Project, photographs: Collection[str], number: int) 
             raise
         raise WorkspaceError(f"{path}: {error.strerror}: allow writing beside the project file") from error
     return path
+
+
+def earlier_components(survey: Project, written: Collection[Path]) -> list[Path]:
+    """Return the projects of components that an earlier adjustment has written, and this one has not ``written``."""
+    found = sorted(survey.path.parent.glob(f"{glob.escape(survey.path.stem)}_component_*.yaml"))
+    return [path for path in found if path not in written and path.read_bytes().startswith(WRITTEN.encode())]
