@@ -27,6 +27,7 @@ COMMANDS = {
     "volume": "photogram.change.commands.volume:volume",
     "audit": "photogram.exchange.commands.audit:audit",
     "verify": "photogram.verification.command:verify",
+    "donate": "photogram.donation.command:donate",
     "study": "photogram.teaching.command:experiments",
     "serve": "photogram.node.command:serve",
     "schema": "photogram.cli.commands.schema:schema",

@@ -9,6 +9,7 @@ from .change.m3c2 import M3C2Settings
 from .change.reference_comparison import compare_files_to_reference, write_comparison
 from .change.surface_change import SurfaceRequest, compare_surfaces
 from .delivery.hand_over import Delivered, deliver
+from .donation.donation import Donation, read_donation
 from .errors import (
     AdjustmentError,
     ControlPointError,
@@ -96,6 +97,7 @@ __all__ = [
     "DenseSettings",
     "DetectedTargets",
     "Diagnosis",
+    "Donation",
     "ExchangeError",
     "FeatureSettings",
     "Features",
@@ -172,6 +174,7 @@ __all__ = [
     "predict_accuracy",
     "project_points",
     "read_cloud",
+    "read_donation",
     "read_mask",
     "read_photograph",
     "read_raster",

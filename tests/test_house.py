@@ -19,6 +19,7 @@ WINGS = (
     "change",
     "delivery",
     "desk",
+    "donation",
     "exchange",
     "local_grids",
     "marking",
@@ -31,8 +32,11 @@ COMMANDS = (
     "cli",
     "terminal",
     *(f"{wing}.{room}" for wing in ("change", "exchange", "simulation") for room in ("commands", "work")),
-    *(f"{wing}.command" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching", "verification")),
-    *(f"{wing}.work" for wing in ("delivery", "desk", "local_grids", "marking", "node", "teaching")),
+    *(
+        f"{wing}.command"
+        for wing in ("delivery", "desk", "donation", "local_grids", "marking", "node", "teaching", "verification")
+    ),
+    *(f"{wing}.work" for wing in ("delivery", "desk", "donation", "local_grids", "marking", "node", "teaching")),
 )
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "babel": ("languages",),

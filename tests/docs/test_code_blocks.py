@@ -18,7 +18,9 @@ from pages import PAGES, CodeBlock, blocks, blocks_in, text_of
 
 import photogram as pg
 from photogram.adjustment.problem import AdjustmentSettings, minimise, start_state
+from photogram.donation.donation import donated, write_donation
 from photogram.node.options import OPTIONS
+from photogram.pipeline.pipeline import load_project
 from photogram.report.numbers.overall import length
 from photogram.simulation import simulated_survey
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -60,6 +62,14 @@ def test_the_report_is_read(adjusted_survey: Path, monkeypatch: pytest.MonkeyPat
     kept = json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
     assert names["report"] == kept
     assert kept["check_points"]["rmse_v_m"] > 0.0
+
+
+def test_a_donated_survey_is_adjusted_again(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(adjusted_survey)
+    write_donation(Path("project_donation.npz.gz"), donated(load_project(Path("project.yaml"))))
+    (block,) = blocks("python", "docs/honesty.md")
+    again, own = map(float, run(block, {}).split())
+    assert again == pytest.approx(own, abs=2e-3)
 
 
 def test_heights_of_a_plane_are_points_of_the_map(adjusted_survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:

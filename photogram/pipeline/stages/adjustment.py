@@ -1,7 +1,7 @@
 """The stage `adjustment`: the joint adjustment, what it leaves out, and how the block is deformed."""
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
 
@@ -44,9 +44,9 @@ from photogram.report.observations import observation_arrays
 from photogram.report.record.block import EffortRecord
 from photogram.report.values import record_of
 from photogram.sfm.marked_points import tied_by_marks, with_marks_as_tie_points
-from photogram.sfm.orientation import accepted_attitudes, confirmed_resections, georeferenced_again
+from photogram.sfm.orientation import Orientation, accepted_attitudes, confirmed_resections, georeferenced_again
 from photogram.sfm.resection import Resection
-from photogram.survey import PointCloud
+from photogram.survey import Block, PointCloud
 from photogram.wording import Progress, things
 
 _LOG = logging.getLogger(__name__)
@@ -85,8 +85,19 @@ def _resections(run: Run) -> tuple[Resection | None, ...]:
     return tuple(confirmed.get(i) for i in range(len(block.photographs)))
 
 
-def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummary:
-    """Adjust the block jointly."""
+@dataclass(frozen=True, eq=False)
+class AdjustmentInput:
+    """What is adjusted: the ``block``, and the same with all attitudes as they were ``measured``; ``resections`` from
+    its control points, as they are now."""
+
+    block: Block
+    measured: Block
+    orientation: Orientation
+    resections: tuple[Resection | None, ...]
+
+
+def adjustment_input(run: Run) -> AdjustmentInput:
+    """Return what the stage adjusts. Needs the stages `orientation` and `transfer`."""
     orientation = stored_orientation(run)
     as_placed = control_fingerprint(run.project) == georeferenced_by(run).control
     block = replace(run.block(), tie_points=transferred_tie_points(run), poses=orientation.poses)
@@ -101,13 +112,20 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         block = replace(block, photographs=accepted_attitudes(block, block.poses))
     kinds = zip(block.cameras, run.project.calibration, strict=True)
     block = replace(block, cameras=tuple(with_priors(c) if kind == "auto" else c for c, kind in kinds))
+    return AdjustmentInput(block, measured, orientation, resections)
+
+
+def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummary:
+    """Adjust the block jointly."""
+    given = adjustment_input(run)
+    block, orientation = given.block, given.orientation
     settings, start = run.project.adjustment, orientation.parameters
     known = known_surface(run.project, block)
     verdict = adjust_with_snooping(block, settings, start, progress, run.project.focal_readings_px, known)
     block, iterations = verdict.block, sum(effort.iterations_over_all_rays for effort in verdict.effort)
     for effort in verdict.effort:
         _LOG.debug("%s", effort.sentence)
-    blunders = [*verdict.blunders, *withdrawn_attitudes(measured, block, verdict.result)]
+    blunders = [*verdict.blunders, *withdrawn_attitudes(given.measured, block, verdict.result)]
     progress(0, 0, "deformation of the block")
     known_before = [camera.parameters for camera in block.cameras]
     deformation = block_deformation(verdict.result, run.project.adjustment, known_before, orientation.component)
@@ -121,7 +139,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
     write_adjustment(folder, result)
     every = verdict.block.tie_points
     write_arrays(folder / OBSERVATIONS, observation_arrays(result, verdict.priors, every, run.project.adjustment))
-    write_record(folder / RESECTIONS, StoredResections(resections))
+    write_record(folder / RESECTIONS, StoredResections(given.resections))
     write_json(folder / FIXED, held_parameters(block.cameras, result, verdict.focal_lengths))
     write_json(folder / VERDICT, verdict_to(verdict, blunders))
     return {
@@ -133,7 +151,7 @@ def adjust_block(run: Run, folder: Path, progress: Progress) -> AdjustmentSummar
         "rejected_headings": sum(not p.heading_known for p in block.photographs),
         "disbelieved_attitudes": sum(
             m.attitude_sigma_rad is not None and p.attitude_sigma_rad is None
-            for m, p in zip(measured.photographs, block.photographs, strict=True)
+            for m, p in zip(given.measured.photographs, block.photographs, strict=True)
         ),
     }
 
