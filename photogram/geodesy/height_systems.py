@@ -167,15 +167,21 @@ def in_metres(crs: CRS) -> CRS:
     return _in_unit(crs.to_2d(), "metre")
 
 
+def _without_transformation(whole: Any) -> Any:  # noqa: ANN401 - PROJJSON
+    """Return the map grid in the PROJJSON of one, which a transformation to another datum may be bound to."""
+    return whole.get("source_crs", whole)
+
+
 def _in_unit(crs: CRS, unit: object) -> CRS:
     """Return a map grid whose axes are all in a unit of PROJJSON."""
     whole = json.loads(crs.to_json())
-    inner = whole.get("source_crs", whole)
+    inner = _without_transformation(whole)
     for axis in inner["coordinate_system"]["axis"]:
         axis["unit"] = unit
     for part in (whole, inner):
         part.pop("id", None)
-        part["name"] = f"{part['name']}, in metres" if unit == "metre" and "name" in part else part.get("name")
+        if unit == "metre" and "name" in part:
+            part["name"] = f"{part['name']}, in metres"
     return CRS.from_json_dict(whole)
 
 
@@ -339,7 +345,8 @@ def full_crs(plan: CRS, output: HeightSystem | None, geoid: Geoid | None) -> CRS
     if output == "ellipsoidal":
         full = plan.to_3d()
         metric = plan.axis_info[0].unit_conversion_factor == 1.0
-        return full if metric else _in_unit(full, json.loads(plan.to_json())["coordinate_system"]["axis"][0]["unit"])
+        axes = _without_transformation(json.loads(plan.to_json()))["coordinate_system"]["axis"]
+        return full if metric else _in_unit(full, axes[0]["unit"])
     if geoid is None:
         raise ValueError("orthometric heights need a geoid")
     vertical = geoid.crs

@@ -225,6 +225,12 @@ def test_known_codes_stay_codes() -> None:
     assert product_crs(UTM, DeclaredHeights()) == UTM
 
 
+def test_heights_of_a_grid_in_feet_that_is_bound_to_another_datum_are_in_feet() -> None:
+    crs = "+proj=utm +zone=32 +ellps=GRS80 +towgs84=1,2,3 +units=us-ft +type=crs"
+    full = CRS.from_user_input(product_crs(crs, DeclaredHeights("ellipsoidal")))
+    assert [axis.unit_name for axis in full.axis_info] == ["US survey foot"] * 3
+
+
 def test_a_geoid_whose_network_counts_feet(sloping_geoid: Any) -> None:
     """The CRS names the network and its unit, the file gives its heights, in metres as all such files."""
     crs = "+proj=utm +zone=32 +ellps=GRS80 +units=us-ft +type=crs"
