@@ -10,13 +10,13 @@ about the vertical z. Where all photographs look straight down (or are tilted al
 and only the priors separate the two: what is common to them is determined, and never singular.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from photogram.arrays import BoolArray, FloatArray
+from photogram.arrays import BoolArray, FloatArray, IntArray
 from photogram.factors.linearised.rotations import attitude_misfits
 from photogram.survey import Block, CommonError, Photograph
 
@@ -189,13 +189,32 @@ def attitude_errors(block: Block) -> tuple[int, ...]:
     return tuple(number.tolist())
 
 
-def attitude_residual(
-    measured: FloatArray, rotation_world_from_camera: FloatArray, bias: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return e = Log(R̃ᵀ Exp(h z) R Exp(b)) (3,) of a measured attitude R̃ and a rotation R, and its Jacobians on the
-    pose's turn (3, 3) and on the ``bias`` (3, d).
+class AttitudeGroup(NamedTuple):
+    """Photographs (n,) whose attitudes have the common error of this number, −1 for none: their misfits (n, 3), rad,
+    and the derivatives of these by the poses' turns (n, 3, 3) and by the ``bias`` (n, 3, d), as
+    ``attitude_misfits`` has them."""
 
-    The bias is the boresight b, with h behind it where the compass counts, or nothing at all.
-    """
-    e, of_turn, of_bias = attitude_misfits(measured[None], rotation_world_from_camera[None], bias[None])
-    return e[0], of_turn[0], of_bias[0]
+    photograph: IntArray
+    error: int
+    misfit_rad: FloatArray
+    of_turn: FloatArray
+    of_bias: FloatArray
+
+
+def attitude_groups(block: Block, rotation: FloatArray, values: FloatArray) -> Iterator[AttitudeGroup]:
+    """Yield the measured attitudes that have a standard deviation, by their common error, beside rotations (N, 3, 3) of
+    the cameras and the values of the common errors."""
+    given = [
+        (i, p.attitude_world_from_camera)
+        for i, p in enumerate(block.photographs)
+        if p.attitude_world_from_camera is not None and p.attitude_sigma_rad is not None
+    ]
+    if not given:
+        return
+    index, measured = np.array([i for i, _ in given]), np.array([R for _, R in given])
+    number, where = np.array(attitude_errors(block))[index], parts(block.common_errors)
+    for error in np.unique(number).tolist():
+        own = number == error
+        bias = values[where[error]] if error >= 0 else np.zeros(0)
+        turned = attitude_misfits(measured[own], rotation[index[own]], np.tile(bias, (int(own.sum()), 1)))
+        yield AttitudeGroup(index[own], error, *turned)

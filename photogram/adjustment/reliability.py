@@ -13,7 +13,7 @@ import numpy as np
 
 from photogram.adjustment.gnss_offsets import measured_positions
 from photogram.arrays import FloatArray
-from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
+from photogram.factors.common_errors import attitude_groups
 from photogram.factors.covariance import Covariances, mark_covariances
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
@@ -115,21 +115,17 @@ def _attitudes(problem: Problem, state: State, known: _Known) -> tuple[FloatArra
     own axes, and the covariances of that (N, 3, 3); NaN where there are none, or their heading is not known."""
     photographs, layout = problem.block.photographs, known.fixed.layout
     turned, covariance = np.full((len(photographs), 3), np.nan), np.full((len(photographs), 3, 3), np.nan)
-    own, where = attitude_errors(problem.block), parts(problem.block.common_errors)
-    for i, photograph in enumerate(photographs):
-        measured, sigma = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
-        if measured is None or sigma is None or not photograph.heading_known:
-            continue
-        bias = state.common[where[own[i]]] if own[i] >= 0 else np.zeros(0)
-        error, of_turn, of_bias = attitude_residual(measured, state.rotation[i], bias)
-        joint = known.joint(i)
-        rows = np.zeros((3, len(joint)))
-        rows[:, :3] = of_turn
-        if own[i] >= 0:
-            rows[:, 6 + layout.columns_of_common(own[i])] = of_bias
-        adjusted = rows @ joint @ rows.T / sigma**2
-        residual, spread = left_out(error[None] / sigma, adjusted[None])
-        turned[i], covariance[i] = residual[0] * sigma, spread[0] * sigma**2
+    for group in attitude_groups(problem.block, state.rotation, state.common):
+        columns = 6 + layout.columns_of_common(group.error) if group.error >= 0 else np.zeros(0, dtype=np.int64)
+        for i, error, *jacobians in zip(group.photograph.tolist(), *group[2:], strict=True):
+            sigma = photographs[i].attitude_sigma_rad
+            if sigma is None or not photographs[i].heading_known:
+                continue
+            joint, at = known.joint(i), np.concatenate([np.arange(3), columns])
+            rows = np.hstack(jacobians)
+            adjusted = rows @ joint[np.ix_(at, at)] @ rows.T / sigma**2
+            residual, spread = left_out(error[None] / sigma, adjusted[None])
+            turned[i], covariance[i] = residual[0] * sigma, spread[0] * sigma**2
     return turned, covariance
 
 

@@ -8,23 +8,32 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
+from makers import simulated
 from referees import native
 from scipy.spatial.transform import Rotation
 
+from photogram.adjustment.problem import without_attitudes
 from photogram.arrays import FloatArray
 from photogram.factors.common_errors import (
     Effect,
-    attitude_residual,
+    attitude_groups,
     flight_time,
     parts,
     values_of,
     velocities,
 )
+from photogram.factors.linearised.rotations import attitude_misfits
 from photogram.factors.priors import gnss_position, measured_attitude, vector_prior
 from photogram.factors.variables import COMMON_ERROR, GNSS_OFFSET, POSE, key
+from photogram.simulation.survey_plan import SurveyPlan
 from photogram.survey import CommonError, Photograph
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC)
+
+
+def attitude_residual(measured: FloatArray, rotation: FloatArray, bias: FloatArray) -> tuple[FloatArray, ...]:
+    e, of_turn, of_bias = attitude_misfits(measured[None], rotation[None], bias[None])
+    return e[0], of_turn[0], of_bias[0]
 
 
 def numerical(error: Callable[[FloatArray], FloatArray], size: int) -> FloatArray:
@@ -192,3 +201,27 @@ def test_values_of_several_errors_stand_one_after_the_other() -> None:
     )
     assert [values_of(errors)[part].tolist() for part in parts(errors)] == [[0.0, 1.0, 2.0, 3.0], [7.0]]
     assert not len(values_of(()))
+
+
+def test_attitudes_stand_by_their_common_error() -> None:
+    made = simulated(SurveyPlan(strips=2, photographs_per_strip=3, flights=2, attitude_sigma_deg=1.0))
+    photographs = list(made.block.photographs)
+    photographs[1] = replace(photographs[1], attitude_world_from_camera=None)
+    photographs[2] = replace(photographs[2], attitude_sigma_rad=None)
+    flight = photographs[-1].flight
+    values: FloatArray = np.array([0.01, -0.02, 0.005, 0.03])
+    error = CommonError("attitude", flight, None, np.full(4, 0.1), values)
+    block = replace(made.block, photographs=tuple(photographs), common_errors=(error,))
+    rotation = block.oriented_cameras().rotation
+    groups = list(attitude_groups(block, rotation, values))
+    assert [g.error for g in groups] == [-1, 0]
+    assert sorted(np.concatenate([g.photograph for g in groups]).tolist()) == [0, 3, 4, 5]
+    for group in groups:
+        bias = values if group.error == 0 else np.zeros(0)
+        for i, *found in zip(group.photograph.tolist(), *group[2:], strict=True):
+            assert (photographs[i].flight == flight) == (group.error == 0)
+            measured = photographs[i].attitude_world_from_camera
+            assert measured is not None
+            for value, expected in zip(found, attitude_residual(measured, rotation[i], bias), strict=True):
+                np.testing.assert_allclose(value, expected, atol=1e-15)
+    assert list(attitude_groups(without_attitudes(block), rotation, values)) == []

@@ -18,7 +18,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import calibration_sigmas, calibrations
 from photogram.constraints.between_points import CONSTRAINT_KINDS, observations
 from photogram.constraints.rigs import exposure_sigmas
-from photogram.factors.common_errors import attitude_errors, attitude_residual, parts
+from photogram.factors.common_errors import attitude_groups
 from photogram.factors.covariance import Covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.reprojection import residuals
@@ -64,23 +64,21 @@ def _tested(name: str, redundancy: FloatArray, w: FloatArray, sigma: FloatArray)
 
 
 def _attitude_errors(
-    problem: Problem, state: State, covariances: Covariances, index: IntArray, measured: FloatArray
+    problem: Problem, state: State, covariances: Covariances, index: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residuals (n, 3) of the attitudes ``measured`` (n, 3, 3) of photographs (n,), rad, and the covariances
-    (n, 3, 3) of the adjusted ones, their common errors among them."""
-    block = problem.block
-    own, where = attitude_errors(block), parts(block.common_errors)
+    """Return the residuals (n, 3) of the attitudes of photographs (n,), rad, and the covariances (n, 3, 3) of the
+    adjusted ones, their common errors among them."""
     error, covariance = np.zeros((len(index), 3)), np.zeros((len(index), 3, 3))
-    poses = covariances.poses
-    for n, i in enumerate(index.tolist()):
-        if own[i] < 0:
-            error[n], J, _ = attitude_residual(measured[n], state.rotation[i], np.zeros(0))
-            covariance[n] = J @ poses[i, :3, :3] @ J.T
+    for group in attitude_groups(problem.block, state.rotation, state.common):
+        n, J = np.searchsorted(index, group.photograph), group.of_turn
+        error[n] = group.misfit_rad
+        if group.error < 0:
+            covariance[n] = J @ covariances.poses[group.photograph, :3, :3] @ np.swapaxes(J, 1, 2)
             continue
-        error[n], J, of_bias = attitude_residual(measured[n], state.rotation[i], state.common[where[own[i]]])
-        joint, columns = covariances.joint(np.array([i])), 6 + covariances.layout.columns_of_common(own[i])
-        A, at = np.hstack([J, of_bias]), np.concatenate([np.arange(3), columns])
-        covariance[n] = A @ joint[np.ix_(at, at)] @ A.T
+        at = np.concatenate([np.arange(3), 6 + covariances.layout.columns_of_common(group.error)])
+        joint = np.array([covariances.joint(np.array([i]))[np.ix_(at, at)] for i in group.photograph.tolist()])
+        A = np.concatenate([J, group.of_bias], axis=2)
+        covariance[n] = A @ joint @ np.swapaxes(A, 1, 2)
     return error, covariance
 
 
@@ -97,7 +95,7 @@ def _attitudes(problem: Problem, state: State, covariances: Covariances) -> list
     index = np.array([i for i, *_ in stated])
     measured, sigma = np.array([R for _, R, *_ in stated]), np.array([s for *_, s, _ in stated])
     unknown = np.array([not known for *_, known in stated])
-    error, covariance = _attitude_errors(problem, state, covariances, index, measured)
+    error, covariance = _attitude_errors(problem, state, covariances, index)
     vertical = measured[:, 2] * unknown[:, None]  # the world's up axis in the camera frame
     kept = np.eye(3) - vertical[:, :, None] * vertical[:, None, :]
     counted = 3 - unknown

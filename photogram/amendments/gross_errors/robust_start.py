@@ -26,7 +26,7 @@ from photogram.arrays import BoolArray, FloatArray
 from photogram.constraints.between_points import observations, with_sigmas
 from photogram.constraints.rigs import Companion, exposure_names
 from photogram.errors import AdjustmentError
-from photogram.factors.common_errors import attitude_errors, attitude_residual, common_shifts, parts
+from photogram.factors.common_errors import attitude_groups, common_shifts
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
@@ -111,18 +111,16 @@ def _misfits(problem: Problem, state: State, adjusted: Problem) -> _Misfits:
     mark[used] = np.where(np.isfinite(v).all(axis=1), np.linalg.norm(v, axis=1) / np.sqrt(2.0), np.inf)
     gnss, attitude = np.full(count, np.nan), np.full(count, np.nan)
     shift = common_shifts(block, state.common, state.rotation)
-    error_of, where = attitude_errors(block), parts(block.common_errors)
+    for group in attitude_groups(block, state.rotation, state.common):
+        attitude[group.photograph] = np.linalg.norm(group.misfit_rad, axis=1) / np.sqrt(3.0)
+    whole = (p.attitude_sigma_rad if p.heading_known else None for p in block.photographs)
+    attitude /= np.array([np.nan if sigma is None else sigma for sigma in whole])
     for i, photograph in enumerate(block.photographs):
         measured = photograph.measured_centre_world_m(state.rotation[i])
         if measured is not None and photograph.gnss_sigma_m is not None:
             offset = state.offset[problem.flights.index(photograph.flight)] if problem.flights else np.zeros(3)
             away = axes.T @ (state.position[i] - offset - shift[i] - measured)
             gnss[i] = np.linalg.norm(away / photograph.gnss_sigma_m) / np.sqrt(3.0)
-        attitude_given, sigma_rad = photograph.attitude_world_from_camera, photograph.attitude_sigma_rad
-        if attitude_given is not None and sigma_rad is not None and photograph.heading_known:
-            bias = state.common[where[error_of[i]]] if error_of[i] >= 0 else np.zeros(0)
-            turn = attitude_residual(attitude_given, state.rotation[i], bias)[0]
-            attitude[i] = np.linalg.norm(turn) / sigma_rad / np.sqrt(3.0)
     sigma_px = np.array([c.sigmas[0] if 0.0 < c.sigmas[0] < np.inf else np.nan for c in block.cameras])
     focal = abs(state.parameters[:, 0] - np.array([c.focal_px for c in block.cameras])) / sigma_px
     constraint = np.abs(whitened_misfits(block, state, state.control, adjusted.block.constraints))
