@@ -228,7 +228,8 @@ def gross_suspects(block: Block, settings: AdjustmentSettings, start: Sequence[F
     ties = _thinned(whole.with_tie_observations(whole.tie.select(agreeing))).tie
     begun = whole.with_tie_observations(ties), replace(state, tie_point=places)
     robust, points = _robust(*begun, settings), part.control_points
-    apart = _where_control_stands_apart(*begun, settings)
+    contradicts = any(True for _ in _suspects(part, robust.misfits))
+    apart = _where_control_stands_apart(*begun, settings) if contradicts else None
     if apart is not None:
         robust = min(robust, apart, key=lambda each: _unlikely(each, points.sigma_assumed & controls))
     off = np.nanmax(robust.misfits.control, axis=1, initial=0.0) > _FAR
