@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from photogram.arrays import FloatArray
 from photogram.errors import ProjectError
-from photogram.files.atomic import replacing
 from photogram.files.clouds.dense_points import SIGMA
+from photogram.files.clouds.laz_streams import laz_stream
 from photogram.files.clouds.points import (
     LAS_SUFFIXES,
     NO_DATE,
@@ -81,5 +81,5 @@ def write_distances(
     points.return_number[:] = points.number_of_returns[:] = 1
     for name, (values, _) in fields.items():
         points[name] = values
-    with replacing(path) as partial, partial.open("wb") as stream:
+    with laz_stream(path) as stream:
         points.write(stream, do_compress=True)

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from photogram.arrays import BoolArray, IntArray
 from photogram.errors import ProjectError
-from photogram.files.atomic import replacing, scratch_folder
+from photogram.files.atomic import scratch_folder
 from photogram.files.clouds.las_headers import check_las
+from photogram.files.clouds.laz_streams import laz_stream
 from photogram.files.clouds.octree import (
     BRANCH_POINTS,
     GRID_CELLS,
@@ -83,7 +84,7 @@ def write_copc(
     )
     cube = Cube.around(low, high)
     branches = branches_of((cube.codes(_steps(part)) for part in _parts(cloud, only_places=True)), branch_points)
-    with replacing(path) as partial, scratch_folder(partial) as folder, partial.open("wb+") as stream:
+    with laz_stream(path) as stream, scratch_folder(Path(stream.name)) as folder:
         taken, begun = dict[Node, BoolArray](), set[Node]()
         times = np.array([np.inf, -np.inf])
         for part in _parts(cloud):

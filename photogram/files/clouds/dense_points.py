@@ -10,7 +10,7 @@ import laspy
 import numpy as np
 
 from photogram.arrays import ByteArray, Float32Array, FloatArray, check_shapes
-from photogram.files.atomic import replacing
+from photogram.files.clouds.laz_streams import laz_stream
 from photogram.files.clouds.points import (
     COLOURED_FORMAT,
     NO_DATE,
@@ -122,8 +122,7 @@ def write_dense_laz(
     add_extra_bytes(header, {**described({sigma: _SIGMAS[sigma]}, units), **_EXTRA_BYTES})
     count = 0
     with (
-        replacing(path) as partial,
-        partial.open("wb") as stream,
+        laz_stream(path) as stream,
         laspy.open(stream, "w", header=header, do_compress=True, closefd=False) as writer,
     ):
         for chunk in chunks:

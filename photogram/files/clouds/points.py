@@ -18,6 +18,7 @@ from photogram.arrays import ByteArray, FloatArray
 from photogram.errors import FrameError, ProjectError
 from photogram.files.atomic import replacing
 from photogram.files.clouds.las_headers import LARGEST_EXTENT, check_las
+from photogram.files.clouds.laz_streams import laz_stream
 from photogram.files.reading import check_size
 from photogram.geodesy.crs import METRES, NO_CRS, MapUnits, map_units, written_crs
 from photogram.geodesy.height_systems import first_wkt
@@ -176,7 +177,7 @@ def write_laz(path: Path, cloud: PointCloud, crs: str, created: date = NO_DATE) 
         for name, sigma in zip(_SIGMA_NAMES, own.T, strict=True):
             points[name] = sigma.astype(np.float32)
         points[_PLAN_NAME] = np.hypot(own[:, 0], own[:, 1]).astype(np.float32)
-    with replacing(path) as partial, partial.open("wb") as stream:
+    with laz_stream(path) as stream:
         points.write(stream, do_compress=True)
 
 
