@@ -6,6 +6,7 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import BadZipFile
@@ -20,6 +21,7 @@ Outcome = Literal["equal", "differs", "cannot be told"]
 RELATIVE, FORMAT, LEAST_STEP, MOVED_M = 1e-8, 1, 0.05, 1e-7
 FLOORS = {"residual_m": 2e-8, "mean_m": 2e-8, "rmse": 2e-8, "sigma": 1e-11, "_map_m": 1e-6, "_deg": 1e-8, "_m": 2e-8}
 """What is rounding, in the unit of a figure, by what is in its key: a double holds a northing to 1e-9 m."""
+LARGEST = 1e300
 LEAST, OF_CHECKS = 1e-9, 1e-6
 """Of any other figure, and of those that divide differences at check points by their standard deviations."""
 VOLATILE = frozenset({"seconds", "peak_memory_bytes", "processed", "report_id"})
@@ -90,14 +92,18 @@ class Comparison:
 
 
 def is_number(value: object) -> bool:
-    """Return whether a value of JSON is a number."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """Return whether a value of JSON is a number that can be told from another: a whole one may be of any length."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > LARGEST
 
 
 def short(value: object) -> str:
     """Return a value in a few words."""
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) < 60 else f"{text[:57]}..."
+    return brief(json.dumps(value, ensure_ascii=False), 60)
+
+
+def brief(text: str, length: int = 200) -> str:
+    """Return a text of a file, or its beginning."""
+    return text if len(text) < length else f"{text[: length - 3]}..."
 
 
 def inner(place: str, key: str) -> str:
@@ -131,16 +137,16 @@ def checksums(results: Path, report: Mapping[str, Any]) -> Iterator[Line]:
             place = record.parent.relative_to(results) / name
             stated.setdefault(place.as_posix(), (digest, record.relative_to(results).as_posix()))
     for name, (digest, source) in sorted(stated.items()):
-        path = results / name
-        if not path.is_file() or not path.resolve().is_relative_to(results.resolve()):
-            yield untold(f"SHA-256 of {name}", "the file is not there")
+        path, what = results / name, f"SHA-256 of {brief(name)}"
+        if not isfile(path) or not path.resolve().is_relative_to(results.resolve()):
+            yield untold(what, "the file is not there")
             continue
         with path.open("rb") as stream:
             found = hashlib.file_digest(stream, "sha256").hexdigest()
-        words = f"{source}: {digest[:16]}..." + ("" if found == digest else f", the file: {found[:16]}...")
-        yield judged(found == digest, f"SHA-256 of {name}", words)
+        words = f"{source}: {str(digest)[:16]}..." + ("" if found == digest else f", the file: {found[:16]}...")
+        yield judged(found == digest, what, words)
     own, found = str(report["report_id"]), report_id(report)
-    yield judged(own == found, "report_id", f"stated {own}, of its content {found}")
+    yield judged(own == found, "report_id", f"stated {brief(own)}, of its content {found}")
 
 
 def judged(holds: bool, what: str, words: str) -> Line:
@@ -161,7 +167,7 @@ def read_observations(path: Path) -> Arrays:
         if int(arrays["format"]) != FORMAT:
             raise ValueError(f"not of format {FORMAT}")
     except (OSError, ValueError, LookupError, EOFError, BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: cannot be read ({error})") from error
+        raise ValueError(f"{path}: cannot be read ({brief(str(error))})") from error
     return arrays
 
 
@@ -196,7 +202,7 @@ def derived_lines(a: Arrays, report: Figures) -> tuple[list[Line], Comparison]:
         figures, comparison.relative = derived.all(), max(RELATIVE, s.precision)
     except (ValueError, LookupError, ArithmeticError, TypeError) as error:
         comparison.leave(report, "")
-        return [judged(False, "adjustment", f"nothing follows from the observations: {error}")], comparison
+        return [judged(False, "adjustment", f"nothing follows from the observations: {brief(str(error))}")], comparison
     left = float(max(s.step.max(initial=0.0), s.normal.left.max(initial=0.0)))
     weights = float(np.abs(s.normal.weight - a["tie_robust_weight"]).max(initial=0.0))
     moved = float(np.abs(np.nan_to_num(s.ground_world_m - a["ground_world_m"])).max(initial=0.0))
@@ -228,8 +234,8 @@ def verify_report(results: Path | str) -> VerifiedReport:
         report: Figures = json.loads(report_path.read_text(encoding="utf-8"))
         files = list(checksums(report_path.parent.parent, report))
         by_name(report)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise ValueError(f"{report_path}: no report of photogram, or damaged ({error})") from error
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{report_path}: no report of photogram, or damaged ({brief(str(error))})") from error
     arrays = read_observations(report_path.parent.parent / "technical" / "observations.npz")
     lines, comparison = derived_lines(arrays, report)
     for place, offs in sorted(comparison.equal.items()):

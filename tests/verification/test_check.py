@@ -576,3 +576,42 @@ def test_flipped_digits_are_found_without_any_checksum(results: Path) -> None:
         size = max(abs(before), abs(after))
         assert now.differs or abs(after - before) <= max(1e-7 * size, 2e-6), place
     assert found > 500  # figures are printed with 17 digits
+
+
+# ---- reports that somebody has spoilt --------------------------------------------------------------------------------
+
+
+def damaged_report(survey: Path, change: Callable[[Json], object]) -> Path:
+    path = survey / "results/quality/report.json"
+    report = read_json(path)
+    change(report)
+    path.write_text(json.dumps(report), encoding="utf-8")
+    return survey / "results"
+
+
+def test_a_whole_number_of_any_length_differs(adjusted_survey: Path) -> None:
+    results = damaged_report(adjusted_survey, lambda r: r["adjustment"].update(sigma0=10**4000))
+    lines = [line for line in verify_report(results).lines if line.what == "adjustment.sigma0"]
+    assert [line.outcome for line in lines] == ["differs"]
+    assert len(lines[0].words) < 200
+
+
+def test_the_name_of_a_file_may_be_of_any_length(adjusted_survey: Path) -> None:
+    results = damaged_report(adjusted_survey, lambda r: r["deliverables"][0].update(file="x" * 100_000))
+    lines = [line for line in verify_report(results).lines if "SHA-256 of xxx" in line.what]
+    assert [(line.outcome, line.words) for line in lines] == [("cannot be told", "the file is not there")]
+    assert len(lines[0].what) < 220
+
+
+@pytest.mark.parametrize("deep", [900, 100_000])
+def test_a_report_too_deep_to_be_read_is_refused(adjusted_survey: Path, deep: int) -> None:
+    path = adjusted_survey / "results/quality/report.json"
+    text = path.read_text(encoding="utf-8")
+    path.write_text('{"x": ' + "[" * deep + "]" * deep + "," + text[1:], encoding="utf-8")
+    with pytest.raises(ValueError, match="no report of photogram, or damaged"):
+        verify_report(adjusted_survey / "results")
+
+
+def test_a_text_in_place_of_a_number_does_not_fill_the_terminal(adjusted_survey: Path) -> None:
+    results = damaged_report(adjusted_survey, lambda r: r.update(report_id="y" * 100_000))
+    assert max(len(line.words) for line in verify_report(results).lines) < 400
