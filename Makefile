@@ -4,6 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
+FOR ?= 180
 
 .PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos clean pictures gallery
 
@@ -23,7 +24,8 @@ help:
 	@echo "make figures COMPARE=v0.3.0   run them here and at that commit over the same seeds, and say what moved"
 	@echo "make docs   build the documentation with the reference of the public names as a site: build/site/index.html"
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
-	@echo "make chaos  kill surveys and the marking page at random, and give surveys wrong inputs: some 40 minutes on two cores"
+	@echo "make fuzz GUIDED=polygons FOR=180   inputs that reach new lines of a reader, for so many seconds (GUIDED=all: of each; needs atheris)"
+	@echo "make chaos  kill surveys and the marking page at random, fail their changes of files, and give surveys wrong inputs: some 90 minutes on two cores"
 	@echo "make pictures PHOTOGRAPHS=folder   draw the first picture of the README anew, from the 18 photographs of Brighton Beach"
 	@echo "make gallery DATA=folder   process five real surveys and write docs/gallery.md"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
@@ -79,10 +81,11 @@ docs: $(VENV)/installed-docs
 	@echo "Written: build/site/index.html"
 
 fuzz: $(VENV)/installed-test
-	$(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
+	PYTHONPATH=tests:tests/exchange $(BIN)/python tests/fuzz/$(if $(GUIDED),guided.py --target "$(GUIDED)" --seconds $(FOR),fuzz.py --cases $(CASES) --seed $(SEED))
 
 chaos: $(VENV)/installed-test
 	folder=$$(mktemp -d) && $(BIN)/python tests/chaos/interruptions.py "$$folder/survey" && rm -rf "$$folder"
+	folder=$$(mktemp -d) && PYTHONPATH=tests $(BIN)/python tests/chaos/faults.py "$$folder/survey" --every 5 && rm -rf "$$folder"
 	PYTHONPATH=benchmarks $(BIN)/python tests/chaos/marking_interruptions.py
 	$(BIN)/python tests/chaos/wrong_inputs.py
 
@@ -99,4 +102,4 @@ gallery: $(VENV)/installed-test
 	$(BIN)/python docs/pictures/gallery.py "$(DATA)" build/gallery
 
 clean:
-	rm -rf $(VENV) demo fuzz-failures build dist *.egg-info
+	rm -rf $(VENV) demo fuzz-failures fuzz-inputs build dist *.egg-info

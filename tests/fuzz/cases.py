@@ -129,10 +129,10 @@ def check(case: Case) -> None:
     """Check a survey with the command."""
     target = case.bench.survey / "project.yaml"
     target.write_bytes(case.path.read_bytes())
-    _command("check", str(target))
+    run_command("check", str(target))
 
 
-def _command(*arguments: str) -> None:
+def run_command(*arguments: str) -> None:
     """Run a command, which must end with 0, 1 or 2."""
     sys.argv = ["photogram", *arguments]
     try:

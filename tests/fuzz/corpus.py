@@ -7,6 +7,8 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from file_corpus import make_files
+from foreign_corpus import make_solutions
 from PIL import Image
 
 from photogram.files.clouds.points import write_laz
@@ -126,3 +128,5 @@ def make_corpus(folder: Path, survey: Path) -> None:
     np.savez(arrays, a=np.arange(300.0).reshape(100, 3), b=np.array(3), c=np.zeros((4, 5), np.uint8))
     (folder / "arrays.npz").write_bytes(arrays.getvalue())
     shutil.copy(survey / "results/quality/report.json", folder)
+    make_files(folder, survey)
+    make_solutions(folder / "solutions")

@@ -1,8 +1,10 @@
 """How an input is spoiled: bits, bytes and cuts for any file; numbers, words and lines for texts; values for JSON."""
 
+import io
 import json
 import re
 import struct
+import zipfile
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -170,14 +172,15 @@ def spoil_json(data: bytes, random: Random) -> bytes:
     """Change, remove or repeat values of a JSON text; sometimes its bytes."""
     if random.random() < 0.15:
         return spoil_bytes(data, random) if random.random() < 0.5 else spoil_text(data, random)
-    value = json.loads(data)
+    value = json.loads(data.decode("utf-8-sig"))
     for _ in range(random.choice((1, 1, 1, 3))):
         places: list[tuple[Any, Any]] = []
         _holders(value, places)
         if not places:
             break
         # the same share for every depth, or the long lists of marks would get nearly all
-        holder, key = random.choice(places) if random.random() < 0.5 else (value, random.choice(list(value)))
+        outermost = [place for place in places if place[0] is value]
+        holder, key = random.choice(places if random.random() < 0.5 else outermost)
         kind = random.random()
         if kind < 0.7:
             holder[key] = random.choice(VALUES)
@@ -186,3 +189,30 @@ def spoil_json(data: bytes, random: Random) -> bytes:
         else:
             holder.insert(key, holder[key])
     return json.dumps(value).encode()
+
+
+# ---- files of several kinds ----------------------------------------------------------------------------------------
+
+
+def spoil_archive(data: bytes, random: Random) -> bytes:
+    """Change one file of a ZIP archive as its content asks for; sometimes the archive."""
+    if random.random() < 0.2:
+        return spoil_bytes(data, random)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        files = {entry.filename: archive.read(entry) for entry in archive.infolist()}
+    name = random.choice(list(files))
+    files[name] = cut(files[name], random) if random.random() < 0.2 else spoil_any(files[name], random)
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
+    return stream.getvalue()
+
+
+def spoil_any(data: bytes, random: Random) -> bytes:
+    """Change a file as its content asks for: an archive, JSON, a text, or bytes."""
+    if data.startswith(b"PK"):
+        return spoil_archive(data, random)
+    if b"\0" in data:
+        return spoil_bytes(data, random)
+    return spoil_json(data, random) if data.lstrip()[:1] in (b"{", b"[") else spoil_text(data, random)
