@@ -25,7 +25,7 @@ from photogram.delivery.thinned_tin import (
 )
 from photogram.delivery.tiles.tileset import write_tileset
 from photogram.errors import ExchangeError
-from photogram.files.atomic import make_folder
+from photogram.files.atomic import make_folder, remove_leftovers
 from photogram.files.npz_json import file_fingerprint
 from photogram.geodesy.crs import NO_CRS
 from photogram.languages.language import Language
@@ -99,6 +99,7 @@ def deliver(
     if contents.crs == NO_CRS and Product.KMZ in chosen and not set(USUAL) <= set(chosen):
         raise ExchangeError(f"{survey.path}: crs: none, {_NO_DEGREES}: give the CRS of the map, or other products")
     make_folder(folder)
+    remove_leftovers(folder)
     if Product.TILES in chosen:  # another surface may have fewer of them
         remove_made(folder, [name for name in read_record(folder) if name.startswith(f"{TILES_FOLDER}/")])
     with recorded(folder):

@@ -15,6 +15,7 @@ Observer = Callable[[Path, Path], None]
 
 _observers: dict[Path, Observer] = {}
 _at_work: set[Path] = set()
+_ATTEMPTS = 2
 _TEMPORARY = re.compile(r"\.photogram-[0-9a-f]{16}\.partial(\.parts)?")
 
 
@@ -113,7 +114,10 @@ def scratch_folder(partial: Path) -> Iterator[Path]:
         folder.mkdir()
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        for _ in range(_ATTEMPTS):
+            shutil.rmtree(folder, ignore_errors=True)
+            if not folder.exists():
+                break
         _at_work.discard(folder)
 
 

@@ -11,7 +11,7 @@ from photogram.errors import PhotogramError
 from photogram.files.reading import read_whole
 from photogram.wording import printable, shortened
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?")
 MOST_ERRORS = 20
 MOST_BYTES = 16_000_000
 """Of a table: some 200 000 rows."""

@@ -111,6 +111,8 @@ def _fixable(cause: BaseException) -> str | None:
         return str(cause)
     if isinstance(cause, MemoryError):
         return "out of memory: close other programs, or use smaller photographs (quality: medium) or larger cells"
+    if isinstance(cause, RuntimeError) and "can't start new thread" in str(cause):
+        return "no thread can be started: close other programs, or raise the limits of memory and processes (ulimit)"
     if isinstance(cause, OSError) and cause.errno in _MACHINE:
         place = f"{cause.filename}: " if cause.filename else ""
         return f"{place}{cause.strerror}: {_MACHINE[cause.errno]}, then run the command again"

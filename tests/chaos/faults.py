@@ -176,8 +176,9 @@ def wrong_records(folder: Path) -> list[str]:
     return wrong
 
 
-def tried(trial: Trial, folder: Path, every: int, say: Callable[[str], None]) -> Counter[str]:
-    """Run a command with each of its changes failing, or every so many, and say what does not hold."""
+def tried(trial: Trial, folder: Path, most: int | None, say: Callable[[str], None], every: int = 1) -> Counter[str]:
+    """Run a command with each of its changes failing, ``every`` so many or at ``most`` so many of them, and say what
+    does not hold."""
 
     def fresh() -> None:
         clear(folder)
@@ -199,7 +200,9 @@ def tried(trial: Trial, folder: Path, every: int, say: Callable[[str], None]) ->
     if differ:
         say(f"{trial.name}: differ from run to run: {', '.join(sorted(differ))}")
     began = time.monotonic()
-    for number in range(1, len(changes.seen) + 1, every):
+    count = len(changes.seen)
+    step = every if most is None else max(1, count // most)
+    for number in range(1 + step // 2, count + 1, step):
         fresh()
         code = CODES[number % len(CODES)]
         with failing(folder, number, code) as changes:
@@ -310,7 +313,7 @@ def main() -> None:
     with undrawing():
         for trial in trials(folder, make_surveys(folder, folder / "survey")):
             if given.only in trial.name:
-                total += tried(trial, folder / "survey", given.every, lambda text: print(text, flush=True))
+                total += tried(trial, folder / "survey", None, lambda text: print(text, flush=True), given.every)
     print(f"{total['faults']} faults: {total['refused']} refused, {total['unharmed']} unharmed, {total['wrong']} wrong")
     sys.exit(total["wrong"] > 0)
 

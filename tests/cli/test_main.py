@@ -174,6 +174,7 @@ def test_what_a_thread_raises_that_nobody_waits_for_is_a_defect_too(check_raises
         ),
         (OSError(errno.ENOSPC, "No space left on device"), "photogram: No space left on device: free some space"),
         (MemoryError(), "out of memory"),
+        (RuntimeError("can't start new thread"), "no thread can be started: close other programs"),
         (ProjectError("project.yaml:3: crs is missing"), "photogram: project.yaml:3: crs is missing\n"),
         (ProjectError("photograph \x1b[2Ja.JPG: damaged"), r"photograph \x1b[2Ja.JPG: damaged"),
     ],

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from failing_files import failing
 
 from photogram.errors import ReportError, WorkspaceError
 from photogram.files.atomic import (
@@ -139,4 +140,11 @@ def test_an_observer_sees_each_whole_file_before_it_is_there(tmp_path: Path) -> 
 def test_what_says_its_reason_itself_is_no_trouble_of_the_folder(tmp_path: Path) -> None:
     with pytest.raises(ReportError, match=r"^no browser is installed: install one$"), replacing(tmp_path / "a.pdf"):
         raise ReportError("no browser is installed: install one")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scratch_folder_goes_although_a_file_in_it_cannot_be_removed_at_once(tmp_path: Path) -> None:
+    with failing(tmp_path, 4) as changes, scratch_folder(tmp_path / "x.partial") as folder:
+        (folder / "part").write_text("a", encoding="utf-8")
+    assert changes.failed == ("unlink", "x.partial.parts/part")
     assert list(tmp_path.iterdir()) == []

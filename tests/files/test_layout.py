@@ -1,8 +1,13 @@
 """How tables are written: headers, separators, units, remarks, found out from their text."""
 
+import time
+from pathlib import Path
+
 import pytest
 
+from photogram.errors import ControlPointError
 from photogram.files.tables.column_names import MARKS, POINTS
+from photogram.files.tables.control_files import read_points
 from photogram.files.tables.layout import layout_of, separator_of, unnamed_columns
 
 
@@ -53,3 +58,20 @@ def test_rows_that_nothing_names() -> None:
     assert unnamed_columns(layout, MARKS) == (), "marks have no form that is understood without names"
     assert unnamed_columns(layout_of(lines("P1,6192345.6,nail\n"), POINTS), POINTS) == ()
     assert unnamed_columns(layout_of(lines("P1,1,2,3,4\n"), POINTS), POINTS) == (), "a fourth figure may be anything"
+
+
+LONG = ("9" * 200_000 + "x", "[" * 200_000, "9" * 100_000 + " " + "9" * 100_000, "1 " * 100_000)
+
+
+@pytest.mark.parametrize("cell", LONG, ids=["digits", "brackets", "groups", "blanks"])
+def test_a_cell_of_any_length_is_told_at_once(tmp_path: Path, cell: str) -> None:
+    path, start = tmp_path / "points.csv", time.process_time()
+    for text in (
+        f"name,easting,northing,height\nP1,719970.7,6191955.2,69.6\n{cell},719970.7,6191955.2,{cell}\n",
+        f"{cell},easting,northing,height\nP1,719970.7,6191955.2,69.6\n",
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(ControlPointError) as refused:
+            read_points(path)
+        assert max(map(len, str(refused.value).splitlines())) < 1000
+    assert time.process_time() - start < 3.0  # it took minutes

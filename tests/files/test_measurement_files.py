@@ -44,3 +44,14 @@ def test_something_else_is_named(tmp_path: Path) -> None:
     path.write_bytes(b"nothing")
     with pytest.raises(ProjectError, match=r"measurements .*cannot be read .*: move it away to begin without any"):
         read_measurements(path, "EPSG:25832")
+
+
+def test_a_measurement_without_a_place_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "measurements.gpkg"
+    pyogrio.raw.write(
+        path, geometry=np.array([None], dtype=object), field_data=[np.array(["x"], dtype=object)] * 4,
+        fields=["name", "kind", "figures", "record"], layer="measurements", driver="GPKG", geometry_type="Unknown",
+        crs="EPSG:25832",
+    )  # fmt: skip
+    with pytest.raises(ProjectError, match=r"cannot be read \(one has no place\): move it away"):
+        read_measurements(path, "EPSG:25832")

@@ -108,3 +108,19 @@ def test_files_that_cannot_be_used_are_refused_with_what_was_found(tmp_path: Pat
         read_seams(written(tmp_path, [NamedPolygon(NAMES[0], LEFT)]), NAMES, "EPSG:32633")
     with pytest.raises(ProjectError, match="layer seams: no polygons"):
         read_seams(written(tmp_path, []), NAMES, MAP)
+
+
+@pytest.mark.parametrize(
+    ("ring", "name", "reason"),
+    [
+        ("[[0, 0], [10, 0], [10, 20], [0, 21]]", b"DJI_0001.JPG", "closed linestring"),
+        ("[[0, 0], [10, 0], [10, 20], [0, 0]]", b"DJI_\xf41.JPG", "can't decode byte 0xf4"),
+    ],
+)
+def test_seams_that_are_damaged_are_refused(tmp_path: Path, ring: str, name: bytes, reason: str) -> None:
+    path = tmp_path / "seams.geojson"
+    polygon = f'"geometry": {{"type": "Polygon", "coordinates": [{ring}]}}'.encode()
+    feature = b'{"type": "Feature", "properties": {"photograph": "%b"}, %b}' % (name, polygon)
+    path.write_bytes(b'{"type": "FeatureCollection", "name": "seams", "features": [%b]}' % feature)
+    with pytest.raises(ProjectError, match=rf"seams .*cannot be read \(.*{reason}.*export them again as GeoPackage"):
+        read_seams(path, NAMES, NO_CRS)

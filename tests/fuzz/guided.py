@@ -11,6 +11,7 @@ import argparse
 import io
 import os
 import random
+import shutil
 import sys
 import tempfile
 import time
@@ -75,15 +76,16 @@ def search(bench: "Bench", name: str, seconds: int, corpus: Path, keep: Path) ->
     for number, seed in enumerate(target.seeds):
         (corpus / f"seed-{number}").write_bytes(bytes([number]) + (bench.corpus / seed).read_bytes())
     places, counted = set[str](), bench.folder.with_name(COUNTED)
-    count = 0
+    count, last = 0, bench.folder.with_name("last")
 
     def case(data: bytes) -> None:
         nonlocal count
         count += 1
-        if count % 100 == 0:
+        if count % 10 == 0:
             counted.write_text(str(count), encoding="utf-8")
         if not data:
             return
+        last.write_bytes(data)
         sound = bench.corpus / target.seeds[data[0] % len(target.seeds)]
         _, wrong = watched(bench.folder.with_name("said"), lambda: use(bench, target, sound, data[1:]))
         if wrong and _place(wrong) not in places:
@@ -104,6 +106,7 @@ def search(bench: "Bench", name: str, seconds: int, corpus: Path, keep: Path) ->
 
     most = 2 * max(path.stat().st_size for path in corpus.iterdir())
     options = [f"-max_total_time={seconds}", f"-max_len={most}", "-timeout=0", "-rss_limit_mb=0"]
+    options += [f"-artifact_prefix={bench.folder.parent}/", "-report_slow_units=1000"]
     atheris.Setup([sys.argv[0], str(corpus), *options], case, custom_mutator=spoilt)
     atheris.Fuzz()
 
@@ -130,6 +133,9 @@ def _searched(bench: "Bench", name: str, given: argparse.Namespace) -> int:
         print(f"--- {path}", *(line[:300] for line in lines if line[:1] != " "), sep="\n")
     cases = counted.read_text(encoding="utf-8") if counted.exists() else "0"
     inputs, seconds = sum(1 for _ in corpus.iterdir()), time.monotonic() - began
+    if status:
+        print(f"{name}: the search ended by itself, {status}: the last input is kept")
+        shutil.copy(bench.folder.with_name("last"), given.keep / f"{name.replace(' ', '_')}-last")
     print(f"{name}: {cases} cases, {inputs} inputs kept, {len(found)} failures, {seconds:.0f} s", flush=True)
     return len(found) + (status != 0)
 

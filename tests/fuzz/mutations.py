@@ -16,6 +16,7 @@ NUMBERS = (
 )  # fmt: skip
 WORDS = (
     "=cmd|' /C calc'!A0", "@SUM(A1)", "\x1b[31m", "\x1b]0;x\x07", "$x$", "$", "x" * 300, "x" * 20_000,
+    "9" * 100_000, "[" * 100_000, "1 " * 50_000, "-" * 100_000, "\u00a0" * 50_000, "a,1," * 20_000,
     "../../etc/passwd", "/dev/zero", "a\0b", "\u202eabc", "{{7*7}}", "<script>alert(1)</script>", "%s%n", "null",
     "~", "[]", "{}", "true",
     "yes", "&a [*a]", "!!python/object:os.system x", "# ", "'", '"', ",", ";", "\t", "\u00e9", "\U0001f6f0", "\u00a0",

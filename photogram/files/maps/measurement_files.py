@@ -18,6 +18,7 @@ from photogram.geodesy.crs import map_units, plan_of, written_crs
 
 LAYER = "measurements"
 _FIELDS = ("name", "kind", "figures", "record")
+_SHAPES = ("Point", "LineString", "Polygon")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +65,14 @@ def read_measurements(path: Path, crs: str) -> list[StoredMeasurement]:
         meta, _, geometry, fields = pyogrio.raw.read(path, layer=LAYER)
         named = dict(zip(meta["fields"], fields, strict=True))
         columns = [named[name] for name in _FIELDS]
-    except (DataSourceError, DataLayerError, KeyError, ValueError) as error:
+        shapes = shapely.from_wkb(np.zeros(0, object) if geometry is None else geometry)
+        if any(shape is None or shape.is_empty or shape.geom_type not in _SHAPES for shape in shapes.tolist()):
+            raise ValueError("one has no place")
+    except (DataSourceError, DataLayerError, KeyError, OSError, ValueError, shapely.errors.ShapelyError) as error:
+        words = " ".join(str(error).split())[:200]
         raise ProjectError(
-            f"measurements {path}: cannot be read ({error}): move it away to begin without any"
+            f"measurements {path}: cannot be read ({words}): move it away to begin without any"
         ) from error
-    shapes = shapely.from_wkb(np.zeros(0, object) if geometry is None else geometry)
     plan_m = map_units(crs).plan_m
     return [
         StoredMeasurement(str(row[0]), str(row[1]), *_corners(shape, plan_m), str(row[2]), str(row[3]))

@@ -105,7 +105,7 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
     known = {name.casefold(): name for name in names} | {_stem(name): name for name in names if stems[_stem(name)] == 1}
     polygons, errors = [], []
     unit_m = map_units(crs).plan_m
-    for number, (shape, name) in enumerate(zip(shapely.from_wkb(geometry).tolist(), photograph, strict=True), 1):
+    for number, (shape, name) in enumerate(zip(geometry.tolist(), photograph, strict=True), 1):
         where = f"polygon {number}"
         if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
             errors.append(f"{where} is {'empty' if shape is None else shape.geom_type}, a polygon is expected")
@@ -132,7 +132,7 @@ def _stem(name: str) -> str:
 
 
 def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
-    """Return the layer of the seams: its name, its CRS, its geometries as WKB and the names of the photographs."""
+    """Return the layer of the seams: its name, its CRS, its geometries and the names of the photographs."""
     try:
         layers = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
         layer = SEAMS if SEAMS in layers else layers[0] if len(layers) == 1 else None
@@ -141,8 +141,11 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
                 f"seams {path}: no layer {SEAMS}, found {', '.join(layers) or 'none'}: give the polygons that name"
             )
         meta, _, geometry, fields = pyogrio.raw.read(path, layer=layer)
-    except (DataSourceError, DataLayerError) as error:
-        words = " ".join(str(error).split())
+        shapes = None if geometry is None else shapely.from_wkb(geometry)
+    except ProjectError:
+        raise
+    except (DataSourceError, DataLayerError, OSError, ValueError, shapely.errors.ShapelyError) as error:
+        words = " ".join(str(error).split())[:200]
         raise ProjectError(f"seams {path}: cannot be read ({words}): export them again as GeoPackage") from error
     columns = [str(name) for name in meta["fields"]]
     if PHOTOGRAPH not in columns:
@@ -150,9 +153,9 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
             f"seams {path}, layer {layer}: no field {PHOTOGRAPH}, found {', '.join(columns) or 'none'}: "
             "write in it the photograph that each polygon is taken from"
         )
-    if geometry is None or not len(geometry):
+    if shapes is None or not len(shapes):
         raise ProjectError(f"seams {path}, layer {layer}: no polygons: remove the key, or export them again")
-    return layer, meta["crs"], geometry, list(fields[columns.index(PHOTOGRAPH)])
+    return layer, meta["crs"], shapes, list(fields[columns.index(PHOTOGRAPH)])
 
 
 def _overlaps(seams: Sequence[NamedPolygon]) -> list[str]:

@@ -36,6 +36,9 @@ _UNREAD = frozenset((
 ))  # fmt: skip
 """Units that people have, and that are not read."""
 
+LONGEST_NAME = 200
+"""Of a column, in characters: what is longer states no unit."""
+
 _BRACKET = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _ENDING = re.compile(r"(?<=[a-z0-9])[\s_,-]+(m|mm|cm|ft|feet|foot|usft|ftus|sft|px|deg)$", re.IGNORECASE)
 
@@ -48,11 +51,15 @@ def _word(text: str) -> str:
 
 def without_unit(column: str) -> str:
     """Return the name of a column without what stands in brackets, and without a unit at its end."""
+    if len(column) > LONGEST_NAME:
+        return column
     return _ENDING.sub("", _BRACKET.sub("", column).strip()).strip()
 
 
 def unit_of(column: str) -> str | None:
     """Return the unit that the name of a column states, as one of LENGTHS_M or OTHERS; None where it states none."""
+    if len(column) > LONGEST_NAME:
+        return None
     ending = _ENDING.search(_BRACKET.sub("", column).strip())
     stated = [*_BRACKET.findall(column), *([ending[1]] if ending else [])]
     return next((word for word in map(_word, stated) if word in LENGTHS_M or word in OTHERS), None)
@@ -60,7 +67,7 @@ def unit_of(column: str) -> str | None:
 
 def unread_unit(column: str) -> str | None:
     """Return the unit that the name of a column states and that is not read, None where there is none."""
-    return next((text for text in _BRACKET.findall(column) if _word(text) in _UNREAD), None)
+    return next((text for text in _BRACKET.findall(column[:LONGEST_NAME]) if _word(text) in _UNREAD), None)
 
 
 def is_unit(text: str) -> bool:

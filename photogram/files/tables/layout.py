@@ -19,6 +19,7 @@ Lines = Sequence[tuple[int, str]]
 
 SEPARATORS = (";", "\t", ",", "|", " ")
 _REMARK = re.compile(r"^\s*(?:#|%|//)+")
+LONGEST_FIGURE = 200
 _LATEST_HEADER = 60
 """How many lines may stand above the one that names the columns."""
 
@@ -63,6 +64,8 @@ def _tried(text: str, separator: str) -> list[str]:
 
 def is_figure(cell: str) -> bool:
     """Return whether a cell is a figure in any of the forms that are read."""
+    if len(cell) > LONGEST_FIGURE:
+        return False
     return NUMBER.fullmatch(in_plain_form(in_plain_form(degrees_of(cell), "point"), "comma")) is not None
 
 
