@@ -1,6 +1,7 @@
 """An adjusted survey as a solution for other programs: cameras, poses, tie points, ground points and marks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -8,12 +9,12 @@ import numpy as np
 
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, Pose, Similarity
-from photogram.errors import ExchangeError
+from photogram.errors import ExchangeError, WorkspaceError
 from photogram.exchange.formats.names import SolutionFormat
 from photogram.exchange.formats.nearest_cameras import with_nearest_cameras, without_fields
 from photogram.exchange.formats.table import WRITERS
 from photogram.exchange.formats.undistorted import write_undistorted
-from photogram.files.atomic import make_folder
+from photogram.files.atomic import whole_folder
 from photogram.files.solutions.solution import ForeignPhotograph, ForeignSolution, Frame
 from photogram.geodesy.crs import crs_in_metres
 from photogram.geodesy.frames import LocalFrame, geocentric_from_geodetic, geodetic_from_map, topocentric_from_geodetic
@@ -43,12 +44,24 @@ def export_solution(
         result, stretches = stored_adjustment(run), run.stretches
     frame: Frame = "local" if result.block.is_free or result.block.frame.is_local else WRITERS[form].frame
     solution, shutters = adjusted_solution(result, frame), _rolling_shutters(result.block.cameras)
-    if form == "undistorted":
-        make_folder(target)
-        of_images = write_undistorted(target / "images", solution, survey.photographs[0].path.parent, stretches)
-        left_out = (*shutters, *of_images, *WRITERS[form].write(target, solution))
+    if not is_folder:
+        return (*shutters, *_written(form, target, solution))
+    with _renaming_faults(target) as place:
+        if form != "undistorted":
+            return (*shutters, *_written(form, place, solution))
+        of_images = write_undistorted(place / "images", solution, survey.photographs[0].path.parent, stretches)
+        left_out = (*shutters, *of_images, *WRITERS[form].write(place, solution))
         return tuple(dict.fromkeys(left_out))  # each once, though photographs and model both miss it
-    return (*shutters, *_written(form, target, solution))
+
+
+@contextmanager
+def _renaming_faults(target: Path) -> Iterator[Path]:
+    """Give the folder that becomes ``target`` when all went well; what is wrong with a file in it is said of that."""
+    with whole_folder(target) as place:
+        try:
+            yield place
+        except (ExchangeError, WorkspaceError) as error:
+            raise type(error)(str(error).replace(str(place), str(target))) from error
 
 
 def _rolling_shutters(cameras: Sequence[Camera]) -> tuple[str, ...]:
@@ -64,13 +77,9 @@ def _written(form: SolutionFormat, target: Path, solution: ForeignSolution) -> t
     solution, fields = without_fields(solution)
     writer = WRITERS[form]
     solution, terms = with_nearest_cameras(solution, writer.terms)
-    if writer.is_folder:
-        make_folder(target)
     try:
         return (*fields, *terms, *writer.write(target, solution))
     except ExchangeError as error:
-        if writer.is_folder and not any(target.iterdir()):
-            target.rmdir()
         raise ExchangeError(
             f"{error}; --to undistorted writes photographs without distortion, whose cameras every program takes"
         ) from error

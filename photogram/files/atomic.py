@@ -114,11 +114,48 @@ def scratch_folder(partial: Path) -> Iterator[Path]:
         folder.mkdir()
         yield folder
     finally:
-        for _ in range(_ATTEMPTS):
-            shutil.rmtree(folder, ignore_errors=True)
-            if not folder.exists():
-                break
+        _remove_tree(folder)
         _at_work.discard(folder)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Give a folder to write files to that stand in ``path``, which is absent or empty, when all went well; else it is
+    as it was. Raises WorkspaceError where it cannot be written."""
+    is_there = path.is_dir()
+    make_folder(path if is_there else path.parent)
+    partial, moved = temporary_name(path if is_there else path.parent), list[Path]()
+    _at_work.add(partial)
+    try:
+        partial.mkdir()
+        yield partial
+        if is_there:
+            for entry in sorted(partial.iterdir()):
+                moved.append(path / entry.name)
+                os.replace(entry, moved[-1])
+            moved.clear()
+        else:
+            os.replace(partial, path)
+    except PhotogramError:
+        raise
+    except OSError as error:
+        raise WorkspaceError(
+            f"{path}: cannot be written ({error.strerror or error}): check that it may be written to and has free space"
+        ) from error
+    finally:
+        for place in (*moved, partial):
+            _remove_tree(place)
+        _at_work.discard(partial)
+
+
+def _remove_tree(path: Path) -> None:
+    """Remove a folder or a file, if it is there; what cannot be removed stays."""
+    for _ in range(_ATTEMPTS):
+        shutil.rmtree(path, ignore_errors=True)
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+        if not path.exists():
+            break
 
 
 def remove_leftovers(folder: Path) -> None:

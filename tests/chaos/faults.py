@@ -215,7 +215,7 @@ def tried(trial: Trial, folder: Path, most: int | None, say: Callable[[str], Non
         seen[kind] += 1
         seen["refused" if ended.code else "unharmed"] += 1
         wrong = judged(trial, folder, before, after, changes, ended)
-        again = trial.act(folder)
+        again = trial.act(folder) if ended.code else ended
         if again.code:
             wrong.append(f"again: exit {again.code}: {again.said.strip()[-300:]}")
         wrong += [f"again: {text}" for text in (*compared(trial, contents(folder), after), *wrong_records(folder))]
@@ -276,16 +276,7 @@ def trials(folder: Path, bases: Mapping[str, Path]) -> list[Trial]:
     text = (weighted / "project.yaml").read_text(encoding="utf-8")
     (weighted / "project.yaml").write_text(text + "adjustment: {outlier_threshold: 3.5}\n", encoding="utf-8")
     mark = ("mark", "{}/project.yaml", "--detect-only")
-    new = (
-        "init",
-        "{}/photographs",
-        "--control",
-        "{}/gcp_list.txt",
-        "--control-sigma",
-        "0.01",
-        "--project",
-        "{}/own.yaml",
-    )
+    new = ("init", "{}/photographs", "--crs", "EPSG:25832", "--focal-px", "600", "--project", "{}/own.yaml")
     all_products = ("dxf", "qgis", "landxml", "glb", "shapefile", "kmz", "copc", "3dtiles")
     to = [word for product in all_products for word in ("--to", product)]
     found = [Trial(f"adjust {stage.name}", bases[stage.name], adjusted_until(stage.name)) for stage in STAGES]
@@ -293,10 +284,10 @@ def trials(folder: Path, bases: Mapping[str, Path]) -> list[Trial]:
     found.append(Trial("init", bases["photographs"], on_a_finished_survey(*new, again=("--force",))))
     found.append(Trial("mark", finished, on_a_finished_survey(*mark)))
     found.append(Trial("deliver", finished, on_a_finished_survey("deliver", "{}/project.yaml", *to, "--zip")))
-    same = ("compare", "{}/results", "{}/results", "--output", "{}/change")
+    same = ("compare", "{}/results", "--reference", "{}/results", "--output", "{}/change")
     found.append(Trial("compare", finished, on_a_finished_survey(*same)))
     exported = ("export", "{}/project.yaml", "--output", "{}/solution", "--to")
-    forms = ("opf", "colmap", "metashape", "opensfm", "bundler")
+    forms = ("opf", "colmap", "metashape", "opensfm", "undistorted")
     return found + [Trial(f"export {form}", finished, on_a_finished_survey(*exported, form)) for form in forms]
 
 

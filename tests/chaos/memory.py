@@ -31,7 +31,7 @@ from photogram.pipeline.pipeline import STAGES
 
 LIMITS = {"as": resource.RLIMIT_AS, "data": resource.RLIMIT_DATA}
 _COUNTED = {"as": "VmSize:", "data": "VmData:"}
-STEPS_MB = (1600, 800, 400, 300, 200, 150, 100, 70, 50, 35, 25, 15, 8, 3)
+STEPS_MB = (300, 100, 50, 35, 25, 15, 8, 3)
 
 
 def taken_bytes(limit: str) -> int:

@@ -1,6 +1,7 @@
 """Files appear whole or not at all, under names that nobody can foresee, and through no link."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from photogram.files.atomic import (
     replacing,
     scratch_folder,
     unwritable,
+    whole_folder,
 )
 
 
@@ -148,3 +150,30 @@ def test_a_scratch_folder_goes_although_a_file_in_it_cannot_be_removed_at_once(t
         (folder / "part").write_text("a", encoding="utf-8")
     assert changes.failed == ("unlink", "x.partial.parts/part")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_a_folder_is_whole_or_as_it_was(tmp_path: Path, is_there: bool) -> None:
+    root = tmp_path / "root"
+
+    def write() -> None:
+        with whole_folder(root / "out") as place:
+            (place / "b").mkdir()
+            (place / "b" / "c.txt").write_text("c", encoding="utf-8")
+            (place / "a.txt").write_text("a", encoding="utf-8")
+
+    refused = 0
+    for number in range(1, 30):
+        shutil.rmtree(root, ignore_errors=True)
+        (root / "out" if is_there else root).mkdir(parents=True)
+        before = sorted(root.rglob("*"))
+        with failing(root, number) as changes:
+            try:
+                write()
+            except WorkspaceError:
+                refused += 1
+        if changes.failed is None:
+            break
+        there = sorted(path.relative_to(root).as_posix() for path in root.rglob("*"))
+        assert sorted(root.rglob("*")) == before or there == ["out", "out/a.txt", "out/b", "out/b/c.txt"]
+    assert refused >= 6
