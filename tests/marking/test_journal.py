@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import closing, suppress
+from importlib import import_module
 from pathlib import Path
 from random import Random
 from threading import Thread
@@ -449,3 +450,35 @@ def test_a_killed_process_leaves_no_half_file(tmp_path: Path) -> None:
             held = {mark.key for mark in read_marks(tmp_path / "marks.csv")}
             assert held <= set(state_of(done).marks)
             assert len(held) >= told - 1
+
+
+# -- disks that are full ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of the size of files")
+@pytest.mark.parametrize("room", [0, 1000, 3000, 5000, 9000, 20_000])
+def test_an_action_that_finds_no_room_is_refused_and_the_others_are_there(tmp_path: Path, room: int) -> None:
+    resource = import_module("resource")
+    path, done = tmp_path / "marks.sqlite", list[Action]()
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Journal(path) as journal:
+        for number in range(5):
+            done.append(place(f"P{number}"))
+            journal.append(done[-1])
+        most = max(file.stat().st_size for file in tmp_path.iterdir()) + room
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+        try:
+            with suppress(WorkspaceError):
+                for number in range(5, 100):
+                    action = place(f"P{number}")
+                    journal.append(action)
+                    done.append(action)
+            with pytest.raises(WorkspaceError, match=r"cannot be opened or written .* has free space"):
+                journal.append(place("one more"))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+        assert list(read_journal(path)) == done
+        done.append(place("last"))
+        assert journal.append(done[-1]) == len(done)
+    assert list(read_journal(path)) == done
+    assert len(done) > 5 or room < 5000
