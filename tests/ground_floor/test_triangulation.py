@@ -244,3 +244,50 @@ def test_points_without_two_agreeing_rays_are_unknown(exact: SimulatedBlock) -> 
     assert set(np.flatnonzero(unknown).tolist()) == {one, pair}
     assert not inlier[np.isin(cut.point, [one, pair])].any()
     assert inlier[~np.isin(cut.point, [one, pair])].all()
+
+
+def test_rays_from_opposite_sides_are_a_half_turn_apart_whatever_the_rounding() -> None:
+    count = 100
+    centre = np.random.default_rng(2).normal(size=(count, 3))
+    unit = centre / np.sqrt((centre**2).sum(axis=1, keepdims=True))
+    assert (np.einsum("ij,ij->i", unit, unit) > 1).any(), "no product of unit vectors is above one"
+    pair, each = np.arange(2 * count), np.repeat(np.arange(count), 2)
+    ties = TiePoints(pair, each, pair, np.zeros((2 * count, 2)), np.ones(2 * count), np.zeros((count, 3)),
+                     np.zeros((count, 3), np.uint8))  # fmt: skip
+    both = np.stack([centre, -centre], axis=1).reshape(-1, 3)
+    angle = ray_angles(ties, np.ones(2 * count, bool), both, np.zeros((count, 3)))
+    np.testing.assert_allclose(angle, np.pi, rtol=0, atol=1e-7)
+
+
+def seen_from(centres: np.ndarray, wrong: dict[int, list[float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the consensus of photographs that look down at the point (0, 0, 0), some of them elsewhere."""
+    camera = Camera("camera", 1000, 1000, 1000.0, np.array([500.0, 500.0]), np.zeros(4))
+    poses = [Pose(np.diag([1.0, -1.0, -1.0]), centre) for centre in centres]
+    looked_at = np.zeros((len(poses), 3))
+    for photograph, place in wrong.items():
+        looked_at[photograph] = place
+    pixel = np.array([project_points(camera, pose, at[None])[0] for pose, at in zip(poses, looked_at, strict=True)])
+    each, camera_of = np.arange(len(poses)), np.zeros(len(poses), dtype=np.int64)
+    ties = TiePoints(each, np.zeros_like(each), each, pixel, np.ones(len(each)), np.zeros((1, 3)),
+                     np.zeros((1, 3), np.uint8))  # fmt: skip
+    points, inlier = consensus_intersections(
+        ties.first_observation, each, pixel, ideal_observations([camera], camera_of, ties), np.ones(len(each)),
+        oriented_by([camera], camera_of, poses),
+    )  # fmt: skip
+    return np.asarray(points[0]), np.asarray(inlier)
+
+
+def test_rays_that_meet_behind_a_photograph_do_not_end_the_search() -> None:
+    centres = np.array([[0.0, 0, 100], [10, 0, 100], [-20, 0, 100]])
+    point, inlier = seen_from(centres, {1: [30.0, 0, 0]})
+    np.testing.assert_allclose(point, 0, rtol=0, atol=1e-9)
+    assert inlier.tolist() == [True, False, True]
+
+
+def test_the_one_good_pair_of_a_long_track_is_found_where_it_is_tried() -> None:
+    """Of the 190 pairs of twenty rays every third is tried, the tenth among them: the first ray and the eleventh."""
+    centres = np.column_stack([np.arange(20.0), np.zeros(20), np.full(20, 100.0)])
+    aside = {k: [0.0, 7.0 * k, 0.0] for k in range(20) if k not in (0, 10)}
+    point, inlier = seen_from(centres, aside)
+    np.testing.assert_allclose(point, 0, rtol=0, atol=1e-9)
+    assert np.flatnonzero(inlier).tolist() == [0, 10]
