@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 CASES ?= 10000
 SEED ?= 1
 FOR ?= 180
+SAMPLE ?= 500
 
-.PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos clean pictures gallery
+.PHONY: help demo test lint docs tables messages vendored platforms versions figures fuzz chaos mutants clean pictures gallery
 
 help:
 	@echo "make demo   install photogram into $(VENV) and run the built-in simulated survey (results in demo/)"
@@ -26,6 +27,7 @@ help:
 	@echo "make fuzz   try 10 000 spoilt inputs, the same ones each time (make fuzz SEED=2: others); some five minutes"
 	@echo "make fuzz GUIDED=polygons FOR=180   inputs that reach new lines of a reader, for so many seconds (GUIDED=all: of each; needs atheris)"
 	@echo "make chaos  kill surveys and the marking page at random, fail their changes of files, and give surveys wrong inputs: some 90 minutes on two cores"
+	@echo "make mutants  change the adjustment's sources in 500 places, one at a time, and see whether the tests notice: two hours (SAMPLE=50: fewer)"
 	@echo "make pictures PHOTOGRAPHS=folder   draw the first picture of the README anew, from the 18 photographs of Brighton Beach"
 	@echo "make gallery DATA=folder   process five real surveys and write docs/gallery.md"
 	@echo "make clean  delete $(VENV) and everything that the commands above made"
@@ -88,6 +90,9 @@ chaos: $(VENV)/installed-test
 	folder=$$(mktemp -d) && PYTHONPATH=tests $(BIN)/python tests/chaos/faults.py "$$folder/survey" --every 5 && rm -rf "$$folder"
 	PYTHONPATH=benchmarks $(BIN)/python tests/chaos/marking_interruptions.py
 	$(BIN)/python tests/chaos/wrong_inputs.py
+
+mutants: $(VENV)/installed-test
+	$(BIN)/python tests/mutants.py --sample $(SAMPLE) --seed $(SEED)
 
 pictures: $(VENV)/installed-test
 	@test -n "$(PHOTOGRAPHS)" || { echo "say where the 18 photographs of Brighton Beach are: make pictures PHOTOGRAPHS=folder"; exit 1; }
