@@ -39,7 +39,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -57,7 +57,7 @@ MODULES = (
     *("photogram/projection.py", "photogram/triangulation.py"),
 )
 GROUND_FLOOR = tuple(f"tests/ground_floor/test_{name}.py" for name in ("camera", "projection", "triangulation"))
-TESTS = (*GROUND_FLOOR, "tests/factors", "tests/adjustment", "tests/quality", "tests/amendments")
+TESTS = (*GROUND_FLOOR, "tests/factors", "tests/adjustment", "tests/quality")
 TESTS_OF_KERNELS = (*GROUND_FLOOR, "tests/factors", "tests/adjustment/test_own_velocities.py")
 REPLACED = {
     **{"Add": ("Sub",), "Sub": ("Add",), "Mul": ("Div",), "Div": ("Mul",), "Pow": ("Mul",), "FloorDiv": ("Mul",)},
@@ -131,13 +131,14 @@ def _places(file: Path) -> list[list[Mutant]]:
     tree, nodes = ast.parse(text), list(ast_nodes(get_ast(text)))
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     left_out, places = list(_left_out(tree)), dict[tuple[int, int], list[Mutant]]()
-    for operator in [name for name in OPERATORS if name in set(operator_names())]:
+    around = cache(partial(_surroundings, tree))
+    for operator in sorted(set(OPERATORS) & set(operator_names()), key=OPERATORS.index):
         acting = get_operator(operator)()
         starts = [start for node in nodes for start, _ in acting.mutation_positions(node)]
         for occurrence, (line, column) in enumerate(starts):
             if not any(start <= (line, column) < end for start, end in left_out):
                 where = (file.as_posix(), operator, occurrence, line, column)
-                places.setdefault((line, column), []).append(Mutant(*where, *_surroundings(tree, line), digest))
+                places.setdefault((line, column), []).append(Mutant(*where, *around(line), digest))
     return [places[place] for place in sorted(places)]
 
 
@@ -228,10 +229,10 @@ class Notes(Generic[Noted]):
             file.write(json.dumps([name, vars(value)]) + "\n")
 
 
-def records(kind: Session) -> Notes[Record]:
-    """Return what is known of the tests, as long as no source changes."""
+def records(kind: Session, modules: Sequence[str]) -> Notes[Record]:
+    """Return what is known of the tests and which lines of modules they run, as long as no source changes."""
     texts = [file.read_bytes() for folder in ("photogram", "factors") for file in sorted((TREE / folder).rglob("*.py"))]
-    digest = hashlib.sha256(b"".join(texts)).hexdigest()[:16]
+    digest = hashlib.sha256(b"".join([*texts, *(module.encode() for module in modules)])).hexdigest()[:16]
     return Notes(WORK / f"tests-{kind}-{digest}.jsonl", Record)
 
 
@@ -246,6 +247,7 @@ class Orders:
 
     session: Session
     mutants: list[Mutant]
+    modules: Sequence[str]
     seconds: float
     slowest_s: float
 
@@ -258,11 +260,11 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
     for module in pkgutil.walk_packages(photogram.__path__, "photogram."):
         with suppress(ImportError):  # what is not installed
             importlib.import_module(module.name)
-    items, recorded, noted = {item.nodeid: item for item in session.items}, records(told.session), results()
+    items, recorded = {item.nodeid: item for item in session.items}, records(told.session, told.modules)
     for name, item in items.items():
         if name not in recorded.known:
-            recorded.add(name, _recorded(item, told.slowest_s))
-    tests = {name: recorded.known[name] for name in items}
+            recorded.add(name, _recorded(item, told))
+    tests, noted = {name: recorded.known[name] for name in items}, results()
     for given in told.mutants:
         mutant = Mutant(**given)  # type: ignore[arg-type]
         chosen = wanted(mutant, tests, noted, told.seconds)
@@ -309,24 +311,26 @@ def _run(item: pytest.Item, following: pytest.Item | None) -> bool:
     return not any(report.failed for report in runtestprotocol(item, log=False, nextitem=following))
 
 
-def _recorded(item: pytest.Item, slowest_s: float) -> Record:
+def _recorded(item: pytest.Item, told: Orders) -> Record:
     """Return the record of a test, run in a fork."""
+    tops = [f"{TREE}/{top}{module}" for module in told.modules for top in ("", "photogram/")]
+    places = [*tops, *(f"{top}/*" for top in tops)]
 
     def run() -> tuple[Outcome, str]:
         import coverage
 
-        measured = coverage.Coverage(data_file=None, config_file=False, include=[f"{TREE}/*"])
+        measured = coverage.Coverage(data_file=None, config_file=False, include=places)
         began = time.monotonic()
         measured.start()
         passed = _run(item, None)
         measured.stop()
         took, data = time.monotonic() - began, measured.get_data()
         sources = {os.path.relpath(os.path.realpath(file), TREE): data.lines(file) for file in data.measured_files()}
-        lines = {file: sorted(of_file or []) for file, of_file in sources.items() if not file.startswith("tests")}
+        lines = {file: sorted(of_file or []) for file, of_file in sources.items()}
         return "survived", json.dumps(vars(Record(round(took, 3), passed, lines)))
 
-    outcome, text = _in_fork(run, slowest_s)
-    return Record(**json.loads(text)) if outcome == "survived" else Record(slowest_s, False, {})
+    outcome, text = _in_fork(run, told.slowest_s)
+    return Record(**json.loads(text)) if outcome == "survived" else Record(told.slowest_s, False, {})
 
 
 def _first_failing(mutant: Mutant, tests: list[pytest.Item]) -> tuple[Outcome, str]:
@@ -418,13 +422,13 @@ def copy_tree() -> None:
         shutil.copy2(ROOT / file, TREE / file, follow_symlinks=False)
 
 
-def try_outside_functions(mutants: list[Mutant], seconds: float) -> None:
+def try_outside_functions(mutants: list[Mutant], modules: Sequence[str], seconds: float) -> None:
     """Try mutants of module and class level: the file is changed, and pytest started anew."""
     noted = results()
     for mutant in mutants:
         has_kernels = not mutant.path.startswith(("photogram/adjustment", "photogram/quality"))
         kind: Session = "interpreted" if has_kernels else "compiled"
-        chosen = wanted(mutant, records(kind).known, noted, seconds)
+        chosen = wanted(mutant, records(kind, modules).known, noted, seconds)
         if chosen is not None:
             _note(noted, mutant, chosen, partial(_in_file, mutant, kind, chosen))
 
@@ -488,10 +492,11 @@ def main() -> None:
         WORK.mkdir(parents=True, exist_ok=True)
         copy_tree()
         for kind in SESSIONS:
-            told = Orders(kind, [mutant for mutant in mutants if mutant.session == kind], asked.seconds, asked.slowest)
+            own = [mutant for mutant in mutants if mutant.session == kind]
+            told = Orders(kind, own, asked.modules, asked.seconds, asked.slowest)
             tests = TESTS_OF_KERNELS if asked.tests is TESTS and kind == "interpreted" else asked.tests
             subprocess.run([*PYTEST, "-p", "mutants", *tests], cwd=TREE, env=_environment(kind, told), check=True)
-        try_outside_functions([mutant for mutant in mutants if mutant.session == "module"], asked.seconds)
+        try_outside_functions([m for m in mutants if m.session == "module"], asked.modules, asked.seconds)
     print(table(mutants))
 
 
