@@ -36,7 +36,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache, partial
@@ -57,8 +57,8 @@ MODULES = (
     *("photogram/projection.py", "photogram/triangulation.py"),
 )
 GROUND_FLOOR = tuple(f"tests/ground_floor/test_{name}.py" for name in ("camera", "projection", "triangulation"))
-TESTS = (*GROUND_FLOOR, "tests/factors", "tests/adjustment", "tests/quality")
-TESTS_OF_KERNELS = (*GROUND_FLOOR, "tests/factors", "tests/adjustment/test_own_velocities.py")
+TESTS = (*GROUND_FLOOR, "tests/lens", "tests/factors", "tests/adjustment", "tests/quality")
+TESTS_OF_KERNELS = (*GROUND_FLOOR, "tests/lens", "tests/factors", "tests/adjustment/test_own_velocities.py")
 REPLACED = {
     **{"Add": ("Sub",), "Sub": ("Add",), "Mul": ("Div",), "Div": ("Mul",), "Pow": ("Mul",), "FloorDiv": ("Mul",)},
     **{"Mod": ("Mul",), "BitAnd": ("BitOr",), "BitOr": ("BitAnd",), "RShift": ("LShift",), "LShift": ("RShift",)},
@@ -276,16 +276,18 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
 
 def wanted(mutant: Mutant, tests: dict[str, Record], noted: Notes[Result], seconds: float) -> list[str] | None:
     """Return the tests to try on a mutant: those that run its lines, the quickest first, then others of their files;
-    where none does, those of files that run its file. Together they take so many seconds, but one is always tried.
-    Return None where one of them has failed before, or all have been tried."""
+    where none does, those of files that run its file. Of a test with parameters one comes before the next such test,
+    the others after. Together they take so many seconds, but one is always tried. Return None where one of them has
+    failed before, or all have been tried."""
     first, last = mutant.lines
     passing = {name: record for name, record in tests.items() if record.passed}
     of_file = [name for name, record in passing.items() if mutant.path in record.lines]
     direct = [name for name in of_file if any(first <= line <= last for line in passing[name].lines[mutant.path])]
     files = {name.split("::")[0] for name in direct or of_file}
     others = [name for name in passing if name.split("::")[0] in files and name not in set(direct)]
+    seconds_of = {name: record.seconds for name, record in passing.items()}
     chosen, taken = list[str](), 0.0
-    for name in [name for group in (direct, others) for name in sorted(group, key=lambda name: passing[name].seconds)]:
+    for name in [*_various(direct, seconds_of), *_various(others, seconds_of)]:
         taken += passing[name].seconds
         if chosen and taken > seconds:
             break
@@ -293,6 +295,17 @@ def wanted(mutant: Mutant, tests: dict[str, Record], noted: Notes[Result], secon
     known = noted.known.get(mutant.name)
     done = known is not None and (known.outcome != "survived" or set(chosen) <= set(known.tests))
     return None if done else chosen
+
+
+def _various(tests: Iterable[str], seconds: Mapping[str, float]) -> list[str]:
+    """Return tests in the order of their time, but each function once before any with another parameter."""
+    ordered, count = sorted(tests, key=lambda name: seconds[name]), Counter[str]()
+    turns = list[tuple[int, float, str]]()
+    for name in ordered:
+        function = name.partition("[")[0]
+        turns.append((count[function], seconds[name], name))
+        count[function] += 1
+    return [name for _, _, name in sorted(turns)]
 
 
 def _note(noted: Notes[Result], mutant: Mutant, tests: list[str], tried: Callable[[], tuple[Outcome, str]]) -> None:

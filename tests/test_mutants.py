@@ -80,6 +80,8 @@ def test_the_quickest_tests_of_a_line_are_tried_first(tmp_path: Path) -> None:
     noted = Notes(tmp_path / "results.jsonl", Result)
     assert wanted(mutant, tests, noted, 60) == ["t.py::quick", "t.py::slow", "t.py::elsewhere"]
     assert wanted(mutant, tests, noted, 5) == ["t.py::quick"]
+    tests["t.py::quick[1]"] = Record(2.0, True, {"a.py": [3]})
+    assert wanted(mutant, tests, noted, 60) == ["t.py::quick", "t.py::slow", "t.py::quick[1]", "t.py::elsewhere"]
     assert wanted(mutant, {"u.py::other": tests["u.py::other"]}, noted, 60) == []
     noted.add(mutant.name, Result("survived", "", 1.0, ["t.py::quick"]))
     noted = Notes(tmp_path / "results.jsonl", Result)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
@@ -69,28 +70,37 @@ def test_the_scatter_of_departures_is_found_and_none_where_there_is_none() -> No
 
 
 def test_the_normal_equations_are_those_of_differences() -> None:
-    problem, state = at_the_solution(adjusted(1)[1])
-    tie, cameras, X, none = problem.tie, state.cameras, state.tie_point, KINDS["none"]
+    made = simulate_block(replace(NEIGHBOURS, strips=2, photographs_per_strip=3), 1, tie_points=80, sigma_px=0.4)
+    problem = make_problem(made.block, SETTINGS)
+    tie, cameras, X, none = problem.tie, start_state(problem).cameras, made.tie_point_position_world_m, KINDS["none"]
+    parameters = cameras.parameters.copy()
+    parameters[:, READOUT] = 0.033
+    velocity = np.random.default_rng(0).normal(0.0, 5.0, cameras.velocity.shape)
+    cameras = cameras._replace(parameters=parameters, velocity=velocity)
     matrix, right = _normal_equations(
         tie.photograph, tie.point, tie.pixel, tie.pixel, tie.sigma_px, cameras, X, none, 1.0
     )
-    at = residuals(tie, cameras, X)
-    step = 1e-2 * np.eye(3)
-    slopes = [
-        (
-            residuals(tie, cameras._replace(velocity=cameras.velocity + d), X)
-            - residuals(tie, cameras._replace(velocity=cameras.velocity - d), X)
+
+    def departed(t: FloatArray) -> FloatArray:
+        """Whitened residuals, all photographs turned and shifted along their own axes, and faster by some metres."""
+        R = cameras.rotation
+        moved = cameras._replace(
+            rotation=np.ascontiguousarray(R @ Rotation.from_rotvec(t[:3]).as_matrix()),
+            position=cameras.position + R @ t[3:6],
+            velocity=cameras.velocity + t[6:],
         )
-        / 2e-2
-        for d in step
-    ]
-    J = np.stack(slopes, axis=2)
-    for p in (0, 7):
+        return residuals(tie, moved, X)
+
+    steps = np.diag([1e-5] * 3 + [1e-3] * 3 + [1e-2] * 3)
+    J = np.stack([(departed(t) - departed(-t)) / (2 * t.max()) for t in steps], axis=2)
+    at = departed(np.zeros(9))
+    for p in (0, 4):
         own = tie.photograph == p
         expected = np.einsum("nki,nkj->ij", J[own], J[own])
-        np.testing.assert_allclose(matrix[p, 6:, 6:], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+        size = np.sqrt(np.diag(expected))
+        np.testing.assert_allclose(matrix[p] / np.outer(size, size), expected / np.outer(size, size), rtol=0, atol=1e-6)
         pull = -np.einsum("nki,nk->i", J[own], at[own])
-        np.testing.assert_allclose(right[p, 6:], pull, rtol=1e-5, atol=1e-6 * np.abs(pull).max())
+        np.testing.assert_allclose(right[p] / size, pull / size, rtol=0, atol=1e-5 * np.abs(pull / size).max())
 
 
 def test_photographs_show_how_they_moved_better_than_their_neighbours_tell() -> None:

@@ -185,6 +185,32 @@ def test_a_step_solves_marquardts_equations_of_everything() -> None:
     assert cost == pytest.approx(0.5 * robust_terms(whitened, "huber", wide.threshold)[0].sum(), rel=1e-12)
 
 
+def test_a_bend_of_the_block_is_added_to_the_steps_of_its_points() -> None:
+    case, square = Case(), Loss(KINDS["none"], 1.0)
+    bend = 1e-3 * np.random.default_rng(8).normal(size=(4, 3))
+    step = np.zeros(case.layout.columns), np.zeros(case.layout.border)
+    straight, bending = (
+        substitute(case.rays, case.cameras, case.points, case.layout, square, 1e-3, step, case.cameras, each)[0]
+        for each in (STRAIGHT, bend)
+    )
+    added = (case.points.position - bend[3]) @ bend[:3].T
+    np.testing.assert_allclose(bending - straight, added, rtol=0, atol=1e-9)
+
+
+def test_points_with_mismatches_go_down_their_own_cost_while_the_cameras_rest() -> None:
+    """From some metres off, where each residual is beyond the threshold, to where exact rays meet, by damping that lets
+    a common step move nothing."""
+    case, loss = Case(), Loss(KINDS["huber"], 2.0)
+    true, still = case.points.position, (np.zeros(case.layout.columns), np.zeros(case.layout.border))
+    exact = case.tie.pixel + residuals(case.tie, case.cameras, true) * case.tie.sigma_px[:, None]
+    rays = lay_out(replace(case.tie, pixel=exact), np.arange(60), case.layout)
+    start = Points.unknown(true + np.random.default_rng(6).normal(0.0, 2.0, true.shape))
+    assert observation_cost(rays, case.cameras, start.position, loss) > 1e3
+    moved, _, cost = substitute(rays, case.cameras, start, case.layout, loss, 1e9, still, case.cameras, STRAIGHT)
+    np.testing.assert_allclose(moved, true, rtol=0, atol=1e-6)
+    assert cost < 1e-9
+
+
 @pytest.mark.parametrize("twice", [False, True])
 def test_points_have_the_covariance_of_the_whole_normal_matrix(twice: bool) -> None:
     case = Case(twice=twice)

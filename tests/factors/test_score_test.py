@@ -7,6 +7,7 @@ import pytest
 
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.factors.covariance import covariances
+from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.score_test import least_statistic, one_step
 from photogram.projection import B1, K2, READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -47,3 +48,38 @@ def test_what_nothing_tells_has_no_step() -> None:
     step = one_step(problem, state, covariances(problem, state), 0, READOUT)
     assert np.isnan([step.value, step.sigma]).all(), "nothing moved"
     assert least_statistic(problem, state, 0, READOUT) == 0.0
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize("parameter", [K2, B1])
+def test_its_parts_are_those_of_the_whole_system_to_many_digits(parameter: int, mixed: bool) -> None:
+    """Few tie points, and control points surveyed to decimetres, which follow as tie points do; ``mixed``: marks of
+    correlated coordinates."""
+    plan = replace(PLAN, control_sigma_m=(0.3, 0.4, 1.0), control_points=8, photographs_per_strip=3)
+    block, rng = simulate_block(plan, 4, tie_points=40, sigma_px=0.3).block, np.random.default_rng(0)
+    held = make_problem(block, SETTINGS)
+    tie, marks = held.tie, held.marks
+    if mixed:
+        marks = replace(marks, mixing=rng.uniform([0.5, -1.0], [2.0, 1.0], (len(marks), 2)))
+    held = replace(held, marks=marks)
+    state = minimise(held, start_state(held), SETTINGS).state
+    found = one_step(held, state, covariances(held, state), 0, parameter)
+    sigmas = block.cameras[0].sigmas.copy()
+    sigmas[parameter] = 30 * found.sigma
+    free = replace(
+        make_problem(replace(block, cameras=(replace(block.cameras[0], sigmas=sigmas),)), SETTINGS),
+        tie=tie,
+        marks=marks,
+    )
+    whole = covariances(free, state).calibration(0)[parameter, parameter]
+    assert found.sigma**-2 + sigmas[parameter] ** -2 == pytest.approx(1 / whole, rel=1e-9)
+
+    def cost(change: float) -> float:
+        parameters = state.parameters.copy()
+        parameters[0, parameter] += change
+        cameras = state.cameras._replace(parameters=parameters)
+        rays = (residuals(tie, cameras, state.tie_point), residuals(marks, cameras, state.control))
+        return sum(0.5 * float(np.sum(part**2)) for part in rays)
+
+    h = 0.1 * found.sigma
+    assert found.value / found.sigma**2 == pytest.approx((cost(-h) - cost(h)) / (2 * h), rel=1e-5)

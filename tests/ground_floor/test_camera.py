@@ -275,6 +275,14 @@ def test_a_distortion_that_folds_back_is_refused_with_the_place() -> None:
         image_plane(folding, np.array([[2100.0, 1500.0], [3990.0, 20.0]]))
 
 
+def test_places_just_before_the_fold_are_found_though_steps_do_not_settle_there() -> None:
+    """1 − 0.3 r² folds back at r = 1.0541, where r (1 − 0.3 r²) has its largest value."""
+    folding = Camera("c", 4000, 3000, 2000.0, np.array([1999.5, 1499.5]), np.array([-0.3, 0.0, 0.0, 0.0]))
+    r = np.linspace(1.0, 1.0525, 4000)
+    pixel = folding.principal_point_px + 2000.0 * np.column_stack([0.8 * r, 0.6 * r])
+    np.testing.assert_allclose(undistort(folding, distort(folding, pixel)), pixel, rtol=0, atol=1e-8)
+
+
 def test_unknown_pixels_stay_unknown() -> None:
     ideal = image_plane(DRONE, np.array([[np.nan, np.nan], [100.0, 200.0]]))
     assert np.isnan(ideal[0]).all()

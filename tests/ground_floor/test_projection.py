@@ -114,3 +114,17 @@ def test_without_motion_or_read_out_time_nothing_changes_a_bit() -> None:
     expected = project_points(replace(ROLLING, readout_s=0.0), still, points)
     np.testing.assert_array_equal(project_points(ROLLING, still, points), expected)
     np.testing.assert_array_equal(project_points(replace(ROLLING, readout_s=0.0), FAST, points), expected)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_metre_a_second_along_one_axis_of_the_camera_is_a_motion(axis: int) -> None:
+    along = FAST.rotation_world_from_camera[:, axis]
+    pose = replace(FAST, velocity_world_m_s=along)
+    assert pose.rotation_world_from_camera.T @ along == pytest.approx(np.eye(3)[axis], abs=0), "exactly one"
+    X = FAST.position_world_m + np.array([7.0, 9.0, -35.0])
+    [pixel] = project_points(ROLLING, pose, X[None])
+    share = pixel[1] / (ROLLING.height_px - 1.0) - 0.5
+    there = replace(pose, position_world_m=pose.position_world_m + 0.05 * share * along)
+    [expected] = project_points(replace(ROLLING, readout_s=0.0), there, X[None])
+    np.testing.assert_allclose(pixel, expected, rtol=0, atol=1e-6)
+    assert np.linalg.norm(pixel - project_points(replace(ROLLING, readout_s=0.0), pose, X[None])[0]) > 0.1
