@@ -333,6 +333,7 @@ def _recorded(item: pytest.Item, told: Orders) -> Record:
         import coverage
 
         measured = coverage.Coverage(data_file=None, config_file=False, include=places)
+        measured.set_option("run:disable_warnings", ["no-data-collected"])
         began = time.monotonic()
         measured.start()
         passed = _run(item, None)

@@ -47,7 +47,7 @@ class Case:
             many = first[np.argmax(np.diff(first))]
             photograph[many + 1] = photograph[many]
         self.tie = replace(tie, photograph=photograph)
-        other = np.array([9.0, 2.0, -1.0, 0.001, *[0.0] * 7, 0.02])
+        other = np.array([9.0, 2.0, -1.0, 0.001, *[0.0] * 5, 7.0, -4.0, 0.02])
         self.cameras = state.cameras._replace(
             camera=np.arange(len(state.position)) % 2,
             velocity=np.random.default_rng(3).normal(0.0, 5.0, state.position.shape),
@@ -58,7 +58,7 @@ class Case:
         )
         self.points = Points.unknown(state.tie_point)
         self.unit = np.zeros((2, PARAMETERS))
-        self.unit[0] = [1.0, 1.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0, 1e-3]
+        self.unit[0] = [3.0, 2.0, 0.0, 5e-4, 5e-4, 5e-4, 0.0, 5e-4, 0.0, 1.0, 1.0, 1e-3]
         self.held = np.arange(8) == 3
         self.layout = self.lay(self.unit)
         self.rays = lay_out(self.tie, np.arange(tie_points), self.layout)
