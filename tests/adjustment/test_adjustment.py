@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from seeds import limit, seeds
 
 from photogram.adjustment.adjustment import adjust
-from photogram.adjustment.outliers import noise_scale, within_depths
+from photogram.adjustment.outliers import noise_scale, outlier_limit_px, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
@@ -22,7 +22,7 @@ from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
-from photogram.survey import Block, Role
+from photogram.survey import Block, Role, TiePoints
 from photogram.triangulation import MANY_PAIRS, consensus_intersections
 
 PLAN = SurveyPlan(
@@ -531,3 +531,14 @@ def test_long_tracks_with_many_mismatches_are_intersected_from_a_bounded_number_
     np.testing.assert_allclose(points[0], X, atol=1e-6)
     assert agreeing[~wrong].all()
     assert np.count_nonzero(agreeing[wrong]) <= 1
+
+
+def test_the_limit_of_a_residual_is_lower_the_fewer_rays_a_point_has() -> None:
+    """The mean redundancy of a coordinate is (2n − 3) / 2n; with two rays, where it all lies in one direction, 0.64."""
+    rays = [2, 3, 4, 10]
+    point = np.repeat(np.arange(4), rays)
+    sigma = np.random.default_rng(0).uniform(0.5, 2.0, len(point))
+    nothing, count = np.zeros((4, 3)), np.arange(len(point))
+    ties = TiePoints(count, point, count, np.zeros((len(point), 2)), sigma, nothing, nothing.astype(np.uint8))
+    share = np.array([0.64, np.sqrt(0.5), np.sqrt(5 / 8), np.sqrt(17 / 20)])
+    np.testing.assert_allclose(outlier_limit_px(ties, 1.5, 3.0), 4.5 * sigma * share[point], rtol=1e-12)

@@ -279,3 +279,13 @@ def test_a_rolling_shutter_is_not_taken_for_wrong_control_points() -> None:
         error = (result.estimates.ground_world_m - made.truth.control_position_world_m)[check]
         assert np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))) < 0.09  # 0.13 to 0.16 m with one of them rejected
     assert float(np.sqrt(np.mean(np.square(z)))) < 2.5
+
+
+def test_a_read_out_time_that_is_none_is_held_at_zero_and_others_stay() -> None:
+    made = simulated(ROLLING, 1).block
+    rolling = replace(made.cameras[0], readout_s=0.03)
+    block = without_rolling(replace(made, cameras=(rolling, replace(rolling, name="other"))), np.array([True, False]))
+    assert [camera.readout_s for camera in block.cameras] == [0.0, 0.03]
+    assert block.cameras[0].sigmas[READOUT] == 0.0
+    assert block.cameras[1].sigmas[READOUT] == rolling.sigmas[READOUT] > 0.0
+    np.testing.assert_array_equal(np.delete(block.cameras[0].sigmas, READOUT), np.delete(rolling.sigmas, READOUT))

@@ -11,7 +11,7 @@ from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.adjustment.self_calibration import Held, held_parameters, with_priors
+from photogram.adjustment.self_calibration import Held, _not_rolling, held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal
 from photogram.projection import PARAMETER_NAMES, USUAL
@@ -232,3 +232,11 @@ def test_a_photograph_left_out_does_not_make_a_nadir_block_oblique() -> None:
     )
     assert result.block.poses[0] is None
     assert "nadir imagery" in held["simulated"]["focal_px"]
+
+
+def test_a_read_out_time_that_is_none_is_said_in_milliseconds() -> None:
+    result = calibrated(LEVEL, 0)[0]
+    of_two = replace(result.decisions, readout_s=np.array([np.nan, 0.0004]), readout_sigma_s=np.array([1.0, 0.0015]))
+    said = [_not_rolling(replace(result, decisions=of_two), camera) for camera in (0, 1)]
+    assert "nothing tells how the photographs moved" in said[0]
+    assert "0.4 ± 1.5 ms" in said[1]

@@ -9,14 +9,18 @@ from lib.simulated.close_range import CloseRange, simulate_close_range
 from makers import simulated
 
 from photogram.adjustment.adjustment import adjust
+from photogram.adjustment.constraint_tests import _known, constraint_tests
 from photogram.adjustment.ground_points import of_control
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
+from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference, gives_scale
 from photogram.factors.constraints import Heights, rows_of
+from photogram.factors.covariance import covariances
 from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
 from photogram.report.local_frame import constraint_numbers, distance_numbers
+from photogram.results import ConstraintTests
 from photogram.simulation.simulated_survey import SurveyPlan
 from photogram.survey import Block
 
@@ -119,3 +123,37 @@ def test_the_report_has_every_observation_with_what_was_stated_of_it() -> None:
     assert all(r["w"] is not None and r["mdb_m"] is not None for r in rows[1:])
     assert 0.0 < sum(r["redundancy"] or 0.0 for r in rows[1:]) < 2 + 2
     json.dumps([*rows, bar_row], allow_nan=False)
+
+
+def test_what_is_said_of_an_observation_is_what_an_adjustment_without_it_says() -> None:
+    """Variances of what is adjusted and of residuals add up to what was stated; a distance left out is predicted by all
+    else."""
+    block = with_constraints()
+
+    def solved(block: Block) -> tuple[ConstraintTests, FloatArray]:
+        problem = make_problem(block, SETTINGS)
+        state = minimise(problem, start_state(problem), replace(SETTINGS, relative_tolerance=1e-15)).state
+        known, ground = covariances(problem, state), of_control(problem, state)
+        return constraint_tests(problem, state, known, problem, known, ground), ground
+
+    tests, _ = solved(block)
+    sigma = np.concatenate([constraint.sigmas_m for constraint in block.constraints])
+    np.testing.assert_allclose((tests.adjusted_sigma_m / sigma) ** 2 + tests.redundancy, 1.0, rtol=0, atol=1e-9)
+    assert ((tests.redundancy > 0.001) & (tests.redundancy < 1.0)).all()
+    np.testing.assert_allclose(tests.w, tests.residual_m / (sigma * np.sqrt(tests.redundancy)), rtol=1e-9)
+    distance = block.constraints[0]
+    assert isinstance(distance, Distance)
+    without, ground = solved(replace(block, constraints=(replace(distance, role="check"), *block.constraints[1:])))
+    predicted = float(np.linalg.norm(ground[0] - ground[1]) - distance.length_m)
+    assert tests.left_out_m[0] == pytest.approx(predicted, rel=1e-3)
+    expected = np.hypot(without.adjusted_sigma_m[0], distance.sigma_m)
+    assert tests.left_out_sigma_m[0] == pytest.approx(expected, rel=1e-3)
+    assert without.z[0] == pytest.approx(predicted / expected, rel=1e-9)
+
+
+def test_nothing_is_said_of_a_constraint_with_a_point_that_is_not_there() -> None:
+    block = with_constraints()
+    names, places = block.control_points.name, block.control_points.position_world_m
+    missing = tuple(Distance(ends=(names[0], end), length_m=1.0, sigma_m=0.1) for end in ("nobody", names[1]))
+    centres = np.array([pose.position_world_m for pose in block.poses if pose is not None])
+    assert [known.number for known in _known(replace(block, constraints=missing), places, centres)] == [1]

@@ -6,7 +6,8 @@ import pytest
 from makers import FREE, SMALL, joint_control_points, problem_of, small_problem
 from referees import whole_covariance
 
-from photogram.factors.covariance import Covariances, covariances
+from photogram.factors.covariance import Covariances, _open, covariances
+from photogram.factors.datum import SHIFT, datum_of
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_factors
@@ -191,3 +192,15 @@ def test_a_block_without_any_datum_is_not_solved() -> None:
         covariances(adrift, replace(state, control=none, offset=none))
     assert fault.value.variable is not None
     assert fault.value.variable[0] == DATUM
+
+
+def test_what_is_open_is_a_camera_where_the_block_goes_along_by_a_tenth() -> None:
+    problem, state = small_problem()
+    layout = covariances(problem, state).layout
+    whole, scale = datum_of(layout, state, 40.0), np.ones(layout.columns + layout.border)
+    shift = whole.directions[:, 0] / np.linalg.norm(whole.directions[:, 0])
+    focal = np.zeros(len(shift))
+    focal[layout.columns] = 1.0
+    assert _open(layout, shift, scale, whole).variable == (DATUM, SHIFT)
+    assert _open(layout, shift + 0.1 * focal, scale, whole).variable == (DATUM, SHIFT)
+    assert _open(layout, 0.1 * shift + focal, scale, whole).variable == (CALIBRATION, 0)

@@ -16,10 +16,12 @@ from photogram.adjustment.assessment import sigma0_and_redundancy
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.camera import Camera, oriented_by
 from photogram.factors.covariance import covariances
-from photogram.factors.elimination.levenberg_marquardt import Trial, remaining
+from photogram.factors.elimination.bundle import SingularPointError
+from photogram.factors.elimination.levenberg_marquardt import Trial, _saved, remaining
 from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
 from photogram.factors.elimination.state import State
-from photogram.factors.graph import Problem
+from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.variables import CONTROL_POINT, TIE_POINT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -169,3 +171,31 @@ def state_of(focal_px: float) -> State:
     parameters = np.zeros((1, 12))
     parameters[0, 0] = focal_px
     return State(cameras._replace(parameters=parameters), none, none, none)
+
+
+def test_what_rounding_hides_is_believed_on_the_word_of_the_linear_model() -> None:
+    _, state = block(0)
+    wrong = replace(state, cameras=state.cameras._replace(parameters=-state.parameters))
+    for cost, predicted, saved in (
+        (1.0, 1e-13, 1e-13),  # nothing is to be seen, and nothing else was predicted
+        (1.0 + 1e-13, 1e-13, 1e-13),
+        (1.0, 1e-3, 0.0),  # a thousandth would be seen
+        (1.0, 0.0, 0.0),
+        (0.9, 1e-13, 0.1),  # what is seen counts
+        (1.1, 1e-13, -0.1),
+    ):
+        assert _saved(1.0, Trial(state, cost, predicted)) == pytest.approx(saved, rel=1e-9, abs=0), (cost, predicted)
+    assert _saved(1.0, Trial(wrong, 0.5, 0.5)) == -np.inf
+    assert _saved(1.0, Trial(state, np.nan, 0.5)) == -np.inf
+
+
+@pytest.mark.parametrize(("kind", "named"), [("tie", TIE_POINT), ("control", CONTROL_POINT)])
+def test_a_point_that_its_rays_do_not_fix_is_named(kind: str, named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def parallel(*_: object) -> None:
+        raise SingularPointError(kind, 3)
+
+    problem, start = block(0)
+    monkeypatch.setattr("photogram.factors.minimisation.minimise_bundle", parallel)
+    with pytest.raises(IndeterminateError) as error:
+        minimise(problem, start, TIGHT)
+    assert error.value.variable == (named, 3)

@@ -13,7 +13,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import steering
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
-from photogram.factors.elimination.summary import TiePointSummary, followed, summarise
+from photogram.factors.elimination.summary import TiePointSummary, _similarity, _steps, followed, summarise
 from photogram.factors.graph import Problem
 from photogram.factors.ground_terms import bundle_of
 from photogram.projection import OrientedCameras, recalibrated
@@ -168,3 +168,25 @@ def test_a_layout_without_a_place_for_it_is_refused() -> None:
         summary.terms(state.cameras, replace(layout, unit=np.ones((1, parameters.shape[1] + 2))), 0)
     with pytest.raises(ValueError, match="farther apart"):
         summary.terms(state.cameras, replace(layout, reach=1), 0)
+
+
+def test_centres_in_one_place_have_the_turn_of_the_attitudes_and_no_scale() -> None:
+    _, start = problem_of(simulated(PLAN, off=0.1).block, "huber")
+    here = start.cameras._replace(position=np.tile([5.0, -3.0, 40.0], (len(start.position), 1)))
+    there = placed(here, 2)
+    scale, turn, shift = _similarity(here, there)
+    assert scale == 1.0
+    np.testing.assert_allclose(turn @ here.rotation, there.rotation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(here.position @ turn.T + shift, there.position, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("omega", [(0.0, 0.0, 0.0), (1e-5, -2e-5, 3e-5), (0.02, 0.01, -0.03), (0.9, -0.6, 1.1)])
+def test_a_departure_moves_with_a_step_as_differences_say(omega: tuple[float, float, float]) -> None:
+    turn, rotation = Rotation.from_rotvec(omega), Rotation.random(random_state=3).as_matrix()
+    found, h = _steps(np.array([omega]), rotation[None], 4.0)[0], 1e-5
+    turned = [(turn * Rotation.from_rotvec(sign * h * axis)).as_rotvec() for axis in np.eye(3) for sign in (1, -1)]
+    expected = np.array([(turned[2 * k] - turned[2 * k + 1]) / (2 * h) for k in range(3)]).T
+    np.testing.assert_allclose(found[:3, :3], expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found[3:, 3:], rotation / 4.0, rtol=1e-15)
+    assert not found[:3, 3:].any()
+    assert not found[3:, :3].any()

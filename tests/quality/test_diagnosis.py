@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.quality.diagnosis import diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
+from photogram.projection import FOCAL, K1, K2, PARAMETERS
+from photogram.quality.deformation import CENTRES, parameters_of
+from photogram.quality.diagnosis import _groups, diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
 from photogram.quality.improvements import block_deformation
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.results import Adjustment, Deformation
@@ -183,3 +185,22 @@ def test_nothing_is_said_of_a_block_that_nothing_is_known_of() -> None:
     assert numbers["remedies"] == []
     assert numbers["resections"] == []
     assert weaknesses(unknown.covariances.deformation, result.block.cameras, result.estimates.flights) == []
+
+
+def test_a_pair_is_a_group_but_for_radial_terms_and_for_a_centre_with_its_offset() -> None:
+    camera = simulate_block(NADIR, 1, tie_points=10).block.cameras[0]
+    start = parameters_of(0, 1).start
+    size = start + PARAMETERS + 3
+    height, offset, focal, k1, k2 = CENTRES.stop - 1, size - 1, start + FOCAL, start + K1, start + K2
+    words = {k: str(k) for k in (height, offset, focal, k1, k2)}
+
+    def groups(*pairs: tuple[int, int]) -> list[tuple[list[int], float]]:
+        covariance = np.eye(size)
+        for a, b in pairs:
+            covariance[a, b] = covariance[b, a] = -0.97
+        known = replace(Deformation.unknown(), covariance=covariance)
+        return _groups(known, words, start, [camera])
+
+    assert groups() == groups((k1, k2)) == groups((height, offset)) == []
+    assert groups((height, focal)) == [([height, focal], 0.97)]
+    assert groups((focal, k1), (k1, k2)) == [([focal, k1, k2], 0.97)]
