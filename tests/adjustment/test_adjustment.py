@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import gtsam
 import numpy as np
@@ -10,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from seeds import limit, seeds
 
-from photogram.adjustment.adjustment import adjust
-from photogram.adjustment.outliers import noise_scale, outlier_limit_px, within_depths
+from photogram.adjustment.adjustment import _judged, adjust
+from photogram.adjustment.outliers import noise_scale, outlier_limit_px, settled, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
+from photogram.adjustment.solutions.ended import Ended
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
 from photogram.errors import AdjustmentError
@@ -20,6 +23,8 @@ from photogram.factors.common_errors import values_of
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.loss import robust_terms
 from photogram.factors.elimination.state import State
+from photogram.factors.graph import IndeterminateError
+from photogram.factors.variables import POSE
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block
 from photogram.survey import Block, Role, TiePoints
@@ -542,3 +547,22 @@ def test_the_limit_of_a_residual_is_lower_the_fewer_rays_a_point_has() -> None:
     ties = TiePoints(count, point, count, np.zeros((len(point), 2)), sigma, nothing, nothing.astype(np.uint8))
     share = np.array([0.64, np.sqrt(0.5), np.sqrt(5 / 8), np.sqrt(17 / 20)])
     np.testing.assert_allclose(outlier_limit_px(ties, 1.5, 3.0), 4.5 * sigma * share[point], rtol=1e-12)
+
+
+def test_a_choice_is_settled_where_one_of_twenty_thousand_differs() -> None:
+    for count, differing, expected in ((19_999, 0, True), (19_999, 1, False), (40_000, 2, True), (40_000, 3, False)):
+        before = np.random.default_rng(count).random(count) < 0.5
+        after = before.copy()
+        after[:differing] ^= True
+        assert settled(before, after) is expected
+
+
+def test_what_is_found_undetermined_at_the_end_is_said_with_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = make_problem(simulated(1).block, SETTINGS)
+
+    def open_still(*_: object) -> None:
+        raise IndeterminateError((POSE, 1))
+
+    monkeypatch.setattr("photogram.adjustment.adjustment.adjustment_of", open_still)
+    with pytest.raises(AdjustmentError, match=problem.block.photographs[1].name):
+        _judged(cast(Ended, SimpleNamespace(whole=problem)), SETTINGS)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.projection import FOCAL, K1, K2, PARAMETERS
-from photogram.quality.deformation import CENTRES, parameters_of
+from photogram.projection import CX, FOCAL, K1, K2, PARAMETERS
+from photogram.quality.deformation import CENTRES, parameters_of, rotations_of
 from photogram.quality.diagnosis import _groups, diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
 from photogram.quality.improvements import block_deformation
 from photogram.report.numbers.diagnosis import diagnosis_numbers
@@ -204,3 +204,26 @@ def test_a_pair_is_a_group_but_for_radial_terms_and_for_a_centre_with_its_offset
     assert groups() == groups((k1, k2)) == groups((height, offset)) == []
     assert groups((height, focal)) == [([height, focal], 0.97)]
     assert groups((focal, k1), (k1, k2)) == [([focal, k1, k2], 0.97)]
+
+
+@pytest.mark.parametrize(("of_cx", "plan"), [((0.6, 0.5), 0.15), ((0.9, 0.5), 0.18), ((0.01, 0.01), None)])
+def test_what_a_principal_point_costs_in_plan_is_its_part_of_the_shift(
+    of_cx: tuple[float, float], plan: float | None
+) -> None:
+    camera = simulate_block(NADIR, 1, tie_points=10).block.cameras[0]
+    at, turn = parameters_of(0, 1), rotations_of(0)
+    sigma, correlation = np.full(at.stop, 1e-4), np.eye(at.stop)
+    sigma[:2], sigma[at.start + CX], sigma[turn.start + 1] = (0.2, 0.3), 2.0, 1e-3
+    for other, r in ((0, of_cx[0]), (1, -of_cx[1]), (turn.start + 1, -0.98)):
+        correlation[at.start + CX, other] = correlation[other, at.start + CX] = r
+    known = replace(
+        Deformation.unknown(),
+        covariance=correlation * np.outer(sigma, sigma),
+        intersection_sigma_m=np.array([0.01, 0.01, 0.02]),
+    )
+    said = [sentence for sentence in weaknesses(known, [camera], []) if "principal point" in sentence]
+    if plan is None:
+        assert said == []
+    else:
+        assert len(said) == 1
+        assert f"in x and the tilt of the photographs cannot be separated (correlation 0.980): {plan:.3f} m" in said[0]
