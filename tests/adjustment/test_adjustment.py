@@ -16,6 +16,7 @@ from photogram.adjustment.adjustment import _judged, adjust
 from photogram.adjustment.outliers import noise_scale, outlier_limit_px, settled, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solutions.ended import Ended
+from photogram.adjustment.solvability import check_determined
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
 from photogram.errors import AdjustmentError
@@ -566,3 +567,19 @@ def test_what_is_found_undetermined_at_the_end_is_said_with_its_name(monkeypatch
     monkeypatch.setattr("photogram.adjustment.adjustment.adjustment_of", open_still)
     with pytest.raises(AdjustmentError, match=problem.block.photographs[1].name):
         _judged(cast(Ended, SimpleNamespace(whole=problem)), SETTINGS)
+
+
+@pytest.mark.parametrize(("heights", "said"), [(2, "2 control points and"), (1, r"2 .*2 of them in plan, 1 in height")])
+def test_what_a_block_without_a_datum_has_is_counted(heights: int, said: str) -> None:
+    problem = make_problem(simulated(1).block, SETTINGS)
+    bare = tuple(replace(photograph, gnss_world_m=None, gnss_sigma_m=None) for photograph in problem.block.photographs)
+    sigma = np.full((2, 3), 0.01)
+    sigma[heights:, 2] = np.inf
+    few = replace(
+        problem,
+        block=replace(problem.block, photographs=bare),
+        control_world_m=problem.control_world_m[:2],
+        control_sigma_m=sigma,
+    )
+    with pytest.raises(AdjustmentError, match=f"no datum in .*: {said}"):
+        check_determined(few)

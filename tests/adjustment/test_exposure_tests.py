@@ -71,6 +71,13 @@ def test_redundancy_numbers_sum_to_what_an_exposure_adds() -> None:
     assert total == pytest.approx(whole.redundancy, abs=1e-6)
 
 
+def test_redundancy_numbers_sum_up_where_the_relative_pose_is_given() -> None:
+    result = adjust(simulate_two_cameras(PLAN, 5, tie_points=120, given_sigma=GIVEN).block, LEAST_SQUARES)
+    groups = result.tests.components
+    assert groups.redundancy.sum() == pytest.approx(result.redundancy, abs=1e-6)
+    assert groups.squares.sum() == pytest.approx(result.sigma0**2 * result.redundancy, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", [1, 3])
 def test_an_exposure_not_taken_together_is_named_and_no_other(seed: int) -> None:
     made = simulate_two_cameras(WIDER, seed, tie_points=300, late_m={5: 0.3})
