@@ -14,6 +14,7 @@ from photogram.files.photographs.tags import PhotographTags
 from photogram.pipeline.costs.space import kept_disk_bytes, machine_needs, sparse_disk_bytes, surface_disk_bytes
 from photogram.pipeline.pipeline import STAGES, load_project
 from photogram.pipeline.stage_costs import LAYER_BYTES, MATCHED_BYTES, RASTER_BYTES, Extent
+from photogram.project.epochs.entries import ProjectEpoch
 from photogram.project.project import Project, ProjectPhotograph
 from photogram.project.validation.resources import SurfaceSize, machine_findings, surface_size
 from photogram.surface.dense.tile_matching import DenseSettings
@@ -82,6 +83,13 @@ def test_size_by_usual_overlap_where_nobody_says_how_high_they_flew(strip: Proje
     assert size.orthophoto_cells == pytest.approx(4 * size.surface_cells)
     nowhere = changed(blind, gnss_map_m=None)
     assert surface_size(nowhere, NO_TAGS) == size
+
+
+def test_of_epochs_together_no_surface_is_made(strip: Project) -> None:
+    epochs = (ProjectEpoch("May", (0, 1)), ProjectEpoch("June", (2, 3)))
+    together = surface_size(replace(strip, epochs=epochs), NO_TAGS)
+    assert (together.surface_cells, together.orthophoto_cells) == (0.0, 0.0)
+    assert surface_size(replace(strip, epochs=epochs, epoch="May"), NO_TAGS).surface_cells > 0.0
 
 
 def test_stages_that_are_switched_off_need_nothing(strip: Project) -> None:

@@ -93,9 +93,10 @@ def _sized(project: Project, area_gsd2: float, gsd_m: float | None, covered_shar
         picture_gsd = (project.orthophoto.cell_m or gsd_m) / gsd_m
     # without dense matching a surface has about as many cells as there are tie points, unless it is told otherwise
     made = project.dense.enabled or project.surface.cell_m is not None
+    apart = bool(project.epochs) and not project.epoch  # each epoch has its own, which another command makes
     return SurfaceSize(
-        area_gsd2 / surface_gsd**2 if made else 0.0,
-        area_gsd2 / picture_gsd**2 if project.orthophoto.enabled else 0.0,
+        area_gsd2 / surface_gsd**2 if made and not apart else 0.0,
+        area_gsd2 / picture_gsd**2 if project.orthophoto.enabled and not apart else 0.0,
         surface_gsd,
         covered_share,
         None if gsd_m is None else surface_gsd * gsd_m,
