@@ -2,6 +2,7 @@
 
 import os
 from contextlib import suppress
+from importlib import import_module
 from math import ceil
 from pathlib import Path
 
@@ -33,7 +34,25 @@ def within_half_of_memory(bytes_each: float) -> int:
 
 def free_memory_bytes() -> int:
     """Return the memory that this process may take and that nothing else holds now."""
-    return min([int(psutil.virtual_memory().available), *_memory_limits()])
+    room = limited_room_bytes()
+    limits = [*_memory_limits(), *([] if room is None else [room])]
+    return min([int(psutil.virtual_memory().available), *limits])
+
+
+def limited_room_bytes() -> int | None:
+    """Return how much more memory the limits of this process let it take (``ulimit -v``, ``ulimit -d``), None where
+    there are none."""
+    try:
+        resource = import_module("resource")
+    except ImportError:  # Windows has none
+        return None
+    taken = psutil.Process().memory_info()
+    rooms = []
+    for limit, used in ((resource.RLIMIT_AS, taken.vms), (resource.RLIMIT_DATA, getattr(taken, "data", None))):
+        most = resource.getrlimit(limit)[0]
+        if most != resource.RLIM_INFINITY and used is not None:
+            rooms.append(max(int(most - used), 0))
+    return min(rooms, default=None)
 
 
 def _groups(controller: str) -> list[Path]:

@@ -35,7 +35,7 @@ from photogram.pipeline.stage import Stage, Watcher
 from photogram.pipeline.stages.order import BEFORE_RESULTS
 from photogram.pipeline.stages.publishing.report_files import NUMBERS
 from photogram.pipeline.stages.publishing.results import RESULTS
-from photogram.pipeline.store.memory import give_back_free_memory, peak_memory
+from photogram.pipeline.store.memory import check_room, give_back_free_memory, peak_memory
 from photogram.pipeline.store.pools import Pool
 from photogram.pipeline.store.results_record import FOREIGN, FOREIGN_REMEDY, foreign_products
 from photogram.pipeline.store.run import Run
@@ -213,6 +213,7 @@ def run_pipeline(
     PhotogramError that says what the user can fix.
     """
     first, last = _first_and_last(start, until)
+    check_room()
     with open_run(project, executor, pool) as run:
         make_folder(project.results)  # what cannot be written must show before hours of work
         reason = unwritable(project.results)
@@ -296,6 +297,7 @@ def _run_stage(run: Run, stage: Stage, mark: str, watcher: Watcher, *, fresh: bo
     if fresh:
         run.workspace.discard(stage.name)
     give_back_free_memory()
+    check_room()
     began = time.monotonic()
     folder = run.workspace.begin(stage.name, mark, watcher.warn)
     with journalled(folder), peak_memory() as peak, compile_time() as compiled, open_order(run, folder):

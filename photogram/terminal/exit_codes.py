@@ -34,6 +34,10 @@ _MACHINE = {
     errno.ENFILE: "close other programs",
     errno.ENOMEM: "close other programs",
 }
+_NO_MEMORY = ("Insufficient memory", "annot allocate memory", "failed to map segment", "bad_alloc", "bad allocation")
+"""What OpenCV, the loader of libraries and C++ say of it."""
+
+_LONGEST_CHAIN = 20
 _LIBRARIES = ("numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rasterio", "pyproj", "typer", "rich")
 
 
@@ -109,7 +113,7 @@ def _fixable(cause: BaseException) -> str | None:
     """Return the message of an error that the user or the machine can fix, None of any other."""
     if isinstance(cause, PhotogramError):
         return str(cause)
-    if isinstance(cause, MemoryError):
+    if _lacks_memory(cause):
         return "out of memory: close other programs, or use smaller photographs (quality: medium) or larger cells"
     if isinstance(cause, RuntimeError) and "can't start new thread" in str(cause):
         return "no thread can be started: close other programs, or raise the limits of memory and processes (ulimit)"
@@ -119,8 +123,24 @@ def _fixable(cause: BaseException) -> str | None:
     return None
 
 
+def _lacks_memory(cause: BaseException) -> bool:
+    """Return whether something was raised because there is no memory left, whatever a library has made of that."""
+    at: BaseException | None = cause
+    for _ in range(_LONGEST_CHAIN):
+        if at is None:
+            break
+        if isinstance(at, MemoryError) or any(words in str(at) for words in _NO_MEMORY):
+            return True
+        at = at.__cause__ or at.__context__
+    return False
+
+
 def _say_defect(cause: BaseException) -> int:
-    details = _details(cause)
+    try:
+        details = _details(cause)
+    except MemoryError as error:
+        say(f"photogram: {_fixable(error)}")
+        return FAILED
     kind = f"{type(cause).__name__}: {cause}".splitlines()[0][:300]
     try:
         handle, path = tempfile.mkstemp(prefix="photogram-defect-", suffix=".txt")

@@ -16,8 +16,11 @@ import argparse
 import os
 import resource
 import shutil
+import signal
 import sys
+import time
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -31,6 +34,7 @@ from photogram.pipeline.pipeline import STAGES
 
 LIMITS = {"as": resource.RLIMIT_AS, "data": resource.RLIMIT_DATA}
 _COUNTED = {"as": "VmSize:", "data": "VmData:"}
+LONGEST_S = 180.0
 STEPS_MB = (300, 100, 50, 35, 25, 15, 8, 3)
 
 
@@ -60,8 +64,20 @@ def child(folder: Path, stage: str, limit: str, megabytes: int | None) -> tuple[
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-    status = os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
+    status = _waited_for(number)
     return status, said.read_text(encoding="utf-8", errors="replace")
+
+
+def _waited_for(number: int) -> int:
+    """Return how a process ended; one that does not is killed."""
+    ends = time.monotonic() + LONGEST_S
+    while time.monotonic() < ends:
+        done, status = os.waitpid(number, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.02)
+    os.kill(number, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
 
 
 def fault_of(status: int, said: str) -> str:
@@ -79,6 +95,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--limit", choices=list(LIMITS), action="append")
+    parser.add_argument("--steps", type=int, nargs="*", default=STEPS_MB, help="megabytes")
     parser.add_argument("--only", default="", help="stages whose name has this in it")
     given = parser.parse_args()
     folder = given.folder.absolute()
@@ -89,12 +106,12 @@ def main() -> None:
     for limit in given.limit or list(LIMITS):
         for stage in STAGES:
             if given.only in stage.name:
-                total += tried(bases[stage.name], place, stage.name, limit)
+                total += tried(bases[stage.name], place, stage.name, limit, given.steps)
     print(f"{total['enough']} enough, {total['refused']} refused, {total['wrong']} wrong")
     sys.exit(total["wrong"] > 0)
 
 
-def tried(base: Path, place: Path, stage: str, limit: str) -> Counter[str]:
+def tried(base: Path, place: Path, stage: str, limit: str, steps: Sequence[int]) -> Counter[str]:
     """Run a stage with ever less memory."""
 
     def fresh() -> None:
@@ -106,7 +123,7 @@ def tried(base: Path, place: Path, stage: str, limit: str) -> Counter[str]:
     if status:
         raise AssertionError(said)
     expected, seen, words = contents(place), Counter[str](), list[str]()
-    for megabytes in STEPS_MB:
+    for megabytes in steps:
         fresh()
         status, said = child(place, stage, limit, megabytes)
         wrong = fault_of(status, said)

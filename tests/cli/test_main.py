@@ -28,6 +28,7 @@ from photogram.pipeline.stage_names import StageName
 from photogram.simulation.commands import plan
 from photogram.simulation.planning.flight_plan import Gnss, Layout
 from photogram.survey import Role
+from photogram.terminal import exit_codes
 from photogram.terminal.interruption import interruptible, raise_if_interrupted
 from photogram.wording import THIN_SPACE
 
@@ -165,6 +166,12 @@ def test_what_a_thread_raises_that_nobody_waits_for_is_a_defect_too(check_raises
     assert "Traceback" not in outcome.err
 
 
+def caused(fault: BaseException, cause: BaseException) -> BaseException:
+    """Return what was raised from something else."""
+    fault.__cause__ = cause
+    return fault
+
+
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -174,6 +181,8 @@ def test_what_a_thread_raises_that_nobody_waits_for_is_a_defect_too(check_raises
         ),
         (OSError(errno.ENOSPC, "No space left on device"), "photogram: No space left on device: free some space"),
         (MemoryError(), "out of memory"),
+        (caused(RuntimeError("cannot compile"), MemoryError()), "out of memory"),
+        (ImportError("libx.so: failed to map segment from shared object"), "out of memory"),
         (RuntimeError("can't start new thread"), "no thread can be started: close other programs"),
         (ProjectError("project.yaml:3: crs is missing"), "photogram: project.yaml:3: crs is missing\n"),
         (ProjectError("photograph \x1b[2Ja.JPG: damaged"), r"photograph \x1b[2Ja.JPG: damaged"),
@@ -317,3 +326,15 @@ def test_an_interruption_that_a_library_swallows_is_raised_again() -> None:
             raise_if_interrupted()
     with interruptible():
         raise_if_interrupted()
+
+
+def test_a_defect_for_whose_details_there_is_no_memory_is_no_defect(
+    check_raises: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: str) -> str:
+        raise MemoryError
+
+    monkeypatch.setattr(exit_codes, "version", refuse)
+    outcome = check_raises(raising(SystemError("error return without exception set")))
+    assert outcome.code == 1
+    assert "photogram: out of memory: close other programs" in outcome.err

@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import traceback
+import zipfile
 import zlib
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stderr
@@ -100,7 +101,16 @@ def search(bench: "Bench", name: str, seconds: int, corpus: Path, keep: Path) ->
         if data and chance.random() < 0.6:
             try:
                 return (data[:1] + target.spoil(data[1:], chance))[:most]
-            except (ValueError, LookupError, RecursionError, NotImplementedError, OSError, zlib.error):
+            except (
+                ValueError,
+                LookupError,
+                RecursionError,
+                NotImplementedError,
+                OSError,
+                EOFError,
+                zlib.error,
+                zipfile.BadZipFile,
+            ):
                 pass  # what was spoilt before is of its kind no more
         return bytes(atheris.Mutate(data, most))
 

@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -76,3 +78,19 @@ def test_nothing_else_asks_the_machine() -> None:
     asking = re.compile(r"cpu_count|sched_getaffinity|SC_PHYS_PAGES")
     trees = [p for tree in ("photogram", "factors", "cli") for p in (ROOT / tree).rglob("*.py")]
     assert [p for p in trees if asking.search(p.read_text(encoding="utf-8"))] == [ROOT / "photogram/machine.py"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts the data of a process")
+def test_limits_of_the_process_count() -> None:
+    script = (
+        "import resource, psutil\n"
+        "from photogram.machine import free_memory_bytes, limited_room_bytes\n"
+        "print(limited_room_bytes())\n"
+        "most = psutil.Process().memory_info().data + 100 * 2**20\n"
+        "resource.setrlimit(resource.RLIMIT_DATA, (most, most))\n"
+        "print(limited_room_bytes() // 2**20, free_memory_bytes() // 2**20)\n"
+    )
+    said = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout.split()
+    assert said[0] == "None"
+    assert 90 <= int(said[1]) <= 100
+    assert 90 <= int(said[2]) <= 100

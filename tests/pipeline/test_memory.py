@@ -1,8 +1,10 @@
 """Peak memory of a block of work."""
 
 import platform
+import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -81,3 +83,36 @@ print((before - held()) // 1024)
 def test_what_lies_free_below_something_held_is_given_back() -> None:
     output = subprocess.run([sys.executable, "-c", IN_PIECES], capture_output=True, text=True, check=True).stdout
     assert int(output) > 180
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import psutil
+from photogram.cli.main import main
+from photogram.cli.work import adjust
+info = psutil.Process().memory_info()
+most = {"DATA": info.data, "AS": info.vms}[sys.argv[2]] + int(sys.argv[3]) * 2**20
+resource.setrlimit(getattr(resource, f"RLIMIT_{sys.argv[2]}"), (most, most))
+sys.argv = ["photogram", "adjust", sys.argv[1], "--no-check", "--until", "features"]
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts the data of a process")
+@pytest.mark.parametrize("limit", ["DATA", "AS"])
+def test_a_run_that_may_take_too_little_is_refused_before_it_begins(survey: Path, limit: str) -> None:
+    command = [sys.executable, "-c", LIMITED, str(survey / "project.yaml"), limit, "60"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.count("photogram: ") == 1
+    assert re.search(r"photogram: memory: this process may take \d+ MB more, a stage takes \d+ MB", done.stderr)
+    assert "raise the limit (ulimit -v unlimited, ulimit -d unlimited)" in done.stderr
+    assert not (survey / "work").exists()
+
+
+def test_without_limits_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "limited_room_bytes", lambda: None)
+    memory.check_room()
+    monkeypatch.setattr(memory, "limited_room_bytes", lambda: 10 * 2**30)
+    memory.check_room()

@@ -10,7 +10,13 @@ from pathlib import Path
 
 import psutil
 
+from photogram.errors import WorkspaceError
+from photogram.machine import cores, limited_room_bytes
+
 _RESET, _STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
+LEAST_BYTES, OF_A_CORE_BYTES = 160 * 2**20, 20 * 2**20
+"""What a stage takes however small the survey is, and its threads by the core."""
+
 _UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss: bytes on macOS, KiB elsewhere
 
 
@@ -46,6 +52,17 @@ def reset_highest_memory() -> bool:
     except OSError:
         return False
     return True
+
+
+def check_room() -> None:
+    """Raise WorkspaceError where the limits of this process leave less than any stage takes: what starts threads and
+    loads compiled functions then ends the process, or waits for ever."""
+    room, least = limited_room_bytes(), LEAST_BYTES + cores() * OF_A_CORE_BYTES
+    if room is not None and room < least:
+        raise WorkspaceError(
+            f"memory: this process may take {room // 2**20} MB more, a stage takes {least // 2**20} MB for its threads "
+            "and compiled functions alone: raise the limit (ulimit -v unlimited, ulimit -d unlimited)"
+        )
 
 
 def give_back_free_memory() -> None:
