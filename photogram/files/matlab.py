@@ -12,7 +12,7 @@ from photogram.arrays import FloatArray, IntArray
 from photogram.camera import Camera
 from photogram.errors import ProjectError
 from photogram.files.atomic import replacing
-from photogram.files.matlab_elements import LARGEST_BYTES, check_elements
+from photogram.files.matlab_elements import LARGEST_BYTES, check_elements, is_level_5
 from photogram.files.reading import read_whole
 from photogram.projection import RADIAL_TERMS
 from photogram.survey import TiePoints
@@ -24,7 +24,6 @@ _ORIGIN_PX: Mapping[str, float] = {"photogram": 0.0, "matlab": 1.0}
 SQUARE = 1e-6
 """Difference of focal lengths, and skew, in the focal length, below which pixels are square."""
 _HEADER = b"MATLAB 5.0 MAT-file, written by photogram".ljust(116)
-_LEVEL_5 = b"MATLAB 5.0"
 _RADIAL, _TANGENTIAL, _INTRINSIC = "RadialDistortion", "TangentialDistortion", "IntrinsicMatrix"
 
 
@@ -41,7 +40,7 @@ def _load(path: Path) -> dict[str, object]:
         ) from error
     try:
         data = read_whole(path, LARGEST_BYTES)
-        if data.startswith(_LEVEL_5):
+        if is_level_5(data):
             check_elements(data)
         variables = load_from_mat(str(path))
     # Of a damaged file the reader raises whatever it trips over: zlib.error, TypeError, OSError and more.

@@ -3,13 +3,11 @@
 import hashlib
 import json
 import re
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from os.path import isfile  # false, not an exception, for a name that cannot be
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -166,7 +164,7 @@ def read_observations(path: Path) -> Arrays:
             arrays = {name: file[name] for name in file.files}
         if int(arrays["format"]) != FORMAT:
             raise ValueError(f"not of format {FORMAT}")
-    except (OSError, ValueError, LookupError, EOFError, BadZipFile, zlib.error) as error:
+    except Exception as error:
         raise ValueError(f"{path}: cannot be read ({brief(str(error))})") from error
     return arrays
 

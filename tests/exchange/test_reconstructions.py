@@ -1,6 +1,7 @@
 """OpenSfM's reconstructions: projected by OpenCV, written and read again, and refused where damaged."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -240,3 +241,14 @@ def test_the_largest_reconstruction_is_read(tmp_path: Path) -> None:
     assert_same(solution, again)
     assert again.left_out[0] == "1 smaller reconstruction of the file."
     assert again.photographs[0].file == PurePosixPath("photo_00.jpg")
+
+
+def test_points_that_the_tracks_do_not_have_are_named(tmp_path: Path) -> None:
+    solution = made([CAMERAS[0]])
+    write_opensfm(tmp_path, solution)
+    path = tmp_path / "tracks.csv"
+    assert "tracks.csv has none of them" not in " ".join(read_opensfm(tmp_path).left_out)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(lines[:6]), encoding="utf-8")
+    left_out = " ".join(read_opensfm(tmp_path).left_out)
+    assert re.search(r"The observations of \d+ tie points: tracks.csv has none of them; export it again", left_out)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from photogram.files.matlab_elements import check_elements
+from photogram.files.matlab_elements import check_elements, is_level_5
 
 
 def saved(*, compressed: bool = False) -> bytes:
@@ -29,6 +29,15 @@ def saved(*, compressed: bool = False) -> bytes:
 @pytest.mark.parametrize("compressed", [False, True])
 def test_what_scipy_writes_holds(compressed: bool) -> None:
     check_elements(saved(compressed=compressed))
+
+
+def test_the_words_of_the_header_do_not_matter() -> None:
+    data = saved()
+    assert is_level_5(data)
+    assert is_level_5(b"XXXX" + data[4:])
+    assert not is_level_5(b"\0" + data[1:])
+    assert not is_level_5(data[:120])
+    assert not is_level_5(data[:124] + b"\0\2IM" + data[128:])
 
 
 @pytest.mark.parametrize("kind", [0, 8, 14, 19, 200])

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -615,3 +616,13 @@ def test_a_report_too_deep_to_be_read_is_refused(adjusted_survey: Path, deep: in
 def test_a_text_in_place_of_a_number_does_not_fill_the_terminal(adjusted_survey: Path) -> None:
     results = damaged_report(adjusted_survey, lambda r: r.update(report_id="y" * 100_000))
     assert max(len(line.words) for line in verify_report(results).lines) < 400
+
+
+@pytest.mark.parametrize("header", [b"{'descr': (\0", b"{'descr': '<f8', 'shape': (10**12,), }}", b"(" * 5000])
+def test_arrays_whose_header_is_damaged_are_refused(tmp_path: Path, header: bytes) -> None:
+    path = tmp_path / "observations.npz"
+    array = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("format.npy", array)
+    with pytest.raises(ValueError, match=r"observations\.npz: cannot be read"):
+        read_observations(path)

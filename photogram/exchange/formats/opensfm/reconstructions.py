@@ -89,12 +89,19 @@ def _solution(path: Path, part: Node, left_out: list[str]) -> ForeignSolution:
     origin = lla if lla != (0.0, 0.0, 0.0) else None
     photographs = tuple(_photograph(key, shot, index, origin) for key, shot in shots.entries())
     check_names(shots.place, (photograph.file for photograph in photographs))
+    has_tracks = path.with_name("tracks.csv").exists()
     tie_points, others = _tie_points(path, photographs, cameras, shots.keys(), part.get("points", {}))
+    unseen = int(np.count_nonzero(tie_points.rays == 0)) if has_tracks else 0
     has_rigs = any(part.find(key) is not None for key in ("rig_cameras", "rig_instances"))
     left_out += sentences(
         (
-            not path.with_name("tracks.csv").exists(),
+            not has_tracks,
             "The observations of tie points: there is no tracks.csv beside the reconstruction.",
+        ),
+        (
+            unseen,
+            f"The observations of {things(unseen, 'tie point')}: tracks.csv has none of them; export it again if it "
+            "was cut off.",
         ),
         (others, f"{things(others, 'observation')} of tie points or photographs without a position."),
         (has_rigs, "Rigs: their photographs stand on their own."),
