@@ -124,3 +124,10 @@ def test_seams_that_are_damaged_are_refused(tmp_path: Path, ring: str, name: byt
     path.write_bytes(b'{"type": "FeatureCollection", "name": "seams", "features": [%b]}' % feature)
     with pytest.raises(ProjectError, match=rf"seams .*cannot be read \(.*{reason}.*export them again as GeoPackage"):
         read_seams(path, NAMES, NO_CRS)
+
+
+def test_a_name_of_any_length_fits_into_the_message(tmp_path: Path) -> None:
+    path = drawn(tmp_path, [LEFT, RIGHT], ["x" * 20_000, "DJI_0001.JPG"])
+    with pytest.raises(ProjectError, match="is none of the project's") as refused:
+        read_seams(path, NAMES, MAP)
+    assert len(str(refused.value)) < 1000

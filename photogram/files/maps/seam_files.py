@@ -18,6 +18,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from photogram.errors import ProjectError
 from photogram.files.maps.contour_files import DATASET, geopackage
 from photogram.geodesy.crs import crs_label, map_units, plan_of, same_plan, written_crs
+from photogram.wording import shortened, some
 
 OUTLINE, SEAMS, PHOTOGRAPH = "outline", "seams", "photograph"
 
@@ -110,9 +111,11 @@ def read_seams(path: Path, names: Sequence[str], crs: str) -> list[NamedPolygon]
         if shape is None or shape.geom_type not in ("Polygon", "MultiPolygon"):
             errors.append(f"{where} is {'empty' if shape is None else shape.geom_type}, a polygon is expected")
         elif not shape.is_valid:
-            errors.append(f"{where} ({name}): {shapely.is_valid_reason(shape)}: repair its outline")
+            errors.append(f"{where} ({shortened(str(name))}): {shapely.is_valid_reason(shape)}: repair its outline")
         elif str(name or "").casefold() not in known:
-            errors.append(f"{where}: {PHOTOGRAPH} {str(name)!r} is none of the project's: write the name of a file")
+            errors.append(
+                f"{where}: {PHOTOGRAPH} {shortened(str(name))!r} is none of the project's: write the name of a file"
+            )
         else:
             polygons.append(NamedPolygon(known[str(name).casefold()], _scaled(shapely.force_2d(shape), unit_m)))
     errors += _overlaps(polygons)
@@ -138,7 +141,7 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
         layer = SEAMS if SEAMS in layers else layers[0] if len(layers) == 1 else None
         if layer is None:
             raise ProjectError(
-                f"seams {path}: no layer {SEAMS}, found {', '.join(layers) or 'none'}: give the polygons that name"
+                f"seams {path}: no layer {SEAMS}, found {some(layers or ['none'])}: give the polygons that name"
             )
         meta, _, geometry, fields = pyogrio.raw.read(path, layer=layer)
         shapes = None if geometry is None else shapely.from_wkb(geometry)
@@ -150,7 +153,7 @@ def _layer(path: Path) -> tuple[str, str | None, Any, list[str | None]]:
     columns = [str(name) for name in meta["fields"]]
     if PHOTOGRAPH not in columns:
         raise ProjectError(
-            f"seams {path}, layer {layer}: no field {PHOTOGRAPH}, found {', '.join(columns) or 'none'}: "
+            f"seams {path}, layer {layer}: no field {PHOTOGRAPH}, found {some(columns or ['none'])}: "
             "write in it the photograph that each polygon is taken from"
         )
     if shapes is None or not len(shapes):
