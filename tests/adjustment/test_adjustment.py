@@ -13,10 +13,12 @@ from scipy.stats import chi2
 from seeds import limit, seeds
 
 from photogram.adjustment.adjustment import _judged, adjust
+from photogram.adjustment.assessment import _median_sigmas
 from photogram.adjustment.outliers import noise_scale, outlier_limit_px, settled, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solutions.ended import Ended
-from photogram.adjustment.solvability import check_determined
+from photogram.adjustment.solvability import _axis, check_determined
+from photogram.adjustment.stochastic_model.estimated_sigmas import TieGroups
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
 from photogram.errors import AdjustmentError
@@ -583,3 +585,29 @@ def test_what_a_block_without_a_datum_has_is_counted(heights: int, said: str) ->
     )
     with pytest.raises(AdjustmentError, match=f"no datum in .*: {said}"):
         check_determined(few)
+
+
+@pytest.mark.parametrize(
+    ("direction", "said"),
+    [
+        ((1.0, 0.0, 0.0), "a horizontal axis at 90° from grid north"),
+        ((-1.0, 1.0, 0.0), "a horizontal axis at 135° from grid north"),
+        ((1.0, -1.0, 1.0), "an axis at 135° from grid north, inclined by 35°"),
+        ((1.0, -1.0, -1.0), "an axis at 315° from grid north, inclined by 35°"),
+        ((0.01, 0.0, -1.0), "the vertical"),
+    ],
+)
+def test_an_axis_is_said_by_its_azimuth(direction: tuple[float, float, float], said: str) -> None:
+    assert _axis(np.array(direction) / np.linalg.norm(direction)) == said
+
+
+def test_medians_of_stated_sigmas_are_those_of_plan_and_of_height() -> None:
+    block = simulated(1).block
+    stated = tuple(
+        replace(p, gnss_sigma_m=np.array([0.01, 0.03, 0.05]) * (1 + (i == 0))) for i, p in enumerate(block.photographs)
+    )
+    groups = cast(TieGroups, SimpleNamespace(stated_px=np.array([0.3, 0.5, 0.9])))
+    medians = _median_sigmas(replace(block, photographs=stated), groups)
+    assert medians["tie_points"] == 0.5
+    assert medians["gnss_height"] == pytest.approx(0.05)
+    assert medians["gnss_plan"] == pytest.approx(0.025), "between 1 and 3 cm, five of six alike"

@@ -192,3 +192,15 @@ def test_the_decisions_of_a_survey() -> None:
     assert counts(tally) == {
         e.decision: (e.solutions, e.iterations, e.iterations_over_all_rays) for e in verdict.effort
     }
+
+
+def test_a_solution_that_fails_at_once_took_an_iteration(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = make_problem(survey(), SETTINGS)
+
+    def indeterminate(*_: object) -> None:
+        raise IndeterminateError(None)
+
+    monkeypatch.setattr("photogram.adjustment.problem.minimise_problem", indeterminate)
+    with tallied(len(problem.tie)) as tally, pytest.raises(IndeterminateError):
+        minimise(problem, start_state(problem), SETTINGS)
+    assert counts(tally) == {REST: (1, 1, 1.0)}

@@ -9,9 +9,10 @@ import pytest
 from scipy.stats import kstest
 
 from photogram.adjustment.adjustment import adjust
-from photogram.adjustment.gnss_offsets import estimated_offset_test, implied_offset_test
-from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.gnss_offsets import estimated_offset_test, implied_offset_test, implied_offsets
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
+from photogram.factors.covariance import covariances
 from photogram.report.numbers.gnss import gnss_numbers
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
@@ -154,3 +155,13 @@ def test_each_flight_is_tested_by_itself() -> None:
     assert set(numbers["flights"]) == {"1", "2"}
     assert numbers["flights"]["2"]["significant"]
     assert abs(numbers["flights"]["2"]["offset_m"][2]) > abs(numbers["flights"]["1"]["offset_m"][2])
+
+
+def test_an_offset_is_implied_where_it_is_held_alone(block: Block) -> None:
+    for sigma_m, flights in (((0.0,) * 3, ("1",)), ((0.5,) * 3, ())):
+        problem = make_problem(replace(block, gnss_offset_sigma_m=np.array(sigma_m)), SETTINGS)
+        state = start_state(problem)
+        found, offset_m, covariance_m2 = implied_offsets(problem, state, covariances(problem, state))
+        assert found == flights
+        assert offset_m.shape == (len(flights), 3)
+        assert covariance_m2.shape == (len(flights), 3, 3)

@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from makers import LEAST_SQUARES, simulated
+from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 from seeds import seeds
 
@@ -145,3 +146,25 @@ def test_what_nothing_else_determines_is_not_judged() -> None:
     assert np.isnan(covariance).all()
     mdb = minimal_detectable_blunder(np.array([0.1, 0.1, 0.1]), redundancy[0])
     np.testing.assert_allclose(mdb, [np.inf, 0.2 * NONCENTRALITY, 0.1 * NONCENTRALITY])
+
+
+def test_an_attitude_left_out_is_predicted_as_by_an_adjustment_without_it() -> None:
+    settings = replace(LEAST_SQUARES, relative_tolerance=1e-12, common_errors="none")
+    survey = simulated(replace(PLAN, photographs_per_strip=3), 3).block
+    whole = adjust(survey, settings).tests.reliability
+    for i in (0, 4):
+        photograph = survey.photographs[i]
+        assert photograph.attitude_world_from_camera is not None
+        unmeasured = replace(photograph, attitude_sigma_rad=1e3)
+        without = adjust(
+            replace(survey, photographs=(*survey.photographs[:i], unmeasured, *survey.photographs[i + 1 :])), settings
+        )
+        pose = without.block.poses[i]
+        assert pose is not None
+        turn = photograph.attitude_world_from_camera.T @ pose.rotation_world_from_camera
+        spread = np.sqrt(np.diag(whole.attitude_left_out_covariance_rad2[i]))
+        expected = Rotation.from_matrix(turn).as_rotvec()
+        np.testing.assert_allclose(whole.attitude_left_out_rad[i], expected, rtol=0, atol=0.02 * spread.max())
+        assert photograph.attitude_sigma_rad is not None
+        predicted = np.diag(without.covariances.rotation_rad2[i]) + photograph.attitude_sigma_rad**2
+        np.testing.assert_allclose(spread**2, predicted, rtol=0.01)

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, minim
 from photogram.adjustment.self_calibration import held_parameters
 from photogram.adjustment.shutters.rolling_shutter import (
     SURE,
+    as_decided,
     in_motion,
     is_clear,
     requested,
@@ -289,3 +292,31 @@ def test_a_read_out_time_that_is_none_is_held_at_zero_and_others_stay() -> None:
     assert block.cameras[0].sigmas[READOUT] == 0.0
     assert block.cameras[1].sigmas[READOUT] == rolling.sigmas[READOUT] > 0.0
     np.testing.assert_array_equal(np.delete(block.cameras[0].sigmas, READOUT), np.delete(rolling.sigmas, READOUT))
+
+
+def test_what_was_decided_of_read_out_times_is_known_again() -> None:
+    made = simulated(ROLLING, 1).block
+    held = made.cameras[0].sigmas.copy()
+    held[READOUT] = 0.0
+    cameras = (made.cameras[0], replace(made.cameras[0], name="held", sigmas=held))
+    decided = SimpleNamespace(readout_s=np.array([0.03, 0.001]), readout_sigma_s=np.array([0.002, 0.003]))
+    result = SimpleNamespace(block=replace(made, cameras=cameras), decisions=decided)
+    readouts = as_decided(cast(Adjustment, result)).readouts
+    np.testing.assert_array_equal(readouts.estimate_s, decided.readout_s)
+    np.testing.assert_array_equal(readouts.sigma_s, decided.readout_sigma_s)
+    assert readouts.none.tolist() == [False, True]
+    nothing = SimpleNamespace(readout_s=np.zeros(0), readout_sigma_s=np.zeros(0))
+    unknown = as_decided(cast(Adjustment, SimpleNamespace(block=result.block, decisions=nothing))).readouts
+    assert np.isnan(unknown.estimate_s).tolist() == [True, True]
+    assert not unknown.none.any()
+
+
+def test_a_read_out_time_is_looked_for_where_it_begins_at_zero_and_is_free() -> None:
+    camera = simulated(ROLLING, 1).block.cameras[0]
+    held = camera.sigmas.copy()
+    held[READOUT] = 0.0
+    cameras = [
+        replace(camera, readout_s=T, sigmas=sigmas) for T in (0.0, 1.0, 0.03) for sigmas in (camera.sigmas, held)
+    ]
+    assert camera.sigmas[READOUT] > 0.0
+    assert requested(cameras).tolist() == [True, False, False, False, False, False]

@@ -14,7 +14,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.adjustment.self_calibration import Held, _not_rolling, held_parameters, with_priors
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, rotation_from_gimbal
-from photogram.projection import PARAMETER_NAMES, USUAL
+from photogram.projection import PARAMETER_NAMES, READOUT, USUAL
 from photogram.results import Adjustment
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan, simulate_block, whole_survey_plan
 from photogram.survey import Block
@@ -240,3 +240,13 @@ def test_a_read_out_time_that_is_none_is_said_in_milliseconds() -> None:
     said = [_not_rolling(replace(result, decisions=of_two), camera) for camera in (0, 1)]
     assert "nothing tells how the photographs moved" in said[0]
     assert "0.4 ± 1.5 ms" in said[1]
+
+
+def test_a_read_out_time_that_was_free_and_is_none_was_held() -> None:
+    camera, result = simulated(LEVEL, 0).block.cameras[0], calibrated(LEVEL, 0)[0]
+    sigmas, known = camera.sigmas.copy(), result.covariances.calibration.copy()
+    sigmas[READOUT], known[0, READOUT] = 0.02, 0.0
+    known[0, :, READOUT] = 0.0
+    told = replace(result, covariances=replace(result.covariances, calibration=known))
+    why = held_parameters([replace(camera, sigmas=sigmas)], told)[camera.name]
+    assert why["readout_s"] == "nothing tells how the photographs moved: held at 0"

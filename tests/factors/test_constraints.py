@@ -15,7 +15,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, minim
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
 from photogram.constraints.between_points import CommonSurface, Constraint, Distance, HeightDifference, gives_scale
-from photogram.factors.constraints import Heights, rows_of
+from photogram.factors.constraints import Heights, rows_of, taking_part
 from photogram.factors.covariance import covariances
 from photogram.project.constraints import used_points
 from photogram.project.schema import DistanceEntry, ProjectFile
@@ -157,3 +157,15 @@ def test_nothing_is_said_of_a_constraint_with_a_point_that_is_not_there() -> Non
     missing = tuple(Distance(ends=(names[0], end), length_m=1.0, sigma_m=0.1) for end in ("nobody", names[1]))
     centres = np.array([pose.position_world_m for pose in block.poses if pose is not None])
     assert [known.number for known in _known(replace(block, constraints=missing), places, centres)] == [1]
+
+
+def test_a_distance_takes_part_with_both_ends_and_a_finite_sigma() -> None:
+    block = with_constraints()
+    bar, gone, rejected = (
+        Distance(ends=("A", end), length_m=1.0, sigma_m=sigma_m)
+        for end, sigma_m in (("B", 0.1), ("nobody", 0.1), ("B", float("inf")))
+    )
+    names = ("A", "B", *block.control_points.name[2:])
+    block = replace(block, control_points=replace(block.control_points, name=names))
+    for constraint, numbers in ((bar, [0]), (gone, []), (rejected, [])):
+        assert [placed.number for placed in taking_part(replace(block, constraints=(constraint,)))] == numbers

@@ -6,8 +6,8 @@ import pytest
 from makers import FREE, SMALL, joint_control_points, problem_of, small_problem
 from referees import whole_covariance
 
-from photogram.factors.covariance import Covariances, _open, covariances
-from photogram.factors.datum import SHIFT, datum_of
+from photogram.factors.covariance import Covariances, _open, covariances, joint_marks, predicted_marks
+from photogram.factors.datum import SCALE, SHIFT, TURN, datum_of
 from photogram.factors.elimination.points import first_observations
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem, cost, ground_factors
@@ -204,3 +204,33 @@ def test_what_is_open_is_a_camera_where_the_block_goes_along_by_a_tenth() -> Non
     assert _open(layout, shift, scale, whole).variable == (DATUM, SHIFT)
     assert _open(layout, shift + 0.1 * focal, scale, whole).variable == (DATUM, SHIFT)
     assert _open(layout, 0.1 * shift + focal, scale, whole).variable == (CALIBRATION, 0)
+
+
+def test_turns_and_the_scale_are_about_the_middle_of_the_block() -> None:
+    """Of a block that lies far from the origin."""
+    problem, state = small_problem()
+    layout = covariances(problem, state).layout
+    position = state.position + np.array([1000.0, -2000.0, 300.0])
+    far = replace(state, cameras=state.cameras._replace(position=position))
+    whole, off = datum_of(layout, far, 40.0), position - position.mean(axis=0)
+    for part, moved, turned in ((SCALE, off, np.zeros(3)), (TURN, np.cross([0.0, 0.0, 1.0], off), np.array([0, 0, 1]))):
+        change = np.zeros(layout.columns + layout.border)
+        for i, R in enumerate(state.rotation):
+            at = 6 * layout.place[i]
+            change[at : at + 6] = np.concatenate([R.T @ turned, R.T @ moved[i]])
+        assert whole.share(change) == pytest.approx(1.0)
+        assert whole.main_part(change) == part
+        np.testing.assert_allclose(whole.directions[:, :3].T @ (whole.metric * change), 0.0, atol=1e-6)
+
+
+def test_marks_predicted_together_have_the_covariances_of_each() -> None:
+    problem, state = small_problem()
+    known = covariances(problem, state)
+    photograph, point = problem.marks.photograph[:9], problem.marks.point[:9]
+    joint = joint_marks(problem, state, known, photograph, point)
+    pixel, single = predicted_marks(problem, state, known, photograph, point)
+    np.testing.assert_array_equal(joint.pixel, pixel)
+    blocks = joint.covariance.reshape(9, 2, 9, 2)
+    np.testing.assert_allclose(blocks[range(9), :, range(9)], single, rtol=1e-9, atol=1e-12 * single.max())
+    np.testing.assert_allclose(joint.covariance, joint.covariance.T, rtol=0, atol=1e-9 * single.max())
+    assert np.linalg.eigvalsh(joint.covariance)[0] > 0.0

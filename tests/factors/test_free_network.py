@@ -178,3 +178,10 @@ def test_a_block_with_a_place_has_no_free_datum() -> None:
     for placed in (block, replace(block, frame=LocalFrame.local())):
         assert not placed.is_free
         assert minimal_datum(placed) == ()
+
+
+def test_two_photographs_have_a_minimal_datum_and_one_has_none() -> None:
+    block = free_block()
+    for count, conditions in ((1, 0), (2, 3)):
+        few = replace(block, photographs=block.photographs[:count], poses=block.poses[:count])
+        assert len(minimal_datum(few)) == conditions

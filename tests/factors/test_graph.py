@@ -50,6 +50,7 @@ from photogram.factors.variables import (
 )
 from photogram.projection import PARAMETERS
 from photogram.simulation.simulated_survey import simulate_block
+from photogram.survey import Photograph
 
 
 def pose_of(state: State, photograph: int) -> gtsam.Pose3:
@@ -437,3 +438,17 @@ def test_sigmas_lie_along_the_axes_of_the_map() -> None:
         values = gtsam.Values()
         values.insert(key(CONTROL_POINT, 0), column)
         assert factor.error(values) == pytest.approx(0.5 / sigma**2)
+
+
+def test_an_attitude_without_a_sigma_is_no_observation() -> None:
+    problem, _ = small_problem()
+    photographs = problem.block.photographs
+    assert photographs[0].attitude_world_from_camera is not None
+
+    def observations(first: Photograph) -> int:
+        block = replace(problem.block, photographs=(first, *photographs[1:]))
+        return sum(len(factors.variables) for factors in ground_factors(replace(problem, block=block)))
+
+    unmeasured = replace(photographs[0], attitude_world_from_camera=None, attitude_sigma_rad=None)
+    assert observations(replace(photographs[0], attitude_sigma_rad=None)) == observations(unmeasured)
+    assert observations(photographs[0]) == observations(unmeasured) + 1

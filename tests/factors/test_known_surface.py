@@ -12,11 +12,11 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, minim
 from photogram.arrays import FloatArray, IntArray
 from photogram.constraints.known_surface import SurfaceControl
 from photogram.factors.covariance import covariances
-from photogram.factors.elimination.reprojection import predicted
+from photogram.factors.elimination.reprojection import Observations, predicted
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import GroundValues, Problem, cost, ground_factors
 from photogram.factors.ground_terms import GroundTerms
-from photogram.factors.surfaces.known_surface import KnownSurfaceFactors, intersected_distances
+from photogram.factors.surfaces.known_surface import KnownSurfaceFactors, _intersected, intersected_distances
 from photogram.factors.variables import CALIBRATION, COMMON_ERROR, POSE, TIE_POINT, key
 from photogram.projection import recalibrated
 from photogram.simulation.simulated_survey import SimulatedBlock, SurveyPlan
@@ -175,3 +175,13 @@ def test_points_go_with_the_photographs_that_see_them() -> None:
     assert surface.in_photographs(np.full(6, -1)) is None
     with pytest.raises(ValueError, match="start_world_m"):
         replace(surface, sigma_m=surface.sigma_m[1:])
+
+
+def test_points_behind_their_photographs_stay_and_pull_at_nothing() -> None:
+    _, _, _, state = surveyed()
+    above = np.array([[0.0, 0.0, state.position[:, 2].max() + 200.0]])
+    pixel = np.full((2, 2), 500.0)
+    rays = Observations(np.array([0, 1]), np.zeros(2, np.int64), pixel, np.ones(2))
+    X, _, turned = _intersected(rays, state.cameras, above, np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_array_equal(X, above)
+    np.testing.assert_array_equal(turned, 0.0)

@@ -16,11 +16,13 @@ from photogram.adjustment.assessment import sigma0_and_redundancy
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.camera import Camera, oriented_by
 from photogram.factors.covariance import covariances
-from photogram.factors.elimination.bundle import SingularPointError
+from photogram.factors.elimination.bundle import SingularPointError, _System
 from photogram.factors.elimination.levenberg_marquardt import Trial, _saved, remaining
 from photogram.factors.elimination.levenberg_marquardt import minimise as levenberg_marquardt
+from photogram.factors.elimination.solvers import SOLVERS
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import IndeterminateError, Problem
+from photogram.factors.ground_terms import bundle_of
 from photogram.factors.variables import CONTROL_POINT, TIE_POINT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block, whole_survey_plan
 
@@ -199,3 +201,15 @@ def test_a_point_that_its_rays_do_not_fix_is_named(kind: str, named: str, monkey
     with pytest.raises(IndeterminateError) as error:
         minimise(problem, start, TIGHT)
     assert error.value.variable == (named, 3)
+
+
+@pytest.mark.parametrize("damping", [1e-6, 0.3])
+def test_what_a_damped_step_saves_is_what_is_predicted_near_the_minimum(damping: float) -> None:
+    made = simulate_block(EVERYTHING, 1, tie_points=60)
+    problem = make_problem(made.block, AdjustmentSettings(robust_loss="none"))
+    minimum = minimise(problem, start_state(problem), replace(TIGHT, robust_loss="none")).state
+    off = np.random.default_rng(0).normal(0.0, 1e-3, minimum.position.shape)
+    state = replace(minimum, cameras=minimum.cameras._replace(position=minimum.position + off))
+    system = _System(bundle_of(problem, state), SOLVERS["banded"](), None, True)
+    before, trial = system.cost(state), system.linearise(state, True)(damping)
+    assert before - trial.cost == pytest.approx(trial.predicted, rel=2e-3)

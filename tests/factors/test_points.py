@@ -10,7 +10,7 @@ from photogram.adjustment.problem import AdjustmentSettings, make_problem, start
 from photogram.arrays import FloatArray
 from photogram.factors.elimination import points as elimination
 from photogram.factors.elimination.kernels import BEHIND_PX
-from photogram.factors.elimination.loss import KINDS, Loss, robust_terms, steer, steering
+from photogram.factors.elimination.loss import KINDS, Loss, RobustLoss, robust_terms, steer, steering
 from photogram.factors.elimination.points import (
     Points,
     Rays,
@@ -403,3 +403,10 @@ def test_held_photographs_and_fixed_cameras_have_no_columns() -> None:
     empty = lay_out(case.tie.select(np.zeros(len(case.tie), bool)), np.arange(60), case.layout)
     assert isinstance(case.tie, Observations)
     assert len(empty) == 0
+
+
+@pytest.mark.parametrize("loss", ["none", "huber", "cauchy"])
+def test_a_residual_of_zero_has_no_direction(loss: RobustLoss) -> None:
+    turn, residual = steer(np.zeros((1, 2)), loss, 2.0, 0.1)
+    np.testing.assert_array_equal(turn, np.eye(2)[None])
+    np.testing.assert_array_equal(residual, 0.0)

@@ -13,7 +13,7 @@ from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
 from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
-from photogram.factors.graph import Problem
+from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
 from photogram.projection import PARAMETERS
 from photogram.quality.deformation import (
@@ -21,6 +21,7 @@ from photogram.quality.deformation import (
     DOME,
     GROUND,
     SLOPES,
+    Stiffness,
     component_shifts,
     firm_points,
     height_modes,
@@ -34,7 +35,15 @@ from photogram.quality.deformation import (
 )
 from photogram.quality.fixed_parameters import with_fixed_released
 from photogram.quality.flight_lines import Course
-from photogram.quality.improvements import deformation_and_remedies, strips, with_rtk, with_strip
+from photogram.quality.improvements import (
+    HIGHER,
+    _added_photographs,
+    _site,
+    deformation_and_remedies,
+    strips,
+    with_rtk,
+    with_strip,
+)
 from photogram.results import Deformation
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
@@ -349,3 +358,67 @@ def test_points_spread_over_a_block() -> None:
     chosen = spread_points(xy, 5)
     assert 22 <= len(chosen) <= 25
     assert np.mean(np.linalg.norm(xy[chosen], axis=1)) > 4
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 65.0, -120.0])
+def test_a_tilted_course_looks_ahead_at_the_ground_below_its_middle(heading_deg: float) -> None:
+    ground, above, tilt = 30.0, 80.0, 25.0
+    setback = above * np.tan(np.radians(tilt))
+    course = Course((12.0, -7.0), heading_deg, 5, 10.0, ground + above, tilt, setback)
+    rotation, centre = course.poses()
+    np.testing.assert_allclose(rotation[2] @ rotation[2].T, np.eye(3), rtol=0, atol=1e-12)
+    assert np.linalg.det(rotation[2]) == pytest.approx(1.0)
+    axis = rotation[2][:, 2]
+    np.testing.assert_allclose(centre[2] - axis * above / axis[2], [12.0, -7.0, ground], rtol=0, atol=1e-9)
+    flight = (centre[-1] - centre[0]) / 40.0
+    np.testing.assert_allclose(flight[:2], [np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))])
+    assert flight @ axis > 0.0, "it looks where it goes"
+
+
+def test_the_summary_is_of_the_middle_the_heights_looked_at_and_the_dome() -> None:
+    sigma = np.arange(1.0, 6 + 15 + 12 + 1)
+    stiff = Stiffness(np.eye(9), np.diag(sigma**2), np.zeros((15, 15)))
+    np.testing.assert_allclose(stiff.summary, [sigma[8], np.sqrt(np.mean(sigma[21:] ** 2)), sigma[DOME]])
+    np.testing.assert_allclose(stiff.height_sigma_m, sigma[21:])
+
+
+def test_strips_are_as_long_as_the_block_and_no_longer() -> None:
+    problem, state = small(5, replace(PLAN, strips=8, photographs_per_strip=9), 400)
+    places = places_of(problem, state)
+    assert places is not None
+    site, courses = _site(state, places), strips(state, places)
+    for name, length, base in (
+        ("oblique_strip", site.along_m, site.base_m),
+        ("higher_cross_strip", site.across_m, HIGHER * site.base_m),
+    ):
+        course = courses[name]
+        assert course.photographs > 3
+        assert course.base_m == pytest.approx(base)
+        assert (course.photographs - 2) * base < length <= (course.photographs - 1) * base
+
+
+def test_photographs_more_are_measured_as_most_of_the_block() -> None:
+    block = small()[0].block
+    bare = [replace(p, gnss_world_m=None, gnss_sigma_m=None) for p in block.photographs]
+    half = len(bare) // 2
+    for known in (half, half + 1):
+        mixed = replace(block, photographs=(*block.photographs[:known], *bare[known:]))
+        (added,) = _added_photographs(mixed, 0, np.array([[1.0, 2.0, 3.0]]), 1)
+        if 2 * known > len(bare):
+            assert added.gnss_world_m is not None
+            assert added.gnss_world_m.tolist() == [1.0, 2.0, 3.0]
+        else:
+            assert added.gnss_world_m is None
+
+
+def test_what_nothing_fixes_releases_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def indeterminate(*_: object) -> None:
+        raise IndeterminateError(None)
+
+    problem, state = small()
+    camera = problem.block.cameras[0]
+    fixed = replace(problem, block=replace(problem.block, cameras=(replace(camera, sigmas=np.zeros(PARAMETERS)),)))
+    places, known = places_of(problem, state), Deformation.unknown()
+    assert places is not None
+    monkeypatch.setattr("photogram.quality.fixed_parameters.factored", indeterminate)
+    assert with_fixed_released(known, fixed, state, places) is known
