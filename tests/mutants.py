@@ -181,7 +181,10 @@ def _surroundings(tree: ast.Module, line: int) -> tuple[tuple[int, int], Session
     within = [node.lineno for node in ast.walk(inner) if isinstance(node, ast.stmt) and node is not inner]
     last = min(within) - 1 if within else inner.end_lineno or line
     functions = [node for node in held if isinstance(node, ast.FunctionDef) and node.body[0].lineno <= line]
-    compiled = any("njit" in ast.unparse(mark) for node in functions for mark in node.decorator_list)
+    of_numba = [node for node in tree.body if isinstance(node, ast.Assign) and "njit(" in ast.unparse(node.value)]
+    kernels = ("njit", *(ast.unparse(target) for node in of_numba for target in node.targets))
+    marks = [ast.unparse(mark) for node in functions for mark in node.decorator_list]
+    compiled = any(mark.startswith(kernels) for mark in marks)
     session: Session = "interpreted" if compiled else "compiled" if functions else "module"
     return (inner.lineno, max(last, inner.lineno)), session
 
@@ -277,8 +280,8 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
 def wanted(mutant: Mutant, tests: dict[str, Record], noted: Notes[Result], seconds: float) -> list[str] | None:
     """Return the tests to try on a mutant: those that run its lines, the quickest first, then others of their files;
     where none does, those of files that run its file. Of a test with parameters one comes before the next such test,
-    the others after. Together they take so many seconds, but one is always tried. Return None where one of them has
-    failed before, or all have been tried."""
+    the others after. Together they take so many seconds, but one is always tried. Those that were
+    tried before are left out; return None where one of them has failed, or none is left."""
     first, last = mutant.lines
     passing = {name: record for name, record in tests.items() if record.passed}
     of_file = [name for name, record in passing.items() if mutant.path in record.lines]
@@ -293,8 +296,10 @@ def wanted(mutant: Mutant, tests: dict[str, Record], noted: Notes[Result], secon
             break
         chosen.append(name)
     known = noted.known.get(mutant.name)
-    done = known is not None and (known.outcome != "survived" or set(chosen) <= set(known.tests))
-    return None if done else chosen
+    if known is None:
+        return chosen
+    left = [name for name in chosen if name not in set(known.tests)]
+    return left if left and known.outcome == "survived" else None
 
 
 def _various(tests: Iterable[str], seconds: Mapping[str, float]) -> list[str]:

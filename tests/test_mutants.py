@@ -52,6 +52,15 @@ def test_types_and_words_are_no_mutants(file: Path, monkeypatch: pytest.MonkeyPa
     assert [m.name for m in sampled([file.name], 2, 1)] == [m.name for m in found[:2]]
 
 
+def test_kernels_are_run_as_python(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("cosmic_ray")
+    kernels = "kernel = njit(cache=True)\n@kernel\ndef f(x): return x + 1\n@njit(nogil=True)\ndef g(x): return x + 1\n"
+    file.write_text(kernels + "@cache\ndef h(x):\n    return x + 1\n", encoding="utf-8")
+    monkeypatch.setattr(mutants, "ROOT", file.parent)
+    found = {mutant.line: mutant.session for mutant in sampled([file.name], 100, 1)}
+    assert found == {1: "module", 3: "interpreted", 5: "interpreted", 8: "compiled"}
+
+
 def test_changed_code_is_run_wherever_the_function_is_known(file: Path) -> None:
     spec = importlib.util.spec_from_file_location("changing", file)
     assert spec is not None
@@ -86,7 +95,7 @@ def test_the_quickest_tests_of_a_line_are_tried_first(tmp_path: Path) -> None:
     noted.add(mutant.name, Result("survived", "", 1.0, ["t.py::quick"]))
     noted = Notes(tmp_path / "results.jsonl", Result)
     assert wanted(mutant, tests, noted, 5) is None
-    assert wanted(mutant, tests, noted, 60) is not None
+    assert wanted(mutant, tests, noted, 60) == ["t.py::slow", "t.py::quick[1]", "t.py::elsewhere"]
     noted.add(mutant.name, Result("killed", "t.py::quick", 1.0, ["t.py::quick"]))
     assert wanted(mutant, tests, noted, 60) is None
 

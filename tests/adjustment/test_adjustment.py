@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from seeds import limit, seeds
 
 from photogram.adjustment.adjustment import _judged, adjust
-from photogram.adjustment.assessment import _median_sigmas
+from photogram.adjustment.assessment import _median_sigmas, sigma0_and_redundancy
 from photogram.adjustment.outliers import noise_scale, outlier_limit_px, settled, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solutions.ended import Ended
@@ -611,3 +611,26 @@ def test_medians_of_stated_sigmas_are_those_of_plan_and_of_height() -> None:
     assert medians["tie_points"] == 0.5
     assert medians["gnss_height"] == pytest.approx(0.05)
     assert medians["gnss_plan"] == pytest.approx(0.025), "between 1 and 3 cm, five of six alike"
+
+
+def test_the_covariances_of_poses_are_those_of_the_normal_matrix_in_the_world() -> None:
+    settings = replace(SETTINGS, common_errors="none", estimate_sigmas=False)
+    result = adjust(simulated(1).block, settings)
+    problem = make_problem(result.block, settings)
+    poses, R = covariances(problem, state_of(result)).poses, state_of(result).rotation
+    found = result.covariances
+    assert found.rotation_rad2.shape == found.position_m2.shape == (len(R), 3, 3)
+    np.testing.assert_allclose(found.rotation_rad2, poses[:, :3, :3], rtol=1e-6, atol=1e-6 * poses[:, :3, :3].max())
+    turned = np.einsum("nij,njk,nlk->nil", R, poses[:, 3:, 3:], R)
+    np.testing.assert_allclose(found.position_m2, turned, rtol=1e-6, atol=1e-6 * turned.max())
+
+
+def test_a_coordinate_that_nobody_surveyed_is_no_observation() -> None:
+    problem = make_problem(simulated(1).block, SETTINGS)
+    sigma = problem.control_sigma_m.copy()
+    sigma[0, 2] = sigma[3, 0] = np.inf
+    whole, without = (
+        sigma0_and_redundancy(stated, start_state(problem))[1]
+        for stated in (problem, replace(problem, control_sigma_m=sigma))
+    )
+    assert whole - without == 2

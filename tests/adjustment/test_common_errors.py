@@ -16,10 +16,11 @@ from seeds import seeds
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.common_errors import Score, _Candidate, _chosen, with_attitude_errors
-from photogram.adjustment.gnss_offsets import implied_offset_test
-from photogram.adjustment.problem import AdjustmentSettings
+from photogram.adjustment.gnss_offsets import implied_offset_test, measured_positions
+from photogram.adjustment.problem import AdjustmentSettings, make_problem, start_state
 from photogram.arrays import FloatArray
 from photogram.camera import rotation_from_gimbal
+from photogram.factors.covariance import covariances
 from photogram.factors.priors import gnss_position, position_jacobian
 from photogram.factors.variables import GNSS_OFFSET, POSE, key
 from photogram.report.numbers.gnss import gnss_numbers
@@ -403,3 +404,20 @@ def test_of_two_that_explain_the_positions_alike_the_likelier_is_taken(
     assert (rival is not None) == said
     if rival is not None:
         assert ("time offset of +20 ms" if taken == "lever_arm" else "an arm of 2.000 m") in rival.words
+
+
+def test_a_common_arm_is_added_to_the_one_that_is_counted() -> None:
+    arm, more = np.array([0.10, 0.20, -0.30]), np.array([0.05, -0.02, 0.03])
+    block = block_of().block
+    photographs = tuple(replace(p, lever_arm_camera_m=arm) for p in block.photographs)
+    error = CommonError("lever_arm", None, 0, np.full(3, 0.1), np.zeros(3), np.eye(3))
+    problem = make_problem(replace(block, photographs=photographs, common_errors=(error,)), SETTINGS)
+    state = replace(start_state(problem), common=more, offset=np.zeros((len(problem.flights), 3)))
+    positions = list(measured_positions(problem, state, covariances(problem, state).layout))
+    assert len(positions) == len(photographs)
+    for position in positions:
+        i = position.photograph
+        measured = block.photographs[i].gnss_world_m
+        assert measured is not None
+        expected = state.position[i] - measured - state.rotation[i] @ (arm + more)
+        np.testing.assert_allclose(position.misfit, expected, rtol=0, atol=1e-12)

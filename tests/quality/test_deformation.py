@@ -12,10 +12,10 @@ from photogram.arrays import FloatArray
 from photogram.factors.covariance import covariances
 from photogram.factors.elimination.reprojection import Observations
 from photogram.factors.elimination.state import State
-from photogram.factors.functionals import factored, functions_of_tie_points, intersected_covariances
+from photogram.factors.functionals import factored, functions_of_tie_points, intersected, intersected_covariances
 from photogram.factors.graph import IndeterminateError, Problem
 from photogram.factors.variables import CALIBRATION, GNSS_OFFSET, POSE, TIE_POINT, key
-from photogram.projection import PARAMETERS
+from photogram.projection import CAMERA_PARAMETERS, CX, FOCAL, K1, K2, PARAMETERS
 from photogram.quality.deformation import (
     CENTRES,
     DOME,
@@ -33,7 +33,7 @@ from photogram.quality.deformation import (
     spread_points,
     stiffness,
 )
-from photogram.quality.fixed_parameters import with_fixed_released
+from photogram.quality.fixed_parameters import ordinary_sigmas, with_fixed_released
 from photogram.quality.flight_lines import Course
 from photogram.quality.improvements import (
     HIGHER,
@@ -225,8 +225,16 @@ def test_points_intersected_with_uncertain_cameras_are_check_points() -> None:
         points.mark_photograph[rows], np.searchsorted(check, points.mark_point[rows]), points.mark_pixel[rows],
         np.sqrt(points.mark_covariance_px2[rows, 0, 0]),
     )  # fmt: skip
-    intersected = intersected_covariances(marks, position[check], state, found)
-    np.testing.assert_allclose(intersected, expected[check], rtol=1e-6, atol=1e-9)
+    single = intersected_covariances(marks, position[check], state, found)
+    np.testing.assert_allclose(single, expected[check], rtol=1e-6, atol=1e-9)
+    first_ray = marks.point != 1
+    first_ray[np.flatnonzero(marks.point == 1)[0]] = True
+    joint = intersected(marks.select(first_ray), position[check], state, found.layout).joint(found)
+    assert np.isnan(joint[3:6]).all()
+    assert np.isnan(joint[:, 3:6]).all()
+    np.testing.assert_allclose(joint[:3, :3], single[0], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(joint[6:9, 6:9], single[2], rtol=1e-9, atol=1e-15)
+    assert np.isfinite(joint[:3, 6:9]).all()
     one_ray = marks.select(np.arange(len(marks)) == 0)
     assert np.isinf(intersected_covariances(one_ray, position[check], state, found)).all()
 
@@ -422,3 +430,15 @@ def test_what_nothing_fixes_releases_nothing(monkeypatch: pytest.MonkeyPatch) ->
     assert places is not None
     monkeypatch.setattr("photogram.quality.fixed_parameters.factored", indeterminate)
     assert with_fixed_released(known, fixed, state, places) is known
+
+
+def test_parameters_that_are_fixed_beside_zero_are_released_by_what_is_ordinary() -> None:
+    camera = small()[0].block.cameras[0]
+    sigmas, parameters = np.zeros(PARAMETERS), np.zeros(PARAMETERS)
+    parameters[[FOCAL, CX, K1, K2]] = 1500.0, 700.0, 0.01, 0.02
+    sigmas[K2] = 0.1
+    given = replace(camera.with_parameters(parameters), sigmas=sigmas)
+    found, of = ordinary_sigmas(given), CAMERA_PARAMETERS
+    assert np.flatnonzero(found).tolist() == [FOCAL, CX, K1]
+    for k in (FOCAL, CX, K1):
+        assert found[k] == of[k].in_its_unit(of[k].ordinary, 1500.0, camera.width_px)

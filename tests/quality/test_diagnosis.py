@@ -11,7 +11,15 @@ from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.projection import CX, FOCAL, K1, K2, PARAMETERS
 from photogram.quality.deformation import CENTRES, parameters_of, rotations_of
-from photogram.quality.diagnosis import _groups, diagnose, fitted_dome, height_differences_m, undetermined, weaknesses
+from photogram.quality.diagnosis import (
+    _groups,
+    diagnose,
+    fitted_dome,
+    height_differences_m,
+    hidden,
+    undetermined,
+    weaknesses,
+)
 from photogram.quality.improvements import block_deformation
 from photogram.report.numbers.diagnosis import diagnosis_numbers
 from photogram.results import Adjustment, Deformation
@@ -227,3 +235,22 @@ def test_what_a_principal_point_costs_in_plan_is_its_part_of_the_shift(
     else:
         assert len(said) == 1
         assert f"in x and the tilt of the photographs cannot be separated (correlation 0.980): {plan:.3f} m" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("now_m", "then_m", "precise_m", "said"),
+    [(0.03, 0.08, 0.02, True), (0.03, 0.08, 0.10, False), (0.08, 0.085, 0.001, False), (0.03, 0.029, 0.001, False)],
+)
+def test_what_a_fixed_calibration_hides_is_said_where_it_is_much(
+    now_m: float, then_m: float, precise_m: float, said: bool
+) -> None:
+    known = replace(
+        Deformation.unknown(),
+        intersection_sigma_m=np.array([0.01, 0.01, precise_m]),
+        height_sigma_m=np.full(5, now_m),
+        freed_height_sigma_m=np.array([0.5, then_m, 0.04]),
+    )
+    sentences = hidden(known)
+    assert bool(sentences) is said
+    if said:
+        assert "known to 0.080 m instead of 0.030 m, and the dome to 0.040 m" in sentences[0]
