@@ -190,3 +190,11 @@ def test_a_departure_moves_with_a_step_as_differences_say(omega: tuple[float, fl
     np.testing.assert_allclose(found[3:, 3:], rotation / 4.0, rtol=1e-15)
     assert not found[:3, 3:].any()
     assert not found[3:, :3].any()
+
+
+def test_the_reach_is_the_median_distance_of_the_tie_points() -> None:
+    problem, start = problem_of(simulated(PLAN, off=0.1).block, "huber")
+    state = replace(start, cameras=start.cameras._replace(position=start.position + np.array([500.0, 300.0, 0.0])),
+                    tie_point=start.tie_point + np.array([500.0, 300.0, 0.0]))  # fmt: skip
+    far = np.linalg.norm(state.tie_point[problem.tie.point] - state.position[problem.tie.photograph], axis=1)
+    assert summary_of(problem, state).reach_m == pytest.approx(float(np.median(far)), rel=0.02)

@@ -22,6 +22,7 @@ from photogram.quality.deformation import (
     GROUND,
     SLOPES,
     Stiffness,
+    cells_of,
     component_shifts,
     firm_points,
     height_modes,
@@ -442,3 +443,11 @@ def test_parameters_that_are_fixed_beside_zero_are_released_by_what_is_ordinary(
     assert np.flatnonzero(found).tolist() == [FOCAL, CX, K1]
     for k in (FOCAL, CX, K1):
         assert found[k] == of[k].in_its_unit(of[k].ordinary, 1500.0, camera.width_px)
+
+
+def test_cells_are_numbered_row_by_row_and_none_twice() -> None:
+    grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2) + 0.5
+    xy = np.vstack([[[0.0, 0.0], [4.0, 4.0]], grid])
+    cells = cells_of(xy, 4)
+    assert cells[:2].tolist() == [0, 15]
+    np.testing.assert_array_equal(cells[2:], (4 * np.floor(grid[:, 0]) + np.floor(grid[:, 1])).astype(int))

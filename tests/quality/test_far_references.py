@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from photogram.quality.cloud_comparison import compare_to_reference, triangulate
-from photogram.quality.far_references import ABOVE_REMEDY, above, beside, thinned
+from photogram.quality.far_references import ABOVE_REMEDY, FAR_SPACINGS, above, beside, is_far, spacing_of, thinned
 from photogram.survey import PointCloud
 
 HERE = np.array([[0.0, 0.0], [100.0, 50.0]])
@@ -45,3 +45,19 @@ def test_distances_from_afar_take_few_points_and_are_right_to_a_hundredth(height
 
 def test_a_reference_in_its_place_is_not_doubted() -> None:
     assert compare_to_reference(ground(500, 3, 0.3), triangulate(ground(20_000, 1))).doubt == ""
+
+
+def test_the_spacing_is_that_of_cells_which_fill_the_extent() -> None:
+    places = np.random.default_rng(0).uniform([100.0, 200.0, 0.0], [140.0, 210.0, 90.0], (998, 3))
+    points = np.vstack([places, [[100.0, 200.0, 5.0], [140.0, 210.0, 5.0]]])
+    assert spacing_of(points) == pytest.approx(np.sqrt(40.0 * 10.0 / 1000))
+
+
+def test_a_reference_is_far_beyond_some_spacings_and_ten_times_the_scatter() -> None:
+    for offset_m, scatter_m, spacing_m, far in (
+        (FAR_SPACINGS * 2.0 + 0.1, 0.01, 2.0, True),
+        (-FAR_SPACINGS * 2.0 - 0.1, 0.01, 2.0, True),
+        (FAR_SPACINGS * 2.0, 0.01, 2.0, False),
+        (FAR_SPACINGS * 2.0 + 0.1, 5.0, 2.0, False),
+    ):
+        assert is_far(offset_m, scatter_m, spacing_m) is far
