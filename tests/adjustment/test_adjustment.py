@@ -17,7 +17,7 @@ from photogram.adjustment.assessment import _median_sigmas, sigma0_and_redundanc
 from photogram.adjustment.outliers import noise_scale, outlier_limit_px, settled, within_depths
 from photogram.adjustment.problem import AdjustmentSettings, make_problem, minimise, start_state
 from photogram.adjustment.solutions.ended import Ended
-from photogram.adjustment.solvability import _axis, check_determined
+from photogram.adjustment.solvability import UndeterminedPartError, _axis, check_determined
 from photogram.adjustment.stochastic_model.estimated_sigmas import TieGroups
 from photogram.arrays import FloatArray
 from photogram.camera import Camera, oriented_by, oriented_cameras, project_points
@@ -634,3 +634,27 @@ def test_a_coordinate_that_nobody_surveyed_is_no_observation() -> None:
         for stated in (problem, replace(problem, control_sigma_m=sigma))
     )
     assert whole - without == 2
+
+
+def test_a_block_of_which_more_than_a_few_photographs_are_undetermined_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One of six may be left out, two may not."""
+    block, whole, asked = simulated(1).block, adjusted(1), list[int]()
+    for undetermined in (1, 2):
+        asked.clear()
+
+        def adjusting(part: Block, *_: object, count: int = undetermined) -> Adjustment:
+            asked.append(len(part.photographs))
+            if len(asked) == 1:
+                raise UndeterminedPartError("few", photographs=dict.fromkeys(range(count), "few image points"))
+            return whole
+
+        monkeypatch.setattr("photogram.adjustment.adjustment._adjust_oriented", adjusting)
+        monkeypatch.setattr("photogram.adjustment.adjustment.with_all_photographs", lambda result, *_: result)
+        if undetermined == 1:
+            assert any("Photograph sim_0001.JPG is left out" in said for said in adjust(block, SETTINGS).warnings)
+            assert asked == [6, 5]
+        else:
+            with pytest.raises(UndeterminedPartError):
+                adjust(block, SETTINGS)

@@ -10,7 +10,7 @@ from photogram.arrays import FloatArray
 from photogram.factors.elimination.reprojection import residuals
 from photogram.factors.elimination.state import State
 from photogram.factors.graph import Problem, cost, ground_factors
-from photogram.factors.joint_velocities import _system, joint_velocities, readout_sigmas
+from photogram.factors.joint_velocities import _determined, _system, joint_velocities, readout_sigmas
 from photogram.projection import READOUT
 from photogram.simulation.simulated_survey import SurveyPlan, simulate_block
 
@@ -141,3 +141,8 @@ def test_those_that_are_not_free_are_as_told() -> None:
     found, _ = joint_velocities(problem, state, told, free, SIGMA_M_S, np.tile(np.eye(3), (5, 1, 1)))
     np.testing.assert_array_equal(found[5:], told[5:])
     assert (found[:5] != told[:5]).all()
+
+
+def test_a_photograph_tells_as_many_components_of_its_velocity_as_its_prior_does_not() -> None:
+    own = np.array([np.diag([400.0, 25.0, 0.0]), 1e9 * np.eye(3), np.zeros((3, 3))])
+    np.testing.assert_allclose(_determined(own, 0.2), [400 / 425 + 25 / 50, 3.0, 0.0], rtol=1e-6)

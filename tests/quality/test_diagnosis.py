@@ -12,6 +12,7 @@ from photogram.adjustment.problem import AdjustmentSettings
 from photogram.projection import CX, FOCAL, K1, K2, PARAMETERS
 from photogram.quality.deformation import CENTRES, parameters_of, rotations_of
 from photogram.quality.diagnosis import (
+    Remedy,
     _groups,
     diagnose,
     fitted_dome,
@@ -254,3 +255,10 @@ def test_what_a_fixed_calibration_hides_is_said_where_it_is_much(
     assert bool(sentences) is said
     if said:
         assert "known to 0.080 m instead of 0.030 m, and the dome to 0.040 m" in sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("height_m", "dome_m", "helps"), [(0.05, 0.10, True), (0.10, 0.05, True), (0.05, 0.05, True), (0.099, 0.099, False)]
+)
+def test_a_remedy_helps_heights_or_the_dome(height_m: float, dome_m: float, helps: bool) -> None:
+    assert Remedy("control_in_the_middle", 0.10, height_m, 0.10, dome_m).helps is helps
