@@ -7,7 +7,7 @@ import pytest
 
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
-from photogram.adjustment.stochastic_model.assumed_sigmas import BEND_OF_CONTROL, LEAST_M, robust_factor
+from photogram.adjustment.stochastic_model.assumed_sigmas import BEND_OF_CONTROL, LEAST_M, assumed_steady, robust_factor
 from photogram.adjustment.stochastic_model.estimated_sigmas import with_assumed_sigmas, with_control_assumed
 from photogram.amendments.snooped_adjustment import adjust_with_snooping
 from photogram.arrays import FloatArray
@@ -222,3 +222,19 @@ def test_points_that_carry_each_other_s_names_do_not_scatter() -> None:
     verdict = adjust_with_snooping(block, AdjustmentSettings())
     assert {a.name for a in verdict.rejected} == {points.name[g] for g in three.tolist()}
     assert verdict.contradicted == 1.0
+
+
+def test_assumed_sigmas_are_steady_where_each_changes_by_less_than_two_per_cent() -> None:
+    block = assumed(PLAN, 1)
+    photographs, points = block.photographs, block.control_points
+    assert photographs[3].gnss_sigma_m is not None
+    for factor, steady in ((1.0, True), (1.01, True), (0.99, True), (1.03, False), (0.97, False)):
+        one = replace(photographs[3], gnss_sigma_m=photographs[3].gnss_sigma_m * np.array([1.0, 1.0, factor]))
+        changed = replace(block, photographs=(*photographs[:3], one, *photographs[4:]))
+        assert assumed_steady(block, changed) is steady
+        sigma = points.sigma_m.copy()
+        sigma[0, 1] *= factor
+        assert assumed_steady(block, replace(block, control_points=replace(points, sigma_m=sigma))) is steady
+    bare = replace(photographs[0], gnss_world_m=None, gnss_sigma_m=None)
+    block = replace(block, photographs=(bare, *photographs[1:]))
+    assert assumed_steady(block, block)

@@ -396,6 +396,7 @@ def test_strips_are_as_long_as_the_block_and_no_longer() -> None:
     places = places_of(problem, state)
     assert places is not None
     site, courses = _site(state, places), strips(state, places)
+    assert courses["oblique_strip"].forward @ courses["higher_cross_strip"].forward == pytest.approx(0.0, abs=1e-12)
     for name, length, base in (
         ("oblique_strip", site.along_m, site.base_m),
         ("higher_cross_strip", site.across_m, HIGHER * site.base_m),
