@@ -1,6 +1,7 @@
 """The block as a whole: its covariances against those of the whole linear system, and remedies against doing them."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -412,11 +413,13 @@ def test_photographs_more_are_measured_as_most_of_the_block() -> None:
     bare = [replace(p, gnss_world_m=None, gnss_sigma_m=None) for p in block.photographs]
     half = len(bare) // 2
     for known in (half, half + 1):
-        mixed = replace(block, photographs=(*block.photographs[:known], *bare[known:]))
+        first = replace(block.photographs[0], flight="first")
+        mixed = replace(block, photographs=(first, *block.photographs[1:known], *bare[known:]))
         (added,) = _added_photographs(mixed, 0, np.array([[1.0, 2.0, 3.0]]), 1)
         if 2 * known > len(bare):
             assert added.gnss_world_m is not None
             assert added.gnss_world_m.tolist() == [1.0, 2.0, 3.0]
+            assert added.flight == "first"
         else:
             assert added.gnss_world_m is None
 
@@ -452,3 +455,16 @@ def test_cells_are_numbered_row_by_row_and_none_twice() -> None:
     cells = cells_of(xy, 4)
     assert cells[:2].tolist() == [0, 15]
     np.testing.assert_array_equal(cells[2:], (4 * np.floor(grid[:, 0]) + np.floor(grid[:, 1])).astype(int))
+
+
+def test_parts_of_the_covariance_follow_each_other() -> None:
+    """Nine modes, two rotations for each camera, the parameters of each camera, the offsets of each flight."""
+    cameras = 3
+    parts = [
+        *(rotations_of(c) for c in range(cameras)),
+        *(parameters_of(c, cameras) for c in range(cameras)),
+        *(offset_of(f, cameras) for f in range(2)),
+    ]
+    assert parts[0].start == 9
+    assert all(before.stop == after.start for before, after in pairwise(parts))
+    assert [part.stop - part.start for part in parts] == [2] * cameras + [PARAMETERS] * cameras + [3] * 2

@@ -12,6 +12,8 @@ from seeds import limit, seeds
 from photogram.adjustment.adjustment import adjust
 from photogram.adjustment.problem import AdjustmentSettings
 from photogram.quality.prediction_test import (
+    SIGNIFICANCE,
+    PredictedAgainstAchieved,
     contradicting_points,
     leave_one_out,
     predicted_against_achieved,
@@ -213,3 +215,10 @@ def test_without_points_nothing_is_said() -> None:
     numbers = consistency_numbers(result, [])
     assert numbers.predicted_against_achieved is None
     assert numbers.leave_one_out is None
+
+
+def test_a_prediction_is_consistent_within_both_tails() -> None:
+    found = PredictedAgainstAchieved(0, np.zeros((0, 3)), np.zeros(0), {}, 1.0, 1, 0.5)
+    tail = SIGNIFICANCE / 2
+    for p, consistent in ((0.99 * tail, False), (1.01 * tail, True), (1 - 1.01 * tail, True), (1 - 0.99 * tail, False)):
+        assert replace(found, p=p).consistent is consistent
