@@ -14,8 +14,8 @@ in a session of their own. Code outside of functions is changed in the file, in 
 Not sampled: annotations, decorators, ``__all__``, what only type checkers read, strings and what stands in them, and
 the words of errors. Replacements are those that mean something to numbers: a minus for a plus, not a bit-shift.
 
-What is done is kept in build/mutants: a second call goes on where the first stopped, and tries survivors again where
-tests are new or there are more ``--seconds``.
+What is done is kept in build/mutants: a second call goes on where the first stopped, and tries survivors on tests that
+are new, or that the ``--seconds`` of the first did not reach. Where a test has changed, delete that folder.
 """
 
 from __future__ import annotations
@@ -280,26 +280,27 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
 def wanted(mutant: Mutant, tests: dict[str, Record], noted: Notes[Result], seconds: float) -> list[str] | None:
     """Return the tests to try on a mutant: those that run its lines, the quickest first, then others of their files;
     where none does, those of files that run its file. Of a test with parameters one comes before the next such test,
-    the others after. Together they take so many seconds, but one is always tried. Those that were
-    tried before are left out; return None where one of them has failed, or none is left."""
+    the others after. Together they take so many seconds, but one is always tried. Those that were tried before are
+    left out: each call tries survivors on more. Return None where a test has failed before, or none is left."""
     first, last = mutant.lines
+    known = noted.known.get(mutant.name)
+    if known is not None and known.outcome != "survived":
+        return None
     passing = {name: record for name, record in tests.items() if record.passed}
     of_file = [name for name, record in passing.items() if mutant.path in record.lines]
     direct = [name for name in of_file if any(first <= line <= last for line in passing[name].lines[mutant.path])]
     files = {name.split("::")[0] for name in direct or of_file}
     others = [name for name in passing if name.split("::")[0] in files and name not in set(direct)]
     seconds_of = {name: record.seconds for name, record in passing.items()}
-    chosen, taken = list[str](), 0.0
+    chosen, taken, tried = list[str](), 0.0, set(known.tests if known else [])
     for name in [*_various(direct, seconds_of), *_various(others, seconds_of)]:
+        if name in tried:
+            continue
         taken += passing[name].seconds
         if chosen and taken > seconds:
             break
         chosen.append(name)
-    known = noted.known.get(mutant.name)
-    if known is None:
-        return chosen
-    left = [name for name in chosen if name not in set(known.tests)]
-    return left if left and known.outcome == "survived" else None
+    return chosen if chosen or known is None else None
 
 
 def _various(tests: Iterable[str], seconds: Mapping[str, float]) -> list[str]:

@@ -94,7 +94,7 @@ def test_the_quickest_tests_of_a_line_are_tried_first(tmp_path: Path) -> None:
     assert wanted(mutant, {"u.py::other": tests["u.py::other"]}, noted, 60) == []
     noted.add(mutant.name, Result("survived", "", 1.0, ["t.py::quick"]))
     noted = Notes(tmp_path / "results.jsonl", Result)
-    assert wanted(mutant, tests, noted, 5) is None
+    assert wanted(mutant, tests, noted, 5) == ["t.py::slow"]
     assert wanted(mutant, tests, noted, 60) == ["t.py::slow", "t.py::quick[1]", "t.py::elsewhere"]
     noted.add(mutant.name, Result("killed", "t.py::quick", 1.0, ["t.py::quick"]))
     assert wanted(mutant, tests, noted, 60) is None
