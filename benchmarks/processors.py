@@ -91,7 +91,7 @@ def layers(results: Path) -> list[Raster]:
 
 def on_cells_of(raster: Raster, other: Raster) -> FloatArray:
     """Return the values of a raster on the cells of another whose lattice is the same, NaN beyond it."""
-    values = np.full(other.values.shape, np.nan)
+    values: FloatArray = np.full(other.values.shape, np.nan)
     row = round((other.north_map_m - raster.north_map_m) / other.cell_m)
     column = round((raster.west_map_m - other.west_map_m) / other.cell_m)
     rows, columns = raster.values.shape
@@ -113,12 +113,12 @@ def row(name: str, results: Path, first: Path) -> tuple[object, ...]:
             difference = np.subtract(a["residual_m"], b["residual_m"])
             off.append(float(np.abs(difference).max()))
             sigmas.append(float(np.abs(difference / np.array(a["sigma_m"])).max()))
-    lattice, *others = layers(first)
-    z, (sigma, source) = lattice.values.astype(np.float64), (other.values for other in others)
+    lattice, sigma, source = layers(first)
+    z = lattice.values.astype(np.float64)
     z2 = on_cells_of(layers(results)[0], lattice)
     both, either = np.isfinite(z) & np.isfinite(z2), np.isfinite(z) | np.isfinite(z2)
-    finest = both & (source == 1)
-    apart = np.abs(z - z2)[finest] / sigma[finest]
+    finest = both & (source.values == 1)
+    apart = np.abs(z - z2)[finest] / sigma.values[finest]
     return (
         name, "same" if decided(reports[0]) == decided(reports[1]) else "DIFFER",
         reports[1]["adjustment"]["tie_points"],
