@@ -372,7 +372,8 @@ def change_code(file: Path, text: str) -> None:
     """
     both = (compile(each, str(file), "exec", dont_inherit=True) for each in (file.read_text(encoding="utf-8"), text))
     becomes = dict(zip(*map(_codes, both), strict=True))
-    functions = [each for each in gc.get_objects() if isinstance(each, FunctionType) and each.__code__ in becomes]
+    # no isinstance: it asks what a weak reference stands for, which may be gone
+    functions = [each for each in gc.get_objects() if type(each) is FunctionType and each.__code__ in becomes]
     own = [each for each in functions if os.path.realpath(each.__code__.co_filename) == str(file)]
     differing = [each for each in own if becomes[each.__code__] != each.__code__]
     if not differing:

@@ -181,7 +181,17 @@ def test_what_developers_add_fits(number: int, check: Callable[[CodeBlock], None
 
 
 def test_no_other_page_has_python() -> None:
-    tested = {"assignment", "file-formats", "how-to-add", "masks", "node", "notebook", "report", "simulation"}
+    tested = {
+        "assignment",
+        "file-formats",
+        "honesty",
+        "how-to-add",
+        "masks",
+        "node",
+        "notebook",
+        "report",
+        "simulation",
+    }
     assert {block.page for block in blocks("python")} == {f"docs/{name}.md" for name in tested}
 
 

@@ -366,7 +366,7 @@ def test_damaged_and_empty_clouds_are_named(tmp_path: Path) -> None:
     for path, said in (
         (broken, "damaged or truncated"),
         (empty, "no points"),
-        (tmp_path / "absent.laz", "cannot be read"),
+        (tmp_path / "absent.laz", "file not found"),
     ):
         with pytest.raises(ProjectError, match=rf"{path.name}.*{said}"):
             read_described(path)

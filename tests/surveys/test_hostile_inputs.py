@@ -699,6 +699,11 @@ def test_spoilt_inputs(finished_survey: Path, tmp_path: Path) -> None:
     program = Path(__file__).parents[1] / "fuzz/fuzz.py"
     cases = str(len(seeds(200, 100)))
     command: list[str | Path] = [sys.executable, program, "--cases", cases, "--seed", "7", "--survey", finished_survey]
-    outcome = subprocess.run([*command, "--keep", tmp_path / "failed"], capture_output=True, text=True, timeout=300)
+    tests = program.parents[1]
+    paths = [str(tests), str(tests / "exchange"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    outcome = subprocess.run(
+        [*command, "--keep", tmp_path / "failed"], capture_output=True, text=True, timeout=300,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+    )  # fmt: skip
     assert outcome.returncode == 0, outcome.stdout + outcome.stderr
     assert f"{cases} cases, 0 failed" in outcome.stdout
