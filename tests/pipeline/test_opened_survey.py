@@ -42,7 +42,8 @@ def test_results_are_those_that_the_run_holds(adjusted_survey: Path) -> None:
     with pytest.raises(WorkspaceError, match="the stage results has not been run"):
         open_survey(project).report()
     assert open_survey(project).update().report()["report_id"] == report["report_id"]
-    assert report == json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
+    again = json.loads((adjusted_survey / "results/quality/report.json").read_text(encoding="utf-8"))
+    assert report | {"processed": ""} == again | {"processed": ""}  # midnight may have passed
     assert repr(opened) == f"<OpenedSurvey {project}: 4 photographs>"
     assert "<td>EPSG:25832</td>" in opened._repr_html_()
 
