@@ -6,7 +6,7 @@ standard deviations along the axes of the map stay what they are.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
@@ -18,12 +18,12 @@ from photogram.errors import PhotogramError
 from photogram.geodesy.frames import LocalFrame
 from photogram.survey import TRANSFERRED, Block, ControlPoints, Photograph, TiePoints
 
-FIRST_EXPOSURE = datetime(2000, 1, 1)
+FIRST_EXPOSURE = datetime(2000, 1, 1, tzinfo=UTC)
 STEPS_PX = 1024.0
 """Image coordinates of tie points are kept to a 1024th of a pixel."""
-ABSENT = "a point that is not in the block"
 STEPS = 1e7
 """Starting positions are kept to a ten-millionth of the site's extent."""
+ABSENT = "a point that is not in the block"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +79,13 @@ def _photographs(block: Block, axes: SiteAxes, names: Mapping[str, str]) -> tupl
             path=None,
             flight=flights[p.flight],
             capture=None if p.capture is None else captures[p.capture],
-            time=None if p.time_s is None else _later(p.time_s - first),
+            time=None if p.time_s is None else FIRST_EXPOSURE + timedelta(seconds=p.time_s - first),
             gnss_world_m=axes.place(p.gnss_world_m),
             attitude_world_from_camera=axes.turned(p.attitude_world_from_camera),
             velocity_world_m_s=axes.turned(p.velocity_world_m_s),
         )
         for p in block.photographs
     )
-
-
-def _later(seconds: float) -> datetime:
-    return datetime.fromtimestamp(FIRST_EXPOSURE.timestamp() + seconds)
 
 
 def _tie_points(ties: TiePoints, axes: SiteAxes) -> TiePoints:

@@ -30,12 +30,14 @@ from photogram.results import Adjustment
 from photogram.survey import Block, ControlPoints, Photograph, TiePoints, UndeclaredHeights
 from photogram.wording import things
 
-FORMAT, MOST_BYTES = 1, 2**28
+FORMAT = 1
+MOST_BYTES = 2**28
+"""That a file may unpack to."""
+
 MOST_OBSERVATIONS = 250_000
 """Observations of tie points that a file holds at most: some 4 MB."""
-
-
 _INNER = "donation.npz"
+
 REMOVED = (
     "photographs and colours, names of files, cameras, points and flights, dates, coordinates of the map and its CRS "
     "(places are counted from the middle of the site), masks, known surfaces, rasters and clouds"
@@ -135,7 +137,7 @@ class Donation:
         part = f" of {self.observations}" if held < self.observations else ""
         control = points.role.count("control")
         return [
-            ("photographs", f"{len(block.photographs)} by numbers, {int(block.registered.sum())} oriented"),
+            ("photographs", f"{len(block.photographs)}, numbered, {int(block.registered.sum())} oriented"),
             ("spread of the centres", f"{east:.0f} m east, {north:.0f} m north, {up:.0f} m in height"),
             *(("camera", repr(camera).strip("<>").partition(": ")[2]) for camera in block.cameras),
             ("tie points", f"{things(len(block.tie_points), 'point')}, {held}{part} image coordinates"),
@@ -143,8 +145,8 @@ class Donation:
                               f"{things(len(points.mark_point), 'mark')}"),
             ("measured", f"{things(positions, 'position')}, {things(attitudes, 'attitude')}, "
                          f"{things(times, 'time')} since the first exposure"),
-            ("between points", things(len(block.constraints), "constraint")),
-            ("rigs", things(len(block.rigs), "camera on another's body", "cameras on another's body")),
+            *([("between points", things(len(block.constraints), "constraint"))] if block.constraints else []),
+            *([("rigs", things(len(block.rigs), "companion camera"))] if block.rigs else []),
             ("result", f"sigma0 {self.result.sigma0:.3f}, poses, ground points and standard deviations"),
         ]  # fmt: skip
 

@@ -97,6 +97,17 @@ def test_the_crs_is_that_of_the_file(tmp_path: Path) -> None:
     assert read(write(tmp_path / "b.laz", ground(), crs=None)).crs == NO_CRS
 
 
+def test_a_few_points_are_no_ground_and_far_ones_no_huge_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("photogram.files.clouds.ground_cells.BESIDE", 0.0)
+        assert read_ground_cells(write(tmp_path / "one.laz", ground(1)), LOW, HIGH) is None
+    away = np.array([900.0, 900.0, 0.0])
+    far = np.concatenate([ground(5000, 5.0), ground(5000, 5.0) + away])
+    monkeypatch.setattr("photogram.files.clouds.ground_cells.MOST_CELLS", 10_000)
+    few = read(write(tmp_path / "far.laz", far)).raster
+    assert 5000 < few.values.size <= 11_000
+
+
 def test_a_cloud_without_ground_or_damaged_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "trees.laz", ground(100), 5)
     with pytest.raises(ProjectError, match=r"no point of it is classified as ground \(class 2\)"):

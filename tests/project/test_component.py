@@ -1,6 +1,7 @@
 """The project of a component that nothing ties: the same photographs and settings without a map, read as any other."""
 
 from pathlib import Path
+from unittest.mock import create_autospec
 
 import pytest
 
@@ -72,8 +73,14 @@ def test_photographs_given_on_the_command_line_stay_where_they_are(survey: Proje
     assert own.photographs[0].path.resolve() == (moved / "three.jpg").resolve()
 
 
-def test_components_of_an_earlier_adjustment_are_known_by_their_first_line(survey: Project) -> None:
+def test_components_of_an_earlier_adjustment_are_known_by_their_first_line(
+    survey: Project, monkeypatch: pytest.MonkeyPatch
+) -> None:
     one, other = (write_component(survey, ["one.jpg"], number) for number in (2, 3))
     component_path(survey, 4).write_text("photogram: 1\n", encoding="utf-8")
     assert earlier_components(survey, [other]) == [one]
     assert earlier_components(survey, [one, other]) == []
+    component_path(survey, 5).mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", create_autospec(Path.read_bytes, side_effect=PermissionError(13, "denied")))
+        assert earlier_components(survey, []) == []

@@ -21,6 +21,9 @@ GROUND = 2
 PER_CELL = 8.0
 """Points of a cell in the mean: of those that fall where they like, one cell in 3000 has none then."""
 
+MOST_CELLS = 25_000_000
+"""Of a grid: points in few places far from each other would ask for more."""
+
 BESIDE = 0.4
 """Of a side, beyond which the middle of a cell's points lies too far beside its own: at the edge of the ground."""
 
@@ -46,7 +49,7 @@ def read_ground_cells(path: Path, low_m: FloatArray, high_m: FloatArray, crs: st
 
     Raises ProjectError where the file is missing or damaged, or no point of it is classified as ground.
     """
-    inside, ground, named = list[FloatArray](), 0, NO_CRS
+    inside, ground = list[FloatArray](), 0
     with opened_las(path) as reader:
         parsed = reader.header.parse_crs()
         named = NO_CRS if parsed is None else str(parsed.to_wkt())
@@ -61,18 +64,17 @@ def read_ground_cells(path: Path, low_m: FloatArray, high_m: FloatArray, crs: st
             "height model of bare ground as GeoTIFF"
         )
     points = np.concatenate(inside)
-    if not len(points):
-        return None
-    return _cells(points, named)
+    return _cells(points, named) if len(points) else None
 
 
 def _cell_m(points: FloatArray) -> float:
-    """Return a side of cells with PER_CELL points in the mean of those that have any, to two digits."""
+    """Return a side of cells with PER_CELL points in the mean of those that have any, to two digits; more where there
+    would be too many."""
     extent = np.maximum(np.ptp(points[:, :2], axis=0), 1e-3)
     side = float(np.sqrt(2.0 * PER_CELL * np.prod(extent) / len(points)))
     place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / side).astype(np.int64)
     occupied = len(np.unique(place, axis=0))
-    side = float(np.sqrt(PER_CELL * occupied * side**2 / len(points)))
+    side = float(np.sqrt(max(PER_CELL * occupied * side**2 / len(points), np.prod(extent) / MOST_CELLS)))
     digit = 10.0 ** (np.floor(np.log10(side)) - 1.0)
     return float(np.ceil(side / digit) * digit)
 
@@ -87,8 +89,8 @@ def _slope(values: FloatArray, cell_m: float, axis: int) -> FloatArray:
     return np.nan_to_num(found / cell_m)
 
 
-def _cells(points: FloatArray, crs: str) -> GroundCells:
-    """Return points (N, 3) of the ground as a grid."""
+def _cells(points: FloatArray, crs: str) -> GroundCells | None:
+    """Return points (N, 3) of the ground as a grid, None where none of its cells has points around its middle."""
     cell_m = _cell_m(points)
     west = float(np.floor(points[:, 0].min() / cell_m) * cell_m)
     north = float(np.ceil(points[:, 1].max() / cell_m) * cell_m)
@@ -102,6 +104,8 @@ def _cells(points: FloatArray, crs: str) -> GroundCells:
     east, south = (x - column - 0.5) * cell_m, (y - row - 0.5) * cell_m
     off = (np.abs(np.bincount(cell, part, minlength=len(count))) for part in (east, south))
     known = (count > 0) & (np.maximum(*off) <= BESIDE * cell_m * count)
+    if not known.any():
+        return None
     along = np.zeros(len(z))
     for _ in range(_SLOPES):
         sums = np.bincount(cell, z - along, minlength=len(count))

@@ -4,6 +4,7 @@ network."""
 import glob
 import json
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 
 from photogram.errors import PhotogramError, WorkspaceError
@@ -51,12 +52,18 @@ def component_text(survey: Project, photographs: Collection[str], number: int) -
     return "\n".join([WRITTEN, *lines, ""])
 
 
+def _is_written(path: Path) -> bool:
+    """Return whether a file is the project of a component that ``write_component`` has written. Raises OSError where it
+    cannot be read."""
+    return path.is_file() and path.read_bytes().startswith(WRITTEN.encode())
+
+
 def write_component(survey: Project, photographs: Collection[str], number: int) -> Path:
     """Write the project of a component and return where. Raises WorkspaceError where another file of that name stands
     there, or nothing can be written."""
     path = component_path(survey, number)
     try:
-        if path.exists() and not path.read_bytes().startswith(WRITTEN.encode()):
+        if path.exists() and not _is_written(path):
             raise WorkspaceError(f"{path}: not written by photogram adjust: rename it, a component goes there")
         with replacing(path) as partial:
             partial.write_text(component_text(survey, photographs, number), encoding="utf-8")
@@ -68,6 +75,11 @@ def write_component(survey: Project, photographs: Collection[str], number: int) 
 
 
 def earlier_components(survey: Project, written: Collection[Path]) -> list[Path]:
-    """Return the projects of components that an earlier adjustment has written, and this one has not ``written``."""
-    found = sorted(survey.path.parent.glob(f"{glob.escape(survey.path.stem)}_component_*.yaml"))
-    return [path for path in found if path not in written and path.read_bytes().startswith(WRITTEN.encode())]
+    """Return the projects of components that an earlier adjustment has written, and this one has not ``written``;
+    nothing is known of files that cannot be read."""
+    earlier = list[Path]()
+    for path in sorted(survey.path.parent.glob(f"{glob.escape(survey.path.stem)}_component_*.yaml")):
+        with suppress(OSError):
+            if path not in written and _is_written(path):
+                earlier.append(path)
+    return earlier
