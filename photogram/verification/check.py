@@ -19,9 +19,10 @@ Outcome = Literal["equal", "differs", "cannot be told"]
 RELATIVE, FORMAT, LEAST_STEP, MOVED_M = 1e-8, 1, 0.05, 1e-7
 FLOORS = {"residual_m": 2e-8, "mean_m": 2e-8, "rmse": 2e-8, "sigma": 1e-11, "_map_m": 1e-6, "_deg": 1e-8, "_m": 2e-8}
 """What is rounding, in the unit of a figure, by what is in its key: a double holds a northing to 1e-9 m."""
-LARGEST = 1e300
 LEAST, OF_CHECKS = 1e-9, 1e-6
 """Of any other figure, and of those that divide differences at check points by their standard deviations."""
+LARGEST = 1e300
+"""Of a number: a whole one of JSON may be longer than any double."""
 VOLATILE = frozenset({"seconds", "peak_memory_bytes", "processed", "report_id"})
 REASONS = {
     "seconds": "times are measured, not derived", "peak_memory_bytes": "memory is measured, not derived",
@@ -164,6 +165,7 @@ def read_observations(path: Path) -> Arrays:
             arrays = {name: file[name] for name in file.files}
         if int(arrays["format"]) != FORMAT:
             raise ValueError(f"not of format {FORMAT}")
+    # of a damaged header NumPy raises whatever it trips over: SyntaxError, TokenError, OverflowError and more
     except Exception as error:
         raise ValueError(f"{path}: cannot be read ({brief(str(error))})") from error
     return arrays

@@ -21,7 +21,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -45,15 +45,16 @@ RUNS_DIFFER = ("stage.json", "report.json", "report.html", "checksums.sha256", "
 KILLS_A_CHAIN = 10
 
 
-def child(project: Path, stop: Callable[[], None] = lambda: None) -> int:
-    """Run `photogram adjust` in a process of its own, ``stop`` called first in it; return its status."""
-    number = os.fork()  # from a process that never computes: threads would not come along
+def forked(arguments: Sequence[str], said: Path, before: Callable[[], None] = lambda: None) -> int:
+    """Begin `photogram` with ``arguments`` in a process of its own, ``before`` called first in it, what it says written
+    to ``said``; return its number. From a process that never computes: threads would not come along."""
+    number = os.fork()
     if number == 0:
-        said = os.open(project.parent / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(said, 1)
-        os.dup2(said, 2)
-        stop()
-        sys.argv = ["photogram", "adjust", str(project), "--no-check"]
+        out = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        before()
+        sys.argv = ["photogram", *arguments]
         code = 0
         try:
             photogram()
@@ -62,7 +63,12 @@ def child(project: Path, stop: Callable[[], None] = lambda: None) -> int:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-    return os.waitpid(number, 0)[1]
+    return number
+
+
+def child(project: Path, stop: Callable[[], None] = lambda: None) -> int:
+    """Run `photogram adjust` in a process of its own, ``stop`` called first in it; return its status."""
+    return os.waitpid(forked(["adjust", str(project), "--no-check"], project.parent / "said.txt", stop), 0)[1]
 
 
 def kill_at_renaming(number: int) -> None:

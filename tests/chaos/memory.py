@@ -26,9 +26,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from chaos.faults import clear, contents, make_surveys
+from chaos.interruptions import forked
 
 from photogram.cli.commands import adjust  # noqa: F401 - loaded before the children are made
-from photogram.cli.main import main as photogram
 from photogram.cli.work import adjust as work  # noqa: F401 - with all that computes
 from photogram.pipeline.pipeline import STAGES
 
@@ -47,23 +47,13 @@ def taken_bytes(limit: str) -> int:
 def child(folder: Path, stage: str, limit: str, megabytes: int | None) -> tuple[int, str]:
     """Run a stage in a process of its own that may take so much more; return its status and what it said."""
     said = folder.with_name("said.txt")
-    number = os.fork()  # from a process that never computes: threads would not come along
-    if number == 0:
-        out = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(out, 1)
-        os.dup2(out, 2)
+
+    def limited() -> None:
         if megabytes is not None:
             most = taken_bytes(limit) + megabytes * 2**20
             resource.setrlimit(LIMITS[limit], (most, most))
-        sys.argv = ["photogram", "adjust", str(folder / "project.yaml"), "--no-check", "--until", stage]
-        code = 0
-        try:
-            photogram()
-        except SystemExit as end:
-            code = int(end.code or 0)
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+
+    number = forked(["adjust", str(folder / "project.yaml"), "--no-check", "--until", stage], said, limited)
     status = _waited_for(number)
     return status, said.read_text(encoding="utf-8", errors="replace")
 

@@ -25,15 +25,19 @@ PAIRS = np.array([[0, 2], [1, 1]])
 
 @pytest.fixture
 def database(tmp_path: Path) -> Path:
-    """A database as COLMAP 3 and 4 lay it out: two photographs with three key points and two verified matches."""
-    path = tmp_path / "data base #1?.db"
+    """A database of two photographs."""
+    return write_database(tmp_path / "data base #1?.db", "a/3.jpg", "a/5.jpg")
+
+
+def write_database(path: Path, *names: str) -> Path:
+    """Write a database as COLMAP 3 and 4 lay it out: two photographs with three key points and two verified matches."""
     connection = sqlite3.connect(path)
     connection.executescript(SCHEMA)
     camera = np.array([380.0, 200.0, 150.5, -0.1]).tobytes()
     connection.execute("INSERT INTO cameras VALUES (7, 2, 400, 301, ?, 0)", (camera,))
-    for number, columns in ((3, 6), (5, 2)):
+    for number, columns, name in zip((3, 5), (6, 2), names, strict=True):
         keys = np.hstack([PIXELS, np.ones((3, columns - 2))]).astype("<f4").tobytes()
-        connection.execute("INSERT INTO images VALUES (?, ?, 7)", (number, f"a/{number}.jpg"))
+        connection.execute("INSERT INTO images VALUES (?, ?, 7)", (number, name))
         connection.execute("INSERT INTO keypoints VALUES (?, 3, ?, ?)", (number, columns, keys))
     pair = 3 * 2147483647 + 5
     connection.execute("INSERT INTO two_view_geometries VALUES (?, 2, 2, ?, 3)", (pair, PAIRS.astype("<u4").tobytes()))

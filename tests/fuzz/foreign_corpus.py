@@ -1,6 +1,5 @@
 """Small solutions of other programs, each as that program writes it, in a folder of its own."""
 
-import sqlite3
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 from foreign import brown, made, small_solution
 from PIL import Image
 from test_blocks_exchange import block_of
-from test_database import PAIRS, PIXELS, SCHEMA
+from test_database import write_database
 from test_dbat import solution_of as solution_of_dbat
 from test_dbat import write_project as write_dbat
 from test_meshroom import scene
@@ -28,27 +27,13 @@ from photogram.files.solutions.solution import ForeignSolution
 from photogram.files.solutions.stored_solutions import write_stored
 
 Write = Callable[[Path], object]
+IN_DATABASE = ("flight/photo_00.jpg", "flight/photo_01.jpg")
 
 RADIAL = replace(small_solution(k4=0.0, b=(0.0, 0.0)), ground_points=None)
 ORIENTED = made([brown(radial=[-0.11, 0.03, -0.01, 0]), brown("2", size_px=(300, 420))])
 CENTRED = made([brown(centred=True, radial=[-0.1, 0.02, 0, 0])])
 DBAT = solution_of_dbat()
 LARGE = replace(RADIAL, cameras=tuple(replace(camera, width_px=5472, height_px=3648) for camera in RADIAL.cameras))
-
-
-def _database(path: Path) -> None:
-    connection = sqlite3.connect(path)
-    connection.executescript(SCHEMA)
-    camera = np.array([380.0, 200.0, 150.5, -0.1]).tobytes()
-    connection.execute("INSERT INTO cameras VALUES (7, 2, 400, 301, ?, 0)", (camera,))
-    for number, columns in ((3, 6), (5, 2)):
-        keys = np.hstack([PIXELS, np.ones((3, columns - 2))]).astype("<f4").tobytes()
-        connection.execute("INSERT INTO images VALUES (?, ?, 7)", (number, f"flight/photo_{(number - 3) // 2:02d}.jpg"))
-        connection.execute("INSERT INTO keypoints VALUES (?, 3, ?, ?)", (number, columns, keys))
-    pair = 3 * 2147483647 + 5
-    connection.execute("INSERT INTO two_view_geometries VALUES (?, 2, 2, ?, 3)", (pair, PAIRS.astype("<u4").tobytes()))
-    connection.commit()
-    connection.close()
 
 
 def _write_baf(path: Path) -> None:
@@ -90,7 +75,7 @@ def make_solutions(folder: Path) -> None:
         "dbat": (DBAT, lambda at: write_dbat(at, DBAT)),
         "pix4d": (RADIAL, lambda at: (at / "p_calibrated_camera_parameters.txt").write_text(text_of_pix4d(RADIAL))),
         "stored": (RADIAL, lambda at: write_stored(at / "solution.npz", small_solution())),
-        "database": (ORIENTED, lambda at: _database(at / "database.db")),
+        "database": (ORIENTED, lambda at: write_database(at / "database.db", *IN_DATABASE)),
     }
     for name, (solution, write) in forms.items():
         at = folder / name

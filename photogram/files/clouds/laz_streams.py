@@ -1,7 +1,7 @@
 """LAZ files written whole or not at all, with the reason where they cannot be: lazrs says of a full disk only that a
 call of `write` failed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -21,29 +21,25 @@ class _Remembering:
     def __getattr__(self, name: str) -> object:
         return getattr(self._stream, name)
 
-    def write(self, data: bytes) -> int:
-        """Write bytes, as the stream does."""
+    def _kept(self, call: Callable[[], int | None]) -> int:
+        """Return what a call of the stream returns, and keep its failure."""
         try:
-            return self._stream.write(data)
+            return call() or 0
         except OSError as error:
             self.failure = error
             raise
+
+    def write(self, data: bytes) -> int:
+        """Write bytes, as the stream does."""
+        return self._kept(lambda: self._stream.write(data))
 
     def flush(self) -> None:
         """Write what is left, as the stream does."""
-        try:
-            self._stream.flush()
-        except OSError as error:
-            self.failure = error
-            raise
+        self._kept(self._stream.flush)
 
     def seek(self, offset: int, whence: int = 0) -> int:
         """Go to another place, as the stream does, which writes what is left."""
-        try:
-            return self._stream.seek(offset, whence)
-        except OSError as error:
-            self.failure = error
-            raise
+        return self._kept(lambda: self._stream.seek(offset, whence))
 
 
 @contextmanager
