@@ -16,6 +16,8 @@ from photogram.errors import AdjustmentError
 from photogram.survey import Block, Photograph, Role
 
 FOLDS = 5
+ONE_BY_ONE = ", one by one"
+"""Ends the kind of what one adjustment would predict without a measurement that it had."""
 AXES = ("easting", "northing", "height")
 
 
@@ -175,14 +177,14 @@ def one_by_one(block: Block, start: Start) -> list[Predicted]:
         own = np.sqrt(np.diagonal(result.block.control_points.mark_covariance_px2[m]))
         name = f"{points.name[points.mark_point[m]]} in {block.photographs[points.mark_photograph[m]].name}"
         found += [
-            Predicted("marks, one by one", name, axis, float(off), float(whole), float(part), "px")
+            Predicted(f"marks{ONE_BY_ONE}", name, axis, float(off), float(whole), float(part), "px")
             for axis, off, whole, part in zip("uv", tested.mark_left_out_px[m], sigma, own, strict=True)
         ]
     for i in np.flatnonzero(np.isfinite(tested.gnss_left_out_m).all(axis=1)).tolist():
         sigma = np.sqrt(np.diagonal(tested.gnss_left_out_covariance_m2[i]))
         own = _own_sigma_m(block.photographs[i], verdict)
         found += [
-            Predicted("positions, one by one", block.photographs[i].name, axis, float(off), float(whole), float(part))
+            Predicted(f"positions{ONE_BY_ONE}", block.photographs[i].name, axis, float(off), float(whole), float(part))
             for axis, off, whole, part in zip(AXES, tested.gnss_left_out_m[i], sigma, own, strict=True)
         ]
     return found
