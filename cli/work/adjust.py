@@ -63,8 +63,8 @@ def _adjusted_apart(survey: Project, report: Report, voice: Voice | None) -> Ite
         yield f"Apart: {said}"
     for path in earlier_components(survey, written):
         yield (
-            f"No longer apart: {path.name} and its results are of an earlier state of this survey, whose components "
-            "are others now: delete them unless you keep them for a reason"
+            f"No longer apart: {path.name} and its results are left from an earlier run of this survey: delete them if "
+            "you do not need them"
         )
 
 

@@ -73,7 +73,7 @@ def test_control_points_tie_two_pieces_to_one_system(
     (tmp_path / "project_component_2.yaml").write_text(WRITTEN + "\n", encoding="utf-8")
     outcome = photogram("adjust", project)
     assert outcome.code == 0, outcome.err
-    assert "No longer apart: project_component_2.yaml and its results are of an earlier state" in outcome.out
+    assert "No longer apart: project_component_2.yaml and its results are left from an earlier run" in outcome.out
     report = report_of(tmp_path / "results")
     ties = report["block"]["component_ties"]
     assert [t["photographs"] for t in ties] == [8, 8]

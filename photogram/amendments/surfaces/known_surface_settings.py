@@ -24,7 +24,7 @@ class KnownSurfaceSettings(Settings):
     sigma_m: Annotated[
         float | None,
         Within(0.001, 100, "m"),
-        "Standard deviation of a cell, of LAS and LAZ of a point, independent from one to the next.",
+        "Standard deviation of a cell (of a point, for LAS and LAZ), independent from one to the next.",
         Default("none: it must be given"),
     ] = None
     common_sigma_m: Annotated[
