@@ -77,3 +77,15 @@ def whole_covariance(problem: Problem, state: State) -> tuple[FloatArray, dict[i
     information, _, place = whole_normal_equations(problem, state)
     scale = np.sqrt(np.diag(information))
     return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), place
+
+
+def dense_redundancy(problem: Problem, state: State) -> tuple[FloatArray, FloatArray, int]:
+    """Return the redundancy numbers (m,) and whitened residuals (m,) of all observations in the order of GTSAM's whole
+    linear graph, those of tie points last, and the number of unknowns: the hat matrix, row by row."""
+    system = linearise_all(problem, ground_graph(problem), state, 1.0)
+    ordering = gtsam.Ordering()
+    for variable in system.variables:
+        ordering.push_back(variable)
+    J, b = (np.array(part) for part in system.graph.jacobian(ordering))
+    J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    return 1.0 - np.einsum("ij,ji->i", J, np.linalg.pinv(J)), b.ravel(), J.shape[1]
